@@ -73,7 +73,7 @@ def test_what_does_not_build_is_passed_over(
 
 
 @pytest.mark.parametrize("selector", ["pocl", "pocl:1", "portable", None])
-def test_what_is_asked_for_by_name_and_does_not_build_is_an_error_with_the_compilers_words(
+def test_no_device_that_builds_is_an_error_with_the_compilers_words(
     machine: Callable[..., None], selector: str | None
 ) -> None:
     machine(WHEEL, *((INTEL,) if selector else ()), broken=(WHEEL,))
@@ -153,7 +153,7 @@ def test_a_damaged_cache_says_nothing(real: tuple[Any, DeviceRecord], tmp_path: 
 @pytest.mark.parametrize(
     "reply", [Reply(UNKNOWN), Reply(why="it crashed (status 8): LLVM ERROR: no such intrinsic")]
 )
-def test_a_compiler_that_fails_or_ends_its_process_has_its_words_told(
+def test_the_words_of_a_compiler_that_fails_are_kept(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, reply: Reply, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(mend.MEND_VARIABLE, "0")
@@ -238,7 +238,7 @@ def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dic
         "",
     ],
 )
-def test_nothing_is_mended_where_the_processor_lacks_what_the_name_promises(
+def test_nothing_is_mended_on_a_processor_that_lacks_something(
     monkeypatch: pytest.MonkeyPatch, flags: str
 ) -> None:
     monkeypatch.delenv(mend.MEND_VARIABLE, raising=False)
@@ -249,12 +249,6 @@ def test_nothing_is_mended_where_the_processor_lacks_what_the_name_promises(
         lambda self, *args: f"flags\t\t: {flags}\n" if self.name == "cpuinfo" else read(self),
     )
     assert "lacks" in (mend.hindrance() or "")
-
-
-def test_nothing_is_read_where_there_is_nothing() -> None:
-    assert mend._read(0, 8) is None
-    assert mend._read(-1, 8) is None
-    assert mend._read(2**63, 8) is None
 
 
 def test_another_platform_is_left_alone() -> None:

@@ -213,7 +213,7 @@ def test_diffsoup_without_webgpu_is_its_triangles_in_grey(in_browser: InBrowser)
     [("triangle_splatting", [*MODES, MODES[0]]), ("two_dts", [MODES[0], MODES[-1]])],
     ids=["triangle_splatting", "two_dts"],
 )
-def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
+def test_modes_of_the_page_are_those_of_the_renderer(
     method: str, modes: list[tuple[Any, Any]], with_webgpu: InBrowser
 ) -> None:
     """Each choice is a plan of its own, and the official one is there again afterwards.
@@ -252,9 +252,7 @@ def test_orders_and_samplings_of_the_page_are_those_of_the_renderer(
 
 
 @pytest.mark.parametrize("when", ["idle", "compiling"])
-def test_a_lost_device_stays_said_and_so_does_that_nothing_is_drawn(
-    when: str, with_webgpu: InBrowser
-) -> None:
+def test_a_lost_device_stays_said(when: str, with_webgpu: InBrowser) -> None:
     script = f"""
         await ready;
         const {{ lost }} = official;
@@ -278,7 +276,7 @@ def test_a_lost_device_stays_said_and_so_does_that_nothing_is_drawn(
     assert nothing.endswith(" WebGL was lost, too, so nothing is drawn; reload the page.")
 
 
-def test_a_page_of_many_faces_opens_and_takes_at_most_a_hundred_bytes_a_face(
+def test_a_page_of_many_faces_takes_a_hundred_bytes_a_face(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """As one of a million faces: its arrays lie in several elements, and it is opened from them."""

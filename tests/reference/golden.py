@@ -41,21 +41,38 @@ class View:
     def frame(self) -> ReferenceFrame:
         return self.render()
 
+    @cached_property
+    def shown(self) -> dict[str, Any]:
+        """What DiffSoup's official viewer made of the view."""
+        return arrays_of(self.folder / "viewer_views.npz", f"v{self.name.partition('/')[2]}_")
+
+    @property
+    def web(self) -> msb.Asset:
+        """The official web export of DiffSoup's model."""
+        return exported(self.folder / "web_export" / self.folder.name)
+
+    def kernel_rows(self, image: np.ndarray) -> np.ndarray:
+        """Return an image in the order of rows of DiffSoup's kernels."""
+        return image[::-1] if self.stored["flip_rows"] else image
+
 
 @cache
 def exported(path: Path) -> msb.Asset:
     return msb.export(path)
 
 
+def arrays_of(path: Path, prefix: str) -> dict[str, Any]:
+    with np.load(path) as file:
+        return {key.removeprefix(prefix): file[key] for key in file.files if key.startswith(prefix)}
+
+
 @cache
 def golden_views(method: str) -> list[View]:
     found = []
     for folder in scenes(GOLDEN, method):
-        with np.load(folder / "views.npz") as file:
-            arrays = {key: file[key] for key in file.files}
         for number, (name, camera, background, settings, image, ok) in enumerate(views(folder, method)):
             prefix = f"cam{number}_" if method == "triangle_splatting" else f"v{number}_"
-            stored = {k.removeprefix(prefix): v for k, v in arrays.items() if k.startswith(prefix)}
+            stored = arrays_of(folder / "views.npz", prefix)
             found.append(View(name, folder, Camera(**camera), background, settings, image, ok, stored))
     return found
 

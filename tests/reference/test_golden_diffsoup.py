@@ -7,14 +7,9 @@ import pytest
 
 from msb.methods.diffsoup.reference import decode
 from msb.reference import render_reference
-from tests.reference.golden import View, exported, golden_views, names, psnr, worst
+from tests.reference.golden import View, golden_views, names, psnr, worst
 
 VIEWS = golden_views("diffsoup")
-
-
-def kernel_rows(view: View, image: np.ndarray) -> np.ndarray:
-    """Return an image in the kernel's row order."""
-    return image[::-1] if view.stored["flip_rows"] else image
 
 
 @pytest.mark.parametrize("view", VIEWS, ids=names)
@@ -49,13 +44,13 @@ def test_float64_sees_the_same_faces(view: View) -> None:
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_frame_is_in_image_order(view: View) -> None:
     frame, raw = view.frame, view.frame.raw
-    np.testing.assert_array_equal(kernel_rows(view, frame.face_id), raw["tri_id"])
+    np.testing.assert_array_equal(view.kernel_rows(frame.face_id), raw["tri_id"])
     np.testing.assert_array_equal(frame.alpha, frame.face_id >= 0)
     assert (frame.image[frame.alpha == 0] == np.float32(view.background)).all()
     seen = np.unique(frame.face_id[frame.face_id >= 0])
     np.testing.assert_array_equal(np.flatnonzero(frame.visible), seen)
     near, far, hit = view.settings["z_near"], view.settings["z_far"], raw["tri_id"] >= 0
-    z = kernel_rows(view, frame.depth)[hit].astype(np.float64)
+    z = view.kernel_rows(frame.depth)[hit].astype(np.float64)
     assert worst((far + near - 2 * far * near / z) / (far - near), raw["depth"][hit]) <= 1e-4
     assert (frame.depth[frame.alpha == 0] == 0).all()
 
@@ -66,18 +61,14 @@ def test_the_web_export_looks_like_the_official_viewer(view: View) -> None:
 
     It also clips triangles that cross the camera plane, which the evaluator drops: the soup has such.
     """
-    with np.load(view.folder / "viewer_views.npz") as file:
-        arrays = {key: file[key] for key in file.files}
-    number = view.name.partition("/")[2]
-    shown = arrays[f"v{number}_viewer_image"] / np.float32(255)
-    asset = exported(view.folder / "web_export" / view.folder.name)
-    frame = render_reference(asset, view.camera, view.background, view.settings)
+    shown = view.shown["viewer_image"] / np.float32(255)
+    frame = render_reference(view.web, view.camera, view.background, view.settings)
     if not view.name.startswith("soup"):
-        assert psnr(kernel_rows(view, frame.image), shown) > 45
-        assert psnr(kernel_rows(view, view.frame.image), shown) < 43
-    if f"v{number}_gbuf_a" not in arrays:
+        assert psnr(view.kernel_rows(frame.image), shown) > 45
+        assert psnr(view.kernel_rows(view.frame.image), shown) < 43
+    if "gbuf_a" not in view.shown:
         return
-    first, second = arrays[f"v{number}_gbuf_a"], arrays[f"v{number}_gbuf_b"]
+    first, second = view.shown["gbuf_a"], view.shown["gbuf_b"]
     target = np.concatenate([first, second[..., :3]], axis=-1)
     hit, drawn = frame.raw["tri_id"] >= 0, second[..., 3] > 0
     both = hit & drawn
@@ -87,5 +78,5 @@ def test_the_web_export_looks_like_the_official_viewer(view: View) -> None:
         assert same.mean() > 0.999
     # From the viewer's own features on, its colours are ours up to the final rounding to a byte.
     features = (target[both] / np.float32(255)).astype(np.float32)[same]
-    colors = decode(asset, features, frame.raw["sh"][both][same])
+    colors = decode(view.web, features, frame.raw["sh"][both][same])
     assert worst(colors, shown[both][same]) <= 0.5 / 255 + 1e-4

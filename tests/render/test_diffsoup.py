@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-import msb
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
-from msb.scenes import Camera
 from tests.cl.conftest import STYLES, WITHOUT_ATOMICS, open_styled
-from tests.conftest import ROOT
-from tests.golden.views import compare, scenes, views
+from tests.golden.views import compare
+from tests.reference.golden import View, exported, golden_views, names
 from tests.render.frames import assert_same, frame_of
 
 if TYPE_CHECKING:
@@ -23,62 +18,19 @@ if TYPE_CHECKING:
     from msb.render import Frame
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """One official image; `stored` are the official kernel's buffers, `shown` the official viewer's."""
-
-    name: str
-    scene: Path
-    camera: Camera
-    background: tuple[float, float, float]
-    settings: dict[str, Any]
-    image: np.ndarray
-    stable: np.ndarray
-    stored: dict[str, np.ndarray]
-    shown: dict[str, np.ndarray]
-
-    def __str__(self) -> str:
-        return self.name
-
-
-def arrays_of(path: Path, number: int) -> dict[str, np.ndarray]:
-    prefix = f"v{number}_"
-    with np.load(path) as file:
-        return {key.removeprefix(prefix): file[key] for key in file.files if key.startswith(prefix)}
-
-
-def golden() -> list[View]:
-    found = []
-    for scene in scenes(ROOT / "tests" / "golden", "diffsoup"):
-        for number, (name, camera, background, settings, image, ok) in enumerate(views(scene, "diffsoup")):
-            stored, shown = (arrays_of(scene / f"{kind}views.npz", number) for kind in ("", "viewer_"))
-            found.append(View(name, scene, Camera(**camera), background, settings, image, ok, stored, shown))
-    return found
-
-
-VIEWS = golden()
+VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
 """Without triangles that cross the camera plane, which the viewer clips and the evaluator drops."""
 
 
-@cache
-def exported(path: Path) -> msb.Asset:
-    return msb.export(path)
-
-
 def draw(device: Device, view: View, web: bool = False, **options: Any) -> Frame:
-    path = view.scene / "web_export" / view.scene.name if web else view.scene / "checkpoint"
-    asset, options = exported(path), {"settings": view.settings, **options}
+    asset = view.web if web else exported(view.folder / "checkpoint")
+    options = {"settings": view.settings, **options}
     return frame_of(DiffSoupPipeline, asset, device, view.camera, view.background, **options)
 
 
-def raster_rows(view: View, image: np.ndarray) -> np.ndarray:
-    """Return an image in the raster's order of rows."""
-    return image[::-1] if view.stored["flip_rows"] else image
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("view", VIEWS, ids=str)
+@pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_official_evaluation(device: Device, view: View) -> None:
     frame, stored = draw(device, view), view.stored
     same = frame.raw["tri_id"] == stored["tri_id"]
@@ -97,14 +49,14 @@ def test_official_evaluation(device: Device, view: View) -> None:
     for name in {"features", "sh"} & stored.keys():
         assert np.abs(frame.raw[name] - stored[name])[same].max() <= 1e-5
     if "clip_vertices" in stored:
-        indices = exported(view.scene / "checkpoint").buffers["indices"]
+        indices = exported(view.folder / "checkpoint").buffers["indices"]
         np.testing.assert_allclose(
             frame.raw["clip_corners"], stored["clip_vertices"][indices], rtol=0, atol=5e-7
         )
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("view", [VIEWS[0], VIEWS[-1]], ids=str)
+@pytest.mark.parametrize("view", [VIEWS[0], VIEWS[-1]], ids=names)
 def test_what_a_frame_has_depends_on_what_is_asked_for(device: Device, view: View) -> None:
     frame = draw(device, view)
     assert (frame.image.dtype, frame.depth.dtype, frame.face_id.dtype) == (np.float32, np.float32, np.int32)
@@ -116,13 +68,13 @@ def test_what_a_frame_has_depends_on_what_is_asked_for(device: Device, view: Vie
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("view", TAME, ids=str)
+@pytest.mark.parametrize("view", TAME, ids=names)
 def test_official_viewer(device: Device, view: View) -> None:
     """The viewer's render targets and colours: bytes in its textures, bytes again after interpolation."""
     frame = draw(device, view, web=True, viewer=True)
     shown = view.shown["viewer_image"]
-    hit = raster_rows(view, frame.alpha) > 0
-    levels = np.abs(np.rint(255 * raster_rows(view, frame.image)) - shown.astype(int)).max(-1)
+    hit = view.kernel_rows(frame.alpha) > 0
+    levels = np.abs(np.rint(255 * view.kernel_rows(frame.image)) - shown.astype(int)).max(-1)
     assert (levels <= 1).mean() > 0.998  # a few pixels at edges, and noise where features differ by a level
     assert (levels == 0).mean() > 0.99
     if "gbuf_a" in view.shown:
@@ -151,14 +103,14 @@ def test_styles_agree_to_the_bit() -> None:
 @pytest.mark.slow
 def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
     """Bands, one work-item a group, are right there too, and no way to use a GPU."""
-    asset = exported(VIEWS[0].scene / "checkpoint")
+    asset = exported(VIEWS[0].folder / "checkpoint")
     with open_styled(WITHOUT_ATOMICS) as device:
         assert DiffSoupPipeline(asset, device=device)._program.name == "msb.methods.diffsoup/diffsoup_gpu.cl"
 
 
 def test_same_image_again_and_after_another_camera(device: Device) -> None:
     large, small = TAME[0], TAME[2]
-    asset = exported(large.scene / "checkpoint")
+    asset = exported(large.folder / "checkpoint")
     pipeline = DiffSoupPipeline(asset, device=device, settings=large.settings)
     first = pipeline.render(large.camera, (1, 1, 1))
     pipeline.render(small.camera, (0, 0, 0))

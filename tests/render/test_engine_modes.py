@@ -15,9 +15,10 @@ from msb.reference import render_reference
 from msb.render.dedicated import dedicated_renderer
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR
+from tests.reference.golden import names
 from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
 from tests.render.frames import assert_near, frame_of
-from tests.render.test_diffsoup import TAME, VIEWS, exported, raster_rows
+from tests.render.test_diffsoup import TAME, VIEWS
 from tests.render.test_splatting import model
 
 if TYPE_CHECKING:
@@ -141,17 +142,16 @@ def test_an_8k_image() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("view", [VIEWS[5], VIEWS[6], TAME[0]], ids=str)
+@pytest.mark.parametrize("view", [VIEWS[5], VIEWS[6], TAME[0]], ids=names)
 def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> None:
     """Golden pictures of a real rasterizer; officially a triangle that crosses the camera plane vanishes."""
-    asset = exported(view.scene / "web_export" / view.scene.name)
-    camera, settings = view.camera, view.settings
+    asset, camera, settings = view.web, view.camera, view.settings
     wanted = render_reference(asset, camera, view.background, settings, sampling="engine")
     equal = {}
     for sampling in ("official", "engine"):
         options = {"settings": settings, "viewer": True, "sampling": sampling}
         frame = frame_of(DiffSoupPipeline, asset, device, camera, view.background, **options)
-        levels = np.rint(255 * raster_rows(view, frame.image)) - view.shown["viewer_image"].astype(int)
+        levels = np.rint(255 * view.kernel_rows(frame.image)) - view.shown["viewer_image"].astype(int)
         equal[sampling] = (np.abs(levels).max(axis=-1) == 0).mean()
     np.testing.assert_array_equal(frame.face_id, wanted.face_id)
     np.testing.assert_array_equal(frame.visible, wanted.visible)
