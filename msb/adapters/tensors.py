@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.checkpoint import BFloat16Array
-from msb.asset.build import CHUNK_ROWS
+from msb.asset.drawable import first_bad
 from msb.errors import CheckpointError, Finding, finding, shorten
 
 Axis = int | str
@@ -63,8 +63,9 @@ class Tensors:
             self.warnings.append(finding("CHECKPOINT_ROUNDED", text, severity="warning", pointer=key))
         with np.errstate(over="ignore"):  # what overflows is found below
             values = array.astype(np.float32, copy=False)
-        if self._check_values:
-            self._check_finite(key, values, infinite=infinite)
+        if self._check_values and (at := first_bad(values, infinite=infinite)) is not None:
+            text = f"{key}{list(at)} is {values[at]}; it must be {'a' if infinite else 'a finite'} number"
+            raise self.error("CHECKPOINT_NONFINITE", text, f"{key}{list(at)}")
         return values
 
     def indices(self, key: str, vertices: int, *shape: Axis) -> NDArray[np.uint32]:
@@ -156,15 +157,3 @@ class Tensors:
         if 0 in [n for axis, n in zip(wanted, shape, strict=True) if isinstance(axis, str)]:
             text = f"{key} has shape {list(shape)}: the model is empty"
             raise self.error("CHECKPOINT_LAYOUT", text, key)
-
-    def _check_finite(self, key: str, array: NDArray[np.float32], *, infinite: bool) -> None:
-        rows = max(1, CHUNK_ROWS * 8 // max(1, array[:1].size))
-        for start in range(0, len(array), rows):
-            part = array[start : start + rows]
-            bad = np.isnan(part) if infinite else ~np.isfinite(part)
-            if bad.any():
-                at = np.argwhere(bad)[0].tolist()
-                value = part[tuple(at)]
-                at[0] += start
-                text = f"{key}{at} is {value}; it must be {'a' if infinite else 'a finite'} number"
-                raise self.error("CHECKPOINT_NONFINITE", text, f"{key}{at}")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
 from msb.asset.check import check_manifest
+from msb.asset.drawable import check_indices, first_bad
 from msb.asset.manifest import (
     DTYPES,
     BoundingSphere,
@@ -184,22 +185,10 @@ def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
 
 
 def _refuse_bad_geometry(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> None:
-    for start in range(0, len(positions), CHUNK_ROWS):
-        finite = np.isfinite(positions[start : start + CHUNK_ROWS])
-        if not finite.all():
-            row = start + int(np.argmin(finite.all(axis=1)))
-            raise AssetError(
-                "TRIASSET_VALUE_NONFINITE",
-                f"vertex {row} is {positions[row].tolist()}; coordinates must be finite",
-                pointer=f"positions[{row}]",
-            )
-    if int(indices.max()) >= len(positions):
-        row, corner = np.argwhere(indices >= len(positions))[0].tolist()
-        raise AssetError(
-            "TRIASSET_INDEX_OUT_OF_RANGE",
-            f"face {row} uses vertex {indices[row, corner]}, but there are {len(positions)}",
-            pointer=f"indices[{row}, {corner}]",
-        )
+    if (at := first_bad(positions)) is not None:
+        text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
+        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
+    check_indices(indices, len(positions))
 
 
 def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:

@@ -13,6 +13,9 @@ from msb.errors import AssetError
 if TYPE_CHECKING:
     from msb.asset.asset import Asset
 
+_CHUNK = 1 << 23
+"""Values looked at together."""
+
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
     """Refuse an asset with values that cannot be drawn, in one pass over the buffers.
@@ -23,22 +26,39 @@ def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:
         array = asset.buffers.get(name)
         if array is None or array.dtype.kind != "f":
             continue
-        infinite = name == "opacity"
-        if not _all_good(array, infinite=infinite):
-            flat = array.reshape(-1)
-            first = int(np.argmax(np.isnan(flat) if infinite else ~np.isfinite(flat)))
-            row = int(np.unravel_index(first, array.shape)[0])
-            text = f"buffer {name} holds {flat[first]} in row {row}; a renderer needs finite values"
-            raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{row}]")
-    indices, vertices = asset.buffers["indices"], asset.manifest.vertex_count
+        if (at := first_bad(array, infinite=name == "opacity")) is not None:
+            text = f"buffer {name} holds {array[at]} in row {at[0]}; a renderer needs finite values"
+            raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"{name}[{at[0]}]")
+    check_indices(asset.buffers["indices"], asset.manifest.vertex_count, asset.path)
+
+
+def first_bad(array: NDArray[Any], *, infinite: bool = False) -> tuple[int, ...] | None:
+    """Return where the first value is that is NaN or, unless `infinite` allows it, infinite; None if nowhere.
+
+    `array` (N, ...) is read once and in pieces.
+    """
+    rows = max(1, _CHUNK // max(1, array[:1].size))
+    for start in range(0, len(array) if array.size else 0, rows):
+        part = array[start : start + rows]
+        with np.errstate(over="ignore", invalid="ignore"):
+            # The least is NaN if any is. A sum that is finite has finite terms only; others may have
+            # overflowed.
+            total = part.min() if infinite else part.sum(dtype=np.float64)
+        if np.isnan(total) if infinite else not np.isfinite(total):
+            bad = np.isnan(part) if infinite else ~np.isfinite(part)
+            if bad.any():
+                first, *rest = map(int, np.unravel_index(int(np.argmax(bad)), part.shape))
+                return (start + first, *rest)
+    return None
+
+
+def check_indices(indices: NDArray[np.uint32], vertices: int, file: object = None) -> None:
+    """Refuse faces (F, 3) that use a vertex which is not there."""
     if int(indices.max()) >= vertices:
-        face, corner = divmod(int(np.argmax(indices.reshape(-1) >= vertices)), 3)
-        raise AssetError(
-            "TRIASSET_INDEX_OUT_OF_RANGE",
-            f"face {face} uses vertex {indices[face, corner]}, but there are {vertices}",
-            file=asset.path,
-            pointer=f"indices[{face}, {corner}]",
-        )
+        face, corner = map(int, np.argwhere(indices >= vertices)[0])
+        text = f"face {face} uses vertex {indices[face, corner]}, but there are {vertices}"
+        pointer = f"indices[{face}, {corner}]"
+        raise AssetError("TRIASSET_INDEX_OUT_OF_RANGE", text, file=file, pointer=pointer)
 
 
 def required_buffer(asset: Asset, name: str, *shape: int) -> NDArray[Any]:
@@ -74,11 +94,3 @@ def require(asset: Asset, section: str, key: str, value: str) -> None:
     if stored != value:
         text = f"{section}.{key} is {stored!r:.40}; the renderer of {asset.manifest.method} knows {value!r}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer=f"/{section}/{key}")
-
-
-def _all_good(array: NDArray[Any], *, infinite: bool) -> bool:
-    with np.errstate(over="ignore", invalid="ignore"):
-        if infinite:  # the least is NaN if any is
-            return not np.isnan(array.min())
-        # A sum that is finite has finite terms only; one that is not may have overflowed.
-        return bool(np.isfinite(np.sum(array, dtype=np.float64))) or bool(np.isfinite(array).all())
