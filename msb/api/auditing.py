@@ -47,7 +47,7 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     Raises
     ------
     MeshError
-        `MESH_ARRAY`, `MESH_INDEX_OUT_OF_RANGE`, `MESH_ARRAY`, `WELD_DISTANCE` or `WELD_DISTANCE`.
+        `MESH_ARRAY`, `MESH_INDEX_OUT_OF_RANGE` or `WELD_DISTANCE`.
     InputError, AssetError, CheckpointError, MeshFileError, Unsupported
         The path cannot be read.
 

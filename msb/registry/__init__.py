@@ -130,7 +130,7 @@ def package_of(name: str) -> str:
 def role(name: str, what: Role) -> Any:
     """Return the module by which an installed method fills a role, None if it does not.
 
-    A package's module that cannot be loaded, or a function of it that fails, is `METHOD_NOT_LOADED`.
+    A package's module that cannot be loaded, or a function of it that fails, is `PACKAGE_LEFT_OUT`.
     """
     if name not in METHODS:
         return None

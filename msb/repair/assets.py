@@ -94,7 +94,7 @@ def repair(
     UsageError
         `USAGE`, `EXTRA_MISSING`.
     MeshError
-        `MESH_NONFINITE`, naming the vertex; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`, `WELD_DISTANCE`.
+        `MESH_NONFINITE`, naming the vertex; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`.
     Unsupported
         `UNSUPPORTED_REPAIR`: a buffer cannot be carried through a step; `UNSUPPORTED_TIER`: a soup
         without static colours cannot be welded; `PEER_FAILED`.
