@@ -12,28 +12,13 @@ from tests.conftest import ROOT
 LONG = "x" * 260
 READING = """
 audit L
-info L
-validate L
-render -o out L
 render -o out --cameras L A
-render -o out --scene L A
-export L
 export --config L CHECKPOINT
 eval A L
-eval L A
-repair L out.ply
-report L
-trial L
-why L
-compare --html out.html L
-web -o out.html L
-web --verify L
-view --html out.html L
 convert L out.ply
-bench L
-run L
 run --scene L A
 scenes L
+web --verify L
 """
 
 
