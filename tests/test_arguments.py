@@ -41,9 +41,9 @@ def asset(demo_asset: Path) -> msb.Asset:
 
 WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
     "why without cameras": (lambda a: why(a, []), "USAGE", "at least one"),
-    "why of a camera": (lambda a: why(a, CAMERA), "USAGE", "several msb.Camera"),  # type: ignore[arg-type]
-    "why of names": (lambda a: why(a, ["a"]), "USAGE", "several msb.Camera"),  # type: ignore[list-item]
-    "settings": (lambda a: why(a, settings=3), "USAGE", "settings is of type int"),  # type: ignore[arg-type]
+    "why of a camera": (lambda a: why(a, CAMERA), "USAGE", "several msb.Camera"),
+    "why of names": (lambda a: why(a, ["a"]), "USAGE", "several msb.Camera"),
+    "settings": (lambda a: why(a, settings=3), "USAGE", "settings is of type int"),
     "steps": (lambda a: msb.repair(a, [["cut"]]), "USAGE", "there is no step"),
     "no seconds": (lambda _: msb.trial.Limits(-1), "USAGE", "limit of seconds is -1; .* positive"),
     "NaN memory": (lambda _: msb.trial.Limits(1, np.nan), "USAGE", "limit of memory is nan"),
@@ -55,9 +55,9 @@ WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
     "vertices": (lambda _: msb.audit(Refuses(), [[0, 1, 2]]), "MESH_ARRAY", "RuntimeError: Can't call"),
     "an image": (lambda _: psnr(Refuses(), np.zeros((4, 4, 3))), "METRIC_IMAGE", "RuntimeError"),
     "a background": (lambda a: msb.render(a, CAMERA, background=Refuses()), "USAGE", "background is"),
-    "export settings": (lambda _: msb.export(MODEL, settings=3), "USAGE", "settings is of type int"),  # type: ignore[arg-type]
-    "export method": (lambda _: msb.export(MODEL, method=3), "USAGE", 'no method "3"'),  # type: ignore[arg-type]
-    "export config": (lambda _: msb.export(MODEL, config=3), "USAGE", "the path is of type int"),  # type: ignore[arg-type]
+    "export settings": (lambda _: msb.export(MODEL, settings=3), "USAGE", "settings is of type int"),
+    "export method": (lambda _: msb.export(MODEL, method=3), "USAGE", 'no method "3"'),
+    "export config": (lambda _: msb.export(MODEL, config=3), "USAGE", "the path is of type int"),
     "trial cameras": (lambda a: msb.trial(a, ["uv"], cameras=3), "USAGE", "several msb.Camera"),
     "lists": (lambda _: Mesh([[0, 0, 0]], [[0, 0, 0]]), "MESH_ARRAY", "vertices is of type list"),
     "swapped": (lambda _: write_cameras("c.json", [CAMERA]), "USAGE", "cameras is 'c.json'"),

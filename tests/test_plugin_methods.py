@@ -96,7 +96,7 @@ def test_without_its_package_an_asset_has_the_standard_tier(
     assert msb.load("again.triasset").manifest.method == "facets"
     for tier in ("dedicated", "reference"):
         with pytest.raises(msb.Unsupported, match="facets") as caught:
-            msb.Renderer(asset, tier=tier)  # type: ignore[arg-type]
+            msb.Renderer(asset, tier=tier)
         assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_TIER", 4)
 
 
@@ -147,7 +147,7 @@ def test_a_role_that_cannot_be_loaded_is_said_to_be_the_packages(site: Path) -> 
         ("reference", "fails: ZeroDiv"),
     ):
         with pytest.raises(msb.MsbError, match=f"method facets of package msb_facets: .*{why}") as caught:
-            msb.render(asset, CAMERA, tier=tier)  # type: ignore[arg-type]
+            msb.render(asset, CAMERA, tier=tier)
         assert (caught.value.code, caught.value.exit_status) == ("PACKAGE_LEFT_OUT", 2)
 
 

@@ -36,7 +36,6 @@ def test_torch_is_installed_once_and_its_weight_is_said(
     (folder,) = {with_torch.packages() for _ in range(2)}
     assert len(calls) == 1
     assert calls[0][-2].startswith("torch>=")
-    assert folder is not None
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
     assert [path.name for path in folder.iterdir()] == ["torch.so"]
     out = capsys.readouterr().out.splitlines()

@@ -30,20 +30,9 @@ SHOW = (
 
 
 class Machine(NamedTuple):
-    """A platform, and what of the tests it runs.
+    """A platform: its package (Debian's, or pip's), its MSB_DEVICE, what else it needs, and pytest's words.
 
-    Attributes
-    ----------
-    package : str
-        Debian's, which brings it; or pip's.
-    library : str
-        Part of the name of the library that is the platform; "" for the wheel, which the loader finds itself.
-    device : str
-        For MSB_DEVICE.
-    environment : dict
-        What else it needs.
-    tests : tuple of str
-        Arguments of pytest.
+    `library` is part of the name of its library; "" for the wheel's, which the loader finds itself.
     """
 
     package: str

@@ -13,7 +13,7 @@ from msb_viewers.deployment.difference import scale_colors
 from tests.viewers.compare import CHECKPOINT, HEIGHT, WIDTH, photographs
 from tests.viewers.conftest import ROOT
 from tests.viewers.test_compare_page import meta_of
-from tests.viewers.test_view_command import needs_pyvista, view
+from tests.viewers.test_view_command import view
 
 VIEWS = ROOT / "data_stubs" / "views.json"
 FAST = ("--tiers", "dedicated,standard")
@@ -45,14 +45,6 @@ def test_pictures_and_pages_need_neither_vtk_nor_a_display(
     assert [view["name"] for view in meta["views"]] == ["turntable_00002", "turntable_00005"]
     assert (meta["views"][0]["width"], meta["layout"]) == (64, "difference")
     assert all(20 < view["decibels"]["dedicated standard"] < 100 for view in meta["views"])
-
-
-@needs_pyvista
-def test_a_window_without_a_display_says_what_works() -> None:
-    result = compare(CHECKPOINT)
-    assert result.returncode == 2
-    assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
-    assert result.stderr.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -136,24 +128,3 @@ def test_wrong_use_is_one_line(args: list[str], code: str, status: int, tmp_path
     assert result.stderr.startswith(f"{code}: ")
     assert result.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.slow
-def test_nothing_is_half_written(tmp_path: Path) -> None:
-    out = tmp_path / "c.html"
-    out.write_text("mine")
-    result = compare("--tiers", "standard", "--html", out, CHECKPOINT)
-    assert result.returncode == 2
-    assert out.read_text() == "mine"
-    images = tmp_path / "images"
-    views = photographs(images, [(1, 1, 1), (2, 2, 2)])
-    assert views[1].photograph is not None
-    data = views[1].photograph.read_bytes()
-    views[1].photograph.write_bytes(data[: len(data) // 2])
-    result = compare(
-        "--cameras", VIEWS, "--images", images, "--camera", "0", "--camera", "1",
-        "--tiers", "truth,standard", "--force", "--html", out, CHECKPOINT,
-    )  # fmt: skip
-    assert result.returncode == 3
-    assert "METRIC_IMAGE: " in result.stderr
-    assert out.read_text() == "mine"

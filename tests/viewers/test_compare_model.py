@@ -13,6 +13,7 @@ from PIL import Image
 
 import msb
 from msb import metrics
+from msb.asset import Description, build_asset
 from msb.errors import SceneError, Unsupported, UsageError
 from msb_viewers.camera import pose_of, scene_camera
 from msb_viewers.deployment.arrange import arrange
@@ -26,10 +27,10 @@ from msb_viewers.deployment.difference import (
     shrunk,
     squared_error,
 )
-from msb_viewers.deployment.painter import STEPS, moving_scale
 from msb_viewers.deployment.shots import choose_tiers
-from msb_viewers.deployment.state import HELP, LAYOUTS, CompareState
+from msb_viewers.deployment.state import LAYOUTS, CompareState
 from msb_viewers.deployment.views import Surroundings, View, dataset_views, read_photograph, sized
+from tests.conftest import TETRAHEDRON
 from tests.viewers.compare import (
     HEIGHT,
     WIDTH,
@@ -163,15 +164,9 @@ def test_the_first_view_and_the_turntable_see_everything() -> None:
     for camera in cameras:
         pixels, depth = camera.project(points)
         assert (depth > 0).all()
-        assert (pixels >= 0).all()
-        assert (pixels <= [camera.width, camera.height]).all()
+        assert ((pixels >= 0) & (pixels <= [camera.width, camera.height])).all()
         assert np.ptp(pixels, axis=0).max() > 0.6 * min(camera.width, camera.height)
-
-
-def test_up_can_be_chosen() -> None:
-    camera = Surroundings.of(checkpoint_asset(), "+z").first_camera()
-    up = -camera.world_to_camera[1, :3]
-    assert up[2] > 0.9
+    assert -Surroundings.of(asset, "+z").first_camera().world_to_camera[1, 2] > 0.9
 
 
 # Paths ---------------------------------------------------------------------------------------------------
@@ -188,18 +183,9 @@ def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None
             choose_tiers(asset, [], wanted, headless=True)
 
 
-def plain_mesh() -> msb.Asset:
-    from msb.asset import Description, build_asset
-    from msb.registry import METHODS
-    from tests.conftest import TETRAHEDRON
-
-    assert "mesh" in METHODS
+def test_a_tier_the_method_lacks_says_why() -> None:
     buffers = {"positions": TETRAHEDRON[0], "indices": TETRAHEDRON[1].astype(np.uint32)}
-    return build_asset(buffers, {}, Description(method="mesh"))
-
-
-def test_a_path_the_method_lacks_says_why() -> None:
-    asset = plain_mesh()
+    asset = build_asset(buffers, {}, Description(method="mesh"))
     tiers, missing = choose_tiers(asset, [], None, headless=True)
     assert tiers == ("reference", "dedicated", "standard")
     assert set(missing) == {"reference", "dedicated"}
@@ -286,12 +272,10 @@ def test_the_dataset_decides_the_size_a_free_view_the_window() -> None:
 
 def test_switches_stay_in_their_ranges() -> None:
     state = CompareState.first(comparison())
-    for _ in range(10):
-        state.brighten(1)
-    assert state.top == TOPS[-1]
-    for _ in range(10):
-        state.brighten(-1)
-    assert state.top == 1.0
+    for by, top in ((1, TOPS[-1]), (-1, 1.0)):
+        for _ in range(10):
+            state.brighten(by)
+        assert state.top == top
     for _ in range(80):
         state.move_divider(1)
     assert state.divider == 1.0
@@ -338,17 +322,3 @@ def test_the_grid_makes_pictures_large() -> None:
     assert len({cell.box.left for cell in wide}) == 2
     tall = arrange("side", tiers, ("a", "b"), (400, 1600), 1.0, aspect=16 / 9)
     assert len({cell.box.left for cell in tall}) == 1
-
-
-def test_help_has_every_layout_and_key_once() -> None:
-    keys = [key for key, _ in HELP]
-    assert len(set(keys)) == len(keys)
-
-
-def test_moving_sizes_settle() -> None:
-    scale = 1.0
-    for _ in range(20):
-        scale = moving_scale(scale, 0.9 * scale**2)  # 0.9 s at full size
-    assert scale in (0.25, 0.18)
-    assert scale in STEPS
-    assert moving_scale(0.5, 0.0) == 0.5

@@ -42,7 +42,6 @@ def made(name: str = "demo.triasset", **more: Any) -> str:
 
 def meta_of(text: str) -> dict[str, Any]:
     found = re.search(r'id="meta">(.*?)</script>', text, re.DOTALL)
-    assert found is not None
     return json.loads(found[1])
 
 
@@ -59,27 +58,13 @@ def test_the_page_holds_every_picture_exactly() -> None:
             raw = base64.b64decode(stored["image"].removeprefix("data:image/png;base64,"))
             with Image.open(io.BytesIO(raw)) as image:
                 assert (np.asarray(image) == shot.image).all()
-        wanted = metrics.psnr(SHOTS["dedicated"].image, SHOTS["standard"].image)  # type: ignore[arg-type]
+        wanted = metrics.psnr(SHOTS["dedicated"].image, SHOTS["standard"].image)
         assert view["decibels"] == {"dedicated standard": wanted}
 
 
 def test_equal_pictures_are_identical_not_infinite() -> None:
     shots = {tier: flat_shot(tier, (1, 2, 3)) for tier in ("dedicated", "standard")}
     assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}
-
-
-def test_the_page_asks_nobody_for_anything() -> None:
-    text = made()
-    assert "default-src 'none'" in text
-    assert not re.findall(r"https?://[^\s\"']+", text)
-    assert not re.search(r"\b(fetch|XMLHttpRequest|import)\s*\(|src=|href=", text)
-
-
-def test_a_hostile_name_stays_text() -> None:
-    name = "</script><script>alert(1)</script>@DATA@"
-    text = made(name)
-    assert meta_of(text)["name"] == name
-    assert text.count("<script") == 3
 
 
 @pytest.mark.slow
@@ -102,8 +87,6 @@ def test_a_browser_draws_the_same_map_and_figures(in_browser: Callable[..., Any]
       return result;"""
     found = in_browser(made().encode(), script, size=(1280, 900))
     a, b = SHOTS["dedicated"].image, SHOTS["standard"].image
-    assert a is not None
-    assert b is not None
     wanted = colorize(squared_error(a, b), 0.25).reshape(-1)
     assert np.abs(np.array(found["map"]) - wanted).max() <= 6  # a step of the scale, at most
     text = f"{metrics.psnr(a, b):.2f}"

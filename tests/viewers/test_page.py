@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
 import shutil
 import subprocess
@@ -15,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from msb_viewers.page import page, write_page
+from msb_viewers.page import page
 from msb_viewers.state import ViewState
+from tests.viewers.test_compare_page import made, meta_of
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 def parts(model: ViewModel) -> tuple[str, dict[str, Any], dict[str, np.ndarray]]:
     text = page(model, ViewState.first(model), model.up).decode()
-    meta = json.loads(re.search(r'id="meta">(.*?)</script>', text, re.DOTALL)[1])  # type: ignore[index]
-    packed = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]  # type: ignore[index]
+    meta = meta_of(text)
+    packed = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1]
     raw = zlib.decompress(base64.b64decode(packed))
     arrays = {
         name: np.frombuffer(raw, spec["dtype"], spec["length"], spec["offset"])
@@ -36,7 +36,6 @@ def parts(model: ViewModel) -> tuple[str, dict[str, Any], dict[str, np.ndarray]]
 
 def test_the_page_holds_the_model(faults: ViewModel) -> None:
     _, meta, arrays = parts(faults)
-    assert faults.colors is not None
     assert (arrays["points"].reshape(-1, 3) == faults.points).all()
     assert (arrays["faces"].reshape(-1, 3) == faults.faces).all()
     assert (arrays["colors"].reshape(-1, 3) == faults.colors.values).all()
@@ -55,26 +54,21 @@ def test_size_classes_are_the_models(demo: ViewModel) -> None:
         assert row["components"] == wanted
 
 
-def test_the_page_asks_nobody_for_anything(faults: ViewModel) -> None:
-    text, _, _ = parts(faults)
+@pytest.mark.parametrize("viewer", ["view", "compare"])
+def test_a_page_asks_nobody_for_anything(viewer: str, faults: ViewModel) -> None:
+    text = parts(faults)[0] if viewer == "view" else made()
     assert "default-src 'none'" in text
     addresses = set(re.findall(r"https?://[^\s\"']+", text))
     assert addresses <= {"http://www.w3.org/2000/svg"}  # a name, not a place
     assert not re.search(r"\b(fetch|XMLHttpRequest|import)\s*\(|src=|href=", text)
 
 
-def test_a_hostile_name_stays_text(faults: ViewModel) -> None:
+@pytest.mark.parametrize("viewer", ["view", "compare"])
+def test_a_hostile_name_stays_text(viewer: str, faults: ViewModel) -> None:
     name = "</script><script>alert(1)</script>@DATA@"
-    hostile = replace(faults, name=name)
-    text, meta, arrays = parts(hostile)
-    assert meta["name"] == name
+    text = parts(replace(faults, name=name))[0] if viewer == "view" else made(name)
+    assert meta_of(text)["name"] == name
     assert text.count("<script") == 3
-    assert len(arrays["points"]) == 48
-
-
-def test_the_page_is_written_without_a_gl_stack(faults: ViewModel, tmp_path: Path) -> None:
-    write_page(faults, tmp_path / "deep" / "a.html")
-    assert (tmp_path / "deep" / "a.html").stat().st_size > 10_000
 
 
 def test_the_script_parses(tmp_path: Path, faults: ViewModel) -> None:

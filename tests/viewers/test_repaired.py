@@ -32,7 +32,6 @@ def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_a
     points = np.concatenate([points, [[2, 2, 2]]]).astype(np.float32)
     model = model_of((points, faces), (points, np.concatenate([faces[1:], [[0, 1, 4]]])))
     assert model.audit.counts.faces == 4
-    assert model.colors is not None
     assert [tuple(row) for row in model.colors.values[[0, 4]].tolist()] == [DELETED, ADDED]
     assert counts(model) == {"deleted_faces": 1, "added_faces": 1, "cut_edges": 0}
     corners = model.stored_position(model.positions("added_faces")[0])
