@@ -47,23 +47,22 @@ def packages() -> Path | None:
         return None
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wanted = project["project"]["optional-dependencies"]["lpips"]
-    folder = kept_in(wanted)
-    if not folder.is_dir():
-        print("installing the extra lpips, for tests: gigabytes where torch brings CUDA along", flush=True)
-        if reason := install(wanted, folder):
-            text = "the extra lpips cannot be installed here: its tests will be skipped"
-            print(f"{text} ({reason})", file=sys.stderr)
-            return None
-    print(f"the extra lpips, for tests: {weight(folder) / 1e9:.1f} GB, kept in {folder}")
-    return folder
-
-
-def kept_in(wanted: list[str]) -> Path:
-    """Return the folder for these requirements, this Python and this platform."""
+    # One for these requirements, this Python and this platform.
     text = "\n".join([*wanted, sys.implementation.cache_tag or "", sysconfig.get_platform()])
     cache = user_cache()
     assert cache is not None, "a user without a home has no place for torch"
-    return cache / "meshsplatbench" / f"lpips-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    folder = cache / "meshsplatbench" / f"lpips-{hashlib.sha256(text.encode()).hexdigest()[:12]}"
+    if not folder.is_dir():
+        print("installing the extra lpips, for tests: gigabytes where torch brings CUDA along", flush=True)
+        if reason := install(wanted, folder):
+            print(
+                f"the extra lpips cannot be installed here: its tests will be skipped ({reason})",
+                file=sys.stderr,
+            )
+            return None
+    size = sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
+    print(f"the extra lpips, for tests: {size / 1e9:.1f} GB, kept in {folder}")
+    return folder
 
 
 def install(wanted: list[str], folder: Path) -> str | None:
@@ -73,27 +72,19 @@ def install(wanted: list[str], folder: Path) -> str | None:
         with tempfile.TemporaryDirectory(prefix="lpips-", dir=folder.parent) as made:
             target = Path(made) / "packages"
             pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+            # Beside the target: /tmp may be small, and from there everything would be copied.
+            environment = {**os.environ, "TMPDIR": made}
             done = subprocess.run(
                 [*pip, "--target", str(target), *wanted],
-                # Beside the target: /tmp may be small, and from there everything would be copied.
-                env={**os.environ, "TMPDIR": made},
-                capture_output=True, text=True, errors="replace", timeout=SECONDS, check=False,
+                env=environment, capture_output=True, text=True, errors="replace", timeout=SECONDS,
             )  # fmt: skip
             if done.returncode:
-                said = [line for line in done.stderr.splitlines() if line.startswith("ERROR:")]
-                return said[-1] if said else f"pip ended with {done.returncode}"
+                errors = [line for line in done.stderr.splitlines() if line.startswith("ERROR:")]
+                return errors[-1] if errors else f"pip ended with {done.returncode}"
             target.rename(folder)
-    except subprocess.TimeoutExpired:
-        return f"pip took longer than {SECONDS // 60} minutes"
-    except OSError as error:
-        # Another make may have been first.
-        return None if folder.is_dir() else str(error)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return None if folder.is_dir() else str(error)  # another make may have been first
     return None
-
-
-def weight(folder: Path) -> int:
-    """Return the bytes of all files below `folder`."""
-    return sum(path.lstat().st_size for path in folder.rglob("*") if not path.is_dir())
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import torch
 
 from msb.scenes import Camera
 
@@ -32,6 +33,4 @@ def soup(names: tuple[str, str, str, str], count: int = 5, seed: int = 0) -> dic
 
 def tensors(values: dict[str, np.ndarray]) -> dict[str, Any]:
     """Return fresh tensors that ask for derivatives."""
-    import torch
-
     return {name: torch.from_numpy(value.copy()).requires_grad_() for name, value in values.items()}

@@ -11,8 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-from tests.training.soups import BACKGROUND, CAMERA, soup, tensors
+from data_stubs.training import diffsoup, mesh_splatting, triangle_splatting, two_dts
+from data_stubs.training.composite import composite
+from data_stubs.training.lattice import node_count
+from tests.training.soups import BACKGROUND, CAMERA, soup, tensors, triangles
 
 STEP, MOST = 1e-6, 16
 """Of each parameter so many numbers are moved, those with the largest derivatives among them."""
@@ -46,8 +50,6 @@ def check(function: Callable[[dict[str, Any]], Any], values: dict[str, np.ndarra
 
 def brightness(image: Any) -> Any:
     """Return a number to which every pixel and channel contributes otherwise."""
-    import torch
-
     weights = torch.from_numpy(np.random.default_rng(9).uniform(0.5, 1.5, tuple(image.shape)))
     return (image * weights).sum()
 
@@ -56,8 +58,6 @@ def brightness(image: Any) -> Any:
     ("rasterizer", "gamma", "rescale"), [("2D", 1.0, False), ("3D", 1.0, False), ("3D", 3.0, True)]
 )
 def test_two_dts(rasterizer: str, gamma: float, rescale: bool) -> None:
-    from data_stubs.training import two_dts
-
     settings = {"rasterizer": rasterizer, "sh_degree": 2, "gamma": gamma, "gamma_rescale": rescale}
     settings |= {"back_culling": False, "ste_threshold": None, "render_up_scale": None}
     check(
@@ -67,8 +67,6 @@ def test_two_dts(rasterizer: str, gamma: float, rescale: bool) -> None:
 
 
 def test_triangle_splatting() -> None:
-    from data_stubs.training import triangle_splatting
-
     settings = {"sh_degree": 2, "view_dir": "broadcast_z"}
     values = soup(("triangles_points", "opacity", "features_dc", "features_rest"))
     values["sigma"] = np.linspace(-0.3, 0.6, 5)[:, None]
@@ -76,8 +74,6 @@ def test_triangle_splatting() -> None:
 
 
 def test_mesh_splatting() -> None:
-    from data_stubs.training import mesh_splatting
-
     indices = np.array([[0, 1, 2], [2, 1, 3], [3, 4, 0], [1, 4, 2]])
     values = soup(("triangles_points", "vertex_weight", "features_dc", "features_rest"))
     values["triangles_points"] = values["triangles_points"][:, 0]
@@ -87,9 +83,6 @@ def test_mesh_splatting() -> None:
 
 
 def lattice_soup(level: int) -> dict[str, np.ndarray]:
-    from data_stubs.training.lattice import node_count
-    from tests.training.soups import triangles
-
     random, faces = np.random.default_rng(5), 4
     values = {
         "V": triangles(faces, 3).reshape(-1, 3),
@@ -107,8 +100,6 @@ PLANES = {"layout": "colmap", "z_near": 0.5, "z_far": 100.0}
 
 
 def test_diffsoup_cut_at_one_half_is_differentiable_but_for_opacity() -> None:
-    from data_stubs.training import diffsoup
-
     values = lattice_soup(1)
     opacity = values.pop("alpha_acc")
 
@@ -120,10 +111,6 @@ def test_diffsoup_cut_at_one_half_is_differentiable_but_for_opacity() -> None:
 
 
 def test_diffsoup_expected() -> None:
-    import torch
-
-    from data_stubs.training import diffsoup
-
     wanted = torch.full((CAMERA.height, CAMERA.width, 3), 0.4, dtype=torch.float64)
 
     def drawn(parameters: dict[str, Any]) -> Any:
@@ -135,11 +122,6 @@ def test_diffsoup_expected() -> None:
 
 def test_expectation_is_the_mean_of_what_drawn_thresholds_show() -> None:
     """The estimator's claim: thresholds and places within a pixel drawn, images shown, their mean taken."""
-    import torch
-
-    from data_stubs.training import diffsoup
-    from data_stubs.training.composite import composite
-
     parameters = tensors(lattice_soup(1))
     wanted = torch.full((CAMERA.height, CAMERA.width, 3), 0.4, dtype=torch.float64)
     random = np.random.default_rng(0)
@@ -173,10 +155,6 @@ def test_expectation_is_the_mean_of_what_drawn_thresholds_show() -> None:
 
 def test_an_edge_is_what_a_pixel_sampled_across_it_shows_on_average() -> None:
     """One opaque triangle: the expectation is its image at places drawn within each pixel, but at corners."""
-    import torch
-
-    from data_stubs.training import diffsoup
-
     values = lattice_soup(0)
     values["V"] = np.array([[-1.1, -0.7, 0.0], [1.2, -0.5, 0.0], [0.1, 0.9, 0.0]])
     values["feat_acc"] = np.zeros((1, 3, 7)) + np.array([1, 1, 1, 0, 0, 0, 0])

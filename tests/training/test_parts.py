@@ -4,35 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
+from data_stubs.training import two_dts
+from data_stubs.training.lattice import Interpolate, lattice_nodes, refinement
+from data_stubs.training.lattices import halved
+from data_stubs.training.losses import Photograph, dssim
+from data_stubs.training.mesh import split_edges
+from data_stubs.training.model import worst
+from data_stubs.training.pairs import Ranks
+from data_stubs.training.scene import _anywhere
+from data_stubs.training.soups import quartered
 from msb import metrics
 from msb.scenes import Camera
 from tests.training.soups import BACKGROUND, CAMERA, soup, tensors
 
 
 def test_dssim_is_one_minus_the_ssim_of_the_metrics() -> None:
-    import torch
-
-    from data_stubs.training.losses import Photograph, dssim
-
     first, second = np.random.default_rng(0).random((2, 30, 41, 3))
     found = dssim(torch.from_numpy(first), Photograph(torch.from_numpy(second)))
     assert 1 - found.item() == pytest.approx(metrics.ssim(first, second, quantize=False), abs=1e-6)
 
 
 def test_blurring_is_its_own_derivative() -> None:
-    import torch
-
-    from data_stubs.training.losses import Photograph, dssim
-
     first = torch.rand((9, 12, 3), dtype=torch.float64, requires_grad=True)
     second = Photograph(torch.rand((9, 12, 3), dtype=torch.float64))
     assert torch.autograd.gradcheck(lambda image: dssim(image, second), (first,))
 
 
 def test_a_camera_that_sees_nothing_sees_the_background() -> None:
-    from data_stubs.training import two_dts
-
     away = Camera.look_at((0, 0, -4), (0, 0, -8), up=(0, -1, 0), width=8, height=6, fov_y=0.7)
     settings = {"rasterizer": "3D", "sh_degree": 2, "gamma": 1.0, "gamma_rescale": True}
     settings |= {"back_culling": False, "ste_threshold": None, "render_up_scale": None}
@@ -44,8 +44,6 @@ def test_a_camera_that_sees_nothing_sees_the_background() -> None:
 
 
 def test_ranks_are_front_to_back_in_every_pixel() -> None:
-    from data_stubs.training.pairs import Ranks
-
     random = np.random.default_rng(1)
     pixel = random.integers(0, 40, 500).astype(np.int32)
     key = (1 + random.integers(0, 30, 500) / 10).astype(np.float32)
@@ -60,10 +58,6 @@ def test_ranks_are_front_to_back_in_every_pixel() -> None:
 
 
 def test_a_refined_lattice_has_the_values_of_the_coarse_one() -> None:
-    import torch
-
-    from data_stubs.training.lattice import Interpolate, lattice_nodes, refinement
-
     coarse = torch.rand((1, 6, 2), dtype=torch.float64)
     fine = refinement(1, 3).double() @ coarse
     inside = torch.from_numpy(np.random.default_rng(2).dirichlet((1, 1, 1), 20))
@@ -77,16 +71,9 @@ def test_a_refined_lattice_has_the_values_of_the_coarse_one() -> None:
 
 
 def test_halves_show_what_the_whole_showed() -> None:
-    import torch
-
-    from data_stubs.training.lattice import Interpolate
-    from data_stubs.training.lattices import halved
-
     corners = np.eye(3, dtype=np.float32)[None].repeat(3, 0)  # places are barycentric coordinates
     plane = torch.rand((3, 3, 8))
     for level in (0, 2):
-        from data_stubs.training.lattice import refinement
-
         whole = refinement(0, level) @ plane
         places, lattices = halved(corners, whole, np.arange(3), level)
         inside = torch.from_numpy(np.random.default_rng(3).dirichlet((1, 1, 1), 6)).float()
@@ -103,8 +90,6 @@ def test_halves_show_what_the_whole_showed() -> None:
 
 
 def test_split_edges_leave_a_closed_mesh_closed() -> None:
-    from data_stubs.training.mesh import split_edges
-
     tetrahedron = np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]])
     faces, count = tetrahedron, 4
     for seed in range(4):
@@ -119,8 +104,6 @@ def test_split_edges_leave_a_closed_mesh_closed() -> None:
 
 
 def test_quarters_cover_the_whole() -> None:
-    from data_stubs.training.soups import quartered
-
     corners = np.random.default_rng(4).random((3, 3, 3)).astype(np.float32)
 
     def area(triangles: np.ndarray) -> np.ndarray:
@@ -132,8 +115,6 @@ def test_quarters_cover_the_whole() -> None:
 
 
 def test_the_worst_are_drawn_without_what_is_not_allowed() -> None:
-    from data_stubs.training.model import worst
-
     random = np.random.default_rng(5)
     scores = np.array([0, 1, 5, 5, 1], float)
     allowed = np.array([True, True, True, False, True])
@@ -144,8 +125,6 @@ def test_the_worst_are_drawn_without_what_is_not_allowed() -> None:
 
 
 def test_cameras_of_a_scene_without_points_look_at_the_random_ones() -> None:
-    from data_stubs.training.scene import _anywhere
-
     points = _anywhere(
         [CAMERA, Camera.look_at((4, 0, 0), (0, 0, 0), up=(0, -1, 0), width=9, height=9, fov_y=1)],
         np.random.default_rng(0),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import msb
+from data_stubs.training.mesh import surface_like
+from data_stubs.training.start import spread_out
 
 
 def sphere(count: int) -> np.ndarray:
@@ -16,8 +18,6 @@ def sphere(count: int) -> np.ndarray:
 
 
 def test_points_of_a_sphere_are_joined_to_a_closed_surface() -> None:
-    from data_stubs.training.mesh import surface_like
-
     points = sphere(400)
     faces = surface_like(points, 100_000)
     audit = msb.audit(points, faces)
@@ -27,8 +27,6 @@ def test_points_of_a_sphere_are_joined_to_a_closed_surface() -> None:
 
 
 def test_the_shortest_faces_are_taken_first() -> None:
-    from data_stubs.training.mesh import surface_like
-
     points = sphere(400)
     edges = [np.linalg.norm(points[f] - points[np.roll(f, 1, axis=1)], axis=2).max() for f in
              (surface_like(points, 300), surface_like(points, 100_000))]  # fmt: skip
@@ -37,8 +35,6 @@ def test_the_shortest_faces_are_taken_first() -> None:
 
 
 def test_points_are_spread_out_in_units_of_their_spacing() -> None:
-    from data_stubs.training.start import spread_out
-
     random = np.random.default_rng(0)
     points = np.concatenate([random.uniform(0, 1, (900, 3)), random.uniform(2, 3, (100, 3))])
     spacing = np.r_[np.full(900, 1.0), np.full(100, 0.1)].astype(np.float32)

@@ -12,6 +12,12 @@ import numpy as np
 import pytest
 
 import msb
+from data_stubs.training import loop
+from data_stubs.training.loop import Length, Training
+from data_stubs.training.methods import MODELS
+from data_stubs.training.model import Options
+from data_stubs.training.scene import read_capture
+from data_stubs.training.state import FILE, read_state, write_state
 from msb import metrics
 from msb.errors import UsageError
 from msb.reference import render_reference
@@ -22,11 +28,6 @@ METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 
 
 def training(folder: Path, method: str, layout: str = "colmap", iterations: int = 12, seed: int = 0) -> Any:
-    from data_stubs.training.loop import Length, Training
-    from data_stubs.training.methods import MODELS
-    from data_stubs.training.model import Options
-    from data_stubs.training.scene import read_capture
-
     capture = read_capture(ROOT / "tests" / "tiny" / "scenes" / SCENES[layout], method, None, None, seed)
     model = MODELS[method](capture, Options(faces=300, sh_degree=1, seed=seed))
     return Training(model, Length(1, iterations), folder, {})
@@ -59,17 +60,12 @@ def test_a_step_is_the_same_for_a_seed(method: str, tmp_path: Path) -> None:
     other = training(tmp_path / "other", method, seed=1)
     for run in (first, again, other):
         run.step()
-    assert all((a == b).all() for a, b in zip(values(first).values(), values(again).values(), strict=True))
-    assert any(
-        a.shape != b.shape or (a != b).any()
-        for a, b in zip(values(first).values(), values(other).values(), strict=True)
-    )
+    assert same(first, again)
+    assert not same(first, other)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_training_goes_on_as_if_it_had_not_been_interrupted(method: str, tmp_path: Path) -> None:
-    from data_stubs.training import loop
-
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loop, "EVERY", 14)  # one change of structure before the interruption, one after
         whole = training(tmp_path / "whole", method, iterations=32)
@@ -80,17 +76,21 @@ def test_a_training_goes_on_as_if_it_had_not_been_interrupted(method: str, tmp_p
         rest.resume()
         rest.run(lambda: False)
     assert rest.iteration == 32
-    assert all((a == b).all() for a, b in zip(values(whole).values(), values(rest).values(), strict=True))
+    assert same(whole, rest)
+
+
+def same(first: Any, other: Any) -> bool:
+    pairs = zip(values(first).values(), values(other).values(), strict=True)
+    return all(a.shape == b.shape and (a == b).all() for a, b in pairs)
 
 
 def test_a_finished_training_stays_as_it_is(tmp_path: Path) -> None:
-    run = training(tmp_path, "two_dts", iterations=3)
+    run, again = (training(tmp_path, "two_dts", iterations=3) for _ in range(2))
     run.run(lambda: False)
-    again = training(tmp_path, "two_dts", iterations=3)
     again.resume()
     again.run(lambda: False)
     assert (again.log, again.iteration) == (run.log, 3)
-    assert all((a == b).all() for a, b in zip(values(run).values(), values(again).values(), strict=True))
+    assert same(run, again)
 
 
 def test_another_training_is_not_resumed(tmp_path: Path) -> None:
@@ -117,23 +117,20 @@ def test_training_makes_it_better(method: str, tmp_path: Path) -> None:
     assert run.model.faces <= 300
 
 
-def test_command(tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "data_stubs.training", "--method", "triangle_splatting", "--faces", "200"]
+def command(*words: str) -> subprocess.CompletedProcess[str]:
     scene = ["--scene", str(ROOT / "tests" / "tiny" / "scenes" / SCENES["colmap"])]
-    done = subprocess.run(
-        [*words, *scene, "--iterations", "5", "--output", str(tmp_path / "model")],
-        capture_output=True,
-        text=True,
-        cwd=ROOT,
-        check=False,
-    )
+    line = [sys.executable, "-m", "data_stubs.training", *words, *scene]
+    return subprocess.run(line, capture_output=True, text=True, cwd=ROOT, check=False)
+
+
+def test_command(tmp_path: Path) -> None:
+    given = ["--method", "triangle_splatting", "--faces", "200", "--iterations", "5"]
+    done = command(*given, "--output", str(tmp_path / "model"))
     assert done.returncode == 0, done.stderr
     assert "dB held-out, 100 faces" in done.stdout
     log = json.loads((tmp_path / "model" / "training.json").read_text())
     assert log["iterations"] == 5
-    wrong = subprocess.run(
-        [*words[:3], "--method", "nerf", *scene], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+    wrong = command("--method", "nerf")
     assert wrong.returncode == 2
     assert wrong.stderr == (
         "error: USAGE: --method is nerf; it must be two_dts, triangle_splatting, mesh_splatting, diffsoup\n"
@@ -141,8 +138,6 @@ def test_command(tmp_path: Path) -> None:
 
 
 def test_a_state_that_lacks_something_is_refused_in_one_line(tmp_path: Path) -> None:
-    from data_stubs.training.state import FILE, read_state, write_state
-
     training(tmp_path, "two_dts").save()
     arrays, about = read_state(tmp_path / FILE)
     write_state(tmp_path / FILE, {name: one for name, one in arrays.items() if name != "seen/peak"}, about)

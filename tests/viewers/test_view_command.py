@@ -175,7 +175,7 @@ def test_audit_opens_the_window_on_its_own_result(
         main()
     assert not stop.value.code
     assert "nonmanifold" in capfd.readouterr().out.lower().replace("-", "")
-    model, (_, files, _) = seen[0]
+    model, (_, window, _) = seen[0]
     assert model.audit.counts.nonmanifold_edges == 1
     assert model.name == "book.ply"
-    assert not files.any
+    assert not window.written
