@@ -6,7 +6,6 @@ fast the machine is; the memory a renderer takes must not, so the cameras not se
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from msb.bench.timing import Timing
 from msb.render.backend import SETTLED_AT
 
 if TYPE_CHECKING:
@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
-TIMED_FRAMES = 100
 ROUNDS = 5
-TIMED_SECONDS = 3.0
-"""Seconds that the clock runs at least; it also runs until enough frames are drawn."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +53,6 @@ class Profile:
     that the most demanding camera needs, however fast the machine is."""
     memory_groups: Mapping[str, str]
     """Use -> its group (`Renderer.memory_groups`)."""
-    memory_views: int
-    """The number of cameras that `memory` is of: all, unless the budget ended first."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the profile as JSON data."""
@@ -70,7 +65,6 @@ class Profile:
             "fps": self.fps,
             "round_fps": list(self.round_fps),
             "memory_bytes": dict(self.memory),
-            "memory_views": self.memory_views,
         }
 
 
@@ -79,35 +73,32 @@ def profile(
     cameras: Sequence[Camera],
     background: Sequence[float] = (0.0, 0.0, 0.0),
     *,
-    frames: int = TIMED_FRAMES,
-    seconds: float = TIMED_SECONDS,
-    warm_up: int | None = None,
-    budget: float = math.inf,
+    frames: int = Timing.frames,
+    seconds: float = Timing.seconds,
+    warm_up: int | None = Timing.warm_up,
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
     """Return how fast a fresh `renderer` draws `cameras`, in turn and repeatedly.
 
-    Timing goes on until `frames` and `seconds` are both reached, and stops `budget` seconds after the call in
-    any case. The warm-up is by default of 10 frames or one second, whichever ends first, but of as many
-    frames as a renderer needs to settle. `step` is called after each timed frame.
+    Timing goes on until `frames` and `seconds` are both reached. The warm-up is by default of 10 frames or
+    one second, whichever ends first, but of as many frames as a renderer needs to settle. `step` is called
+    after each timed frame.
     """
     if not cameras:
         raise ValueError("there is no camera to time")
-    end = time.perf_counter() + budget
     turns = _Turns(renderer, cameras, background)
     if warm_up is None:
-        short = min(WARM_UP_SECONDS if frames > 1 else 0, budget)
-        turns.repeat(WARM_UP_FRAMES, short, any_of=True)
+        turns.repeat(WARM_UP_FRAMES, WARM_UP_SECONDS if frames > 1 else 0, any_of=True)
         if frames > 1 and turns.frames < SETTLED_AT:
-            turns.repeat(SETTLED_AT - turns.frames, 0, end=end)
+            turns.repeat(SETTLED_AT - turns.frames, 0)
     elif warm_up:
-        turns.repeat(warm_up, 0, end=end)
+        turns.repeat(warm_up, 0)
     start = time.perf_counter()
     turns.ends.clear()
-    drawn = turns.repeat(frames, seconds, end=end, step=step)
+    drawn = turns.repeat(frames, seconds, step=step)
     elapsed = time.perf_counter() - start
     ends = [start, *turns.ends]
-    while turns.unseen and time.perf_counter() < end:
+    while turns.unseen:
         turns.draw(min(turns.unseen))
     spans = np.array([one.span for one in drawn])
     busy = np.array([sum(one.stages.values()) for one in drawn])
@@ -127,7 +118,6 @@ def profile(
         round_fps=_round_rates(ends),
         memory=dict(renderer.memory()),
         memory_groups=dict(renderer.memory_groups()),
-        memory_views=min(len(turns.drawn), len(cameras) - bool(turns.unseen)),
     )
 
 
@@ -140,19 +130,17 @@ def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 
 
 class _Turns:
-    """Draws cameras, and knows which were `drawn`, and which not since the renderer settled (`unseen`)."""
+    """Draws cameras, and knows which were not drawn since the renderer settled (`unseen`)."""
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
         self.frames = 0
         self.ends: list[float] = []
-        self.drawn: set[int] = set()
         self.unseen = set(range(len(cameras)))
 
     def draw(self, number: int) -> Drawn:
         """Draw the camera with this number."""
         self.frames += 1
-        self.drawn.add(number)
         if self.frames >= SETTLED_AT:
             self.unseen.discard(number)
         return self.renderer.draw(self.cameras[number], self.background)
@@ -163,16 +151,14 @@ class _Turns:
         seconds: float,
         *,
         any_of: bool = False,
-        end: float = math.inf,
         step: Callable[[], None] = lambda: None,
     ) -> list[Drawn]:
-        """Draw in turn until `frames` and `seconds` are both reached, or either of them, or it is `end`."""
+        """Draw in turn until `frames` and `seconds` are both reached, or either of them."""
         drawn: list[Drawn] = []
         start = time.perf_counter()
         while True:
-            now = time.perf_counter()
-            reached = (len(drawn) >= frames, now - start >= seconds)
-            if drawn and (now >= end or (any(reached) if any_of else all(reached))):
+            reached = (len(drawn) >= frames, time.perf_counter() - start >= seconds)
+            if drawn and (any(reached) if any_of else all(reached)):
                 return drawn
             drawn.append(self.draw(len(drawn) % len(self.cameras)))
             self.ends.append(time.perf_counter())

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from msb.bench.profile import TIMED_FRAMES, TIMED_SECONDS
 from msb.bench.records import CONDITIONS, Condition
+from msb.bench.timing import Timing
 from msb.registry import Order, Sampling
 
 AUTO = "auto"
@@ -151,8 +151,8 @@ class MetricsTable(_Table):
 class TimingTable(_Table):
     """``[timing]``: the clock runs for at least `frames` and `seconds`; 0 frames mean no timing."""
 
-    frames: Annotated[int, Field(ge=0)] = TIMED_FRAMES
-    seconds: Annotated[float, Field(ge=0)] = TIMED_SECONDS
+    frames: Annotated[int, Field(ge=0)] = Timing.frames
+    seconds: Annotated[float, Field(ge=0)] = Timing.seconds
 
 
 class ChamferTable(_Table):

@@ -2,37 +2,21 @@
 
 from __future__ import annotations
 
-import math
 import re
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from msb.cli.camera_options import (
-    Assignments,
-    Background,
-    Cameras,
-    Chosen,
-    Ordering,
-    RendererName,
-    SamplingName,
-    Scale,
-    Size,
-    TierName,
-)
-from msb.cli.options import DeviceName, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.base.option import Option
+from msb.bench.timing import Timing
+from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Tier, Views
+from msb.cli.command import Rule, command
+from msb.cli.output import JsonOutput, Output
 from msb.errors import GateFailed, InputError, UsageError, shorten
 
 if TYPE_CHECKING:
     from msb.bench.profile import Profile
 
-EPILOG = epilog(
-    "msb bench data_stubs/splat_like.triasset",
-    "msb bench --repeat 20 --seconds 0.5 --json out/a.json data_stubs/checkpoint",
-    "msb bench --cameras data_stubs/views.json --scale 0.5 data_stubs/checkpoint",
-)
 SCHEMA = "msb.bench/1"
 _TURNTABLE = 8
 _SAME = (
@@ -42,127 +26,102 @@ _SAME = (
 """Keys that must be equal before two records are compared."""
 
 
-def bench(
-    path: Annotated[Path, typer.Argument(metavar="ASSET", help="A .triasset, checkpoint or mesh file.")],
-    tier: TierName = "standard",
-    cameras: Cameras = None,
-    chosen: Chosen = None,
-    size: Size = None,
-    scale: Scale = None,
-    background: Background = None,
-    frames: Annotated[
-        int, typer.Option("--repeat", min=1, metavar="N", help="Time at least N frames ...")
-    ] = 100,
-    seconds: Annotated[float, typer.Option(min=0, metavar="S", help="... and at least S seconds.")] = 3.0,
-    warm_up: Annotated[
-        int | None,
-        typer.Option(
-            "--warmup", min=0, metavar="N", help="Draw N frames first; default: 10, or for a second."
-        ),
-    ] = None,
-    budget: Annotated[
-        float | None,
-        typer.Option("--budget-seconds", min=0, metavar="S", help="Stop after S seconds in any case."),
-    ] = None,
-    compare: Annotated[
-        Path | None, typer.Option(metavar="OLD.json", help="Show ratios to an earlier --json.")
-    ] = None,
+@dataclass(frozen=True)
+class BenchOptions:
+    """What is timed, and what it is compared with."""
+
+    tier: Annotated[Tier, Option("How to draw; msb methods says what each tier keeps.")] = "standard"
+    compare: Annotated[Path | None, Option("Show ratios to an earlier --json.", metavar="OLD.json")] = None
     fail_slower: Annotated[
         str | None,
-        typer.Option(
-            metavar="PERCENT", help="Fail if P50 is more than this above that of OLD.json, e.g. 10%."
-        ),
-    ] = None,
-    assignments: Assignments = None,
-    order: Ordering = None,
-    sampling: SamplingName = None,
-    renderer_name: RendererName = None,
-    device: DeviceName = None,
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+        Option("Fail if P50 is more than this above that of OLD.json, e.g. 10%.", metavar="PERCENT"),
+    ] = None
+
+    @property
+    def limit(self) -> float | None:
+        """0.1 for "10%" or "10"."""
+        if self.fail_slower is None:
+            return None
+        match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?)\s*%?", self.fail_slower.strip())
+        if match is None:
+            text = f'--fail-slower is "{shorten(self.fail_slower, 40)}"; it must look like 10%'
+            raise UsageError("USAGE", text)
+        return float(match[1]) / 100
+
+
+@command(
+    "msb bench data_stubs/splat_like.triasset",
+    "msb bench --repeat 20 --seconds 0.5 --json out/a.json data_stubs/checkpoint",
+    "msb bench --cameras data_stubs/views.json --scale 0.5 data_stubs/checkpoint",
+    rules=(
+        Rule("camera", NO_CAMERAS, needs="cameras"),
+        Rule("fail_slower", "needs --compare OLD.json", needs="compare"),
+    ),
+)
+def bench(
+    path: Source,
+    options: BenchOptions,
+    views: Annotated[Views, ("cameras", "camera", "size", "background")],
+    timing: Timing,
+    drawing: Annotated[Drawing, ("assignments", "order", "sampling", "renderer", "device")],
+    output: JsonOutput,
 ) -> None:
     """Time how an asset is drawn: P50 and P95 of the device, frames per second, stages, memory.
 
     Nothing is written and no pixel is read back while the clock runs. The memory is what all views need;
     views that were not timed are drawn afterwards. Without --cameras eight views around the asset are used.
     """
-    from msb.asset.settings import parse_overrides
     from msb.bench.machine import machine
     from msb.bench.nvml import driver_memory
     from msb.bench.profile import profile
-    from msb.cli.camera_options import around, cameras_at, chosen_modes, parse_background
+    from msb.cli.camera_options import parse_background, parse_size
     from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import lean_options
+    from msb.scenes.around import around
 
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
-    limit = _limit(fail_slower, compare)
-    old = _read_old(compare) if compare is not None else None
+    limit = options.limit
+    old = None if options.compare is None else _read_old(options.compare)
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    if cameras is not None:
-        views = cameras_at(cameras, chosen, size, scale, output)
-    elif chosen or scale is not None:
-        raise UsageError("USAGE", "--camera and --scale need --cameras")
+    if views.cameras is not None:
+        cameras = views.read(output)
     else:
-        views = around(asset, _TURNTABLE, size, None, 20.0)
-    settings = parse_overrides(asset.manifest.method, assignments or [])
-    color = parse_background(background, asset)
-    modes = chosen_modes(order, sampling)
-    options = lean_options(tier, renderer_name) | modes
-    with Renderer(asset, tier, device, settings, name=renderer_name, **options) as renderer:
-        with output.counted("timing", frames) as step:
-            found = profile(
-                renderer, views, color, frames=frames, seconds=seconds, warm_up=warm_up,
-                budget=math.inf if budget is None else budget, step=step,
-            )  # fmt: skip
-        name, about = renderer.name, machine(device, engine=renderer.device_info)
+        cameras = around(asset, _TURNTABLE, *parse_size(views.size or "960x720"))
+    color = parse_background(views.background, asset)
+    lean = lean_options(options.tier, drawing.renderer) | drawing.modes
+    settings = drawing.settings(asset)
+    with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:
+        with output.counted("timing", timing.frames) as step:
+            found = profile(renderer, cameras, color, **asdict(timing), step=step)
+        about = machine(drawing.device, engine=renderer.device_info)
         driver, reason = driver_memory(about["device"])
     record: dict[str, Any] = {
         "schema": SCHEMA,
         "path": str(path),
         "method": asset.manifest.method,
         "faces": asset.manifest.face_count,
-        "tier": tier,
-        "renderer": name,
-        **modes,
-        "views": len(views),
-        "sizes": sorted({f"{view.width}x{view.height}" for view in views}),
+        "tier": options.tier,
+        "renderer": renderer.name,
+        **drawing.modes,
+        "views": len(cameras),
+        "sizes": sorted({f"{view.width}x{view.height}" for view in cameras}),
         "machine": about,
         **found.to_dict(),
+        "memory_views": len(cameras),
         "driver_memory_bytes": driver,
         "driver_memory_reason": reason,
     }
     output.write_json(record)
     if output.prints_text:
         _print(record, found, old, output)
-    if found.frames < frames:
-        output.note(f"{path}: {found.frames} of {frames} frames were timed within --budget-seconds")
-    if found.memory_views < len(views):
-        text = f"its memory is of {found.memory_views} of {len(views)} views"
-        output.note(f"{path}: {text}, which were drawn within --budget-seconds")
     if old is not None:
         for key in _SAME:
             if _part(old, key) != _part(record, key):
                 text = f"{key} was {_part(old, key)}, is {_part(record, key)}: not the same is compared"
-                output.note(f"{compare}: {text}")
+                output.note(f"{options.compare}: {text}")
         if limit is not None:
             _check_slower(found.p50, old, limit, path)
-
-
-def _limit(text: str | None, compare: Path | None) -> float | None:
-    """Return 0.1 for "10%" or "10"."""
-    if text is None:
-        return None
-    if compare is None:
-        raise UsageError("USAGE", "--fail-slower needs --compare OLD.json")
-    match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?)\s*%?", text.strip())
-    if match is None:
-        raise UsageError("USAGE", f'--fail-slower is "{shorten(text, 40)}"; it must look like 10%')
-    return float(match[1]) / 100
 
 
 def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> None:
@@ -199,38 +158,32 @@ def _read_old(path: Path) -> dict[str, Any]:
 def _is_record(data: dict[str, Any]) -> bool:
     tables = [data.get(key) for key in ("device_ms", "stages_ms", "memory_bytes")]
     values = [value for table in tables if isinstance(table, dict) for value in table.values()]
+    numbers = (*values, data.get("fps"), data.get("driver_memory_bytes") or 0)
     return all(isinstance(table, dict) for table in tables) and all(
-        type(value) in (int, float) for value in (*values, data.get("fps"))
+        type(value) in (int, float) for value in numbers
     )
 
 
 def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, output: Output) -> None:
-    from rich.markup import escape
-
-    console = output.console()
-    about = record["machine"]["device"]
+    device = record["machine"]["device"]
     modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
-    console.print(
-        f"{escape(record['path'])}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
-        f"{record['views']} views of {', '.join(record['sizes'])}, {found.frames} frames\n"
-        f"{escape(record['renderer'])} on {escape(about['platform'])}: {escape(about['name'])}",
-        soft_wrap=True,
+    output.line(
+        f"{record['path']}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
+        f"{record['views']} views of {', '.join(record['sizes'])}, {found.frames} frames"
     )
-    rows = list(_rows(found, record["views"], record["driver_memory_bytes"], output.verbose > 0))
-    if output.quiet:
-        rows = rows[:3]
-    headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
-    table = plain_table(*headers, right=(1, 2, 3) if old else (1,))
-    for label, unit, value, before in rows:
+    output.line(f"{record['renderer']} on {device['platform']}: {device['name']}")
+    rows = []
+    for label, unit, value, before in _rows(found, record["driver_memory_bytes"], output.verbose > 0):
         cells = [label, _number(value, unit)]
         if old:
             was = before(old)
             cells += [_number(was, unit), f"{value / was:.2f}"] if was else ["-", "-"]
-        table.add_row(*cells)
-    console.print(table)
+        rows.append(cells)
+    headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
+    output.table(headers, rows[:3] if output.quiet else rows, right=range(1, len(headers)))
 
 
-def _rows(found: Profile, views: int, driver: int | None, everything: bool) -> Any:
+def _rows(found: Profile, driver: int | None, everything: bool) -> Any:
     """Yield label, unit, value, and how to find the value in an older record."""
     yield "frames per second", "", found.fps, lambda old: old["fps"]
     yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
@@ -239,21 +192,17 @@ def _rows(found: Profile, views: int, driver: int | None, everything: bool) -> A
     for name, value in found.stages.items():
         yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
     total = sum(found.memory.values())
-    seen = "all views" if found.memory_views == views else f"{found.memory_views} of {views} views"
-    yield f"memory, {seen}", "MiB", total / 2**20, lambda old: sum(old["memory_bytes"].values()) / 2**20
-    uses = sorted(found.memory.items(), key=lambda item: -item[1])
-    for use, size in uses if everything else [item for item in uses if item[1] >= total / 100]:
-        yield f"  {use}", "MiB", size / 2**20, lambda old, use=use: old["memory_bytes"].get(use, 0) / 2**20
+    yield "memory, all views", "B", total, lambda old: sum(old["memory_bytes"].values())
+    for use, size in sorted(found.memory.items(), key=lambda item: -item[1]):
+        if everything or size >= total / 100:
+            yield f"  {use}", "B", size, lambda old, use=use: old["memory_bytes"].get(use, 0)
     if driver is not None:
-        yield "process, by the driver", "MiB", driver / 2**20, lambda old: _bytes(old) / 2**20
-
-
-def _bytes(old: dict[str, Any]) -> int:
-    was = old.get("driver_memory_bytes")
-    return was if type(was) is int else 0
+        yield "process, by the driver", "B", driver, lambda old: old.get("driver_memory_bytes")
 
 
 def _number(value: float, unit: str) -> str:
+    if unit == "B":
+        return f"{value / 2**20:,.2f} MiB"
     if unit == "ms":
         return f"{value:,.3f} ms" if value >= 0.1 else f"{1000 * value:.1f} µs"
-    return f"{value:,.2f} {unit}".rstrip()
+    return f"{value:,.2f}"

@@ -5,80 +5,96 @@ from __future__ import annotations
 import math
 from collections import Counter
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from msb.base.extras import need_extra
+from msb.base.option import Argument, Option
+from msb.cli.command import command
 from msb.cli.failures import report_error
-from msb.cli.options import CsvFile, FailFast, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, plain_table
+from msb.cli.output import Cell, Output
 from msb.errors import EXIT_STATUS, MsbError, UsageError, about, shorten
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair
 
-    Color = tuple[float, float, float]
-
-EPILOG = epilog(
-    "msb eval data_stubs/scenes/tanksandtemples/pebble/images/000001.jpg \\\n"
-    "      data_stubs/scenes/tanksandtemples/pebble/images/000002.jpg",
-    "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
-    "      data_stubs/scenes/mipnerf360/pebble/images_4",
-)
 SCHEMA = "msb.eval/1"
 NOTHING_SHOWN = "every rendering is of one colour: none shows anything, so there is nothing to compare"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
 _COLUMNS = ("name", "pred", "gt", "width", "height")
 
 
-def evaluate(
-    pred: Annotated[Path, typer.Argument(metavar="PRED", help="Folder of images, or one image.")],
-    gt: Annotated[Path, typer.Argument(metavar="GT", help="The ground truth: the same, with equal names.")],
+@dataclass(frozen=True)
+class EvalOptions:
+    """How images are compared."""
+
     vgg_weights: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="torchvision's vgg16-397923af.pth; without it LPIPS is --."),
-    ] = None,
+        Option("torchvision's vgg16-397923af.pth; without it LPIPS is --.", metavar="FILE"),
+    ] = None
     background: Annotated[
         str | None,
-        typer.Option(
-            metavar="COLOR", help="What alpha is laid over: black, white, #rrggbb or r,g,b in 0..1."
-        ),
-    ] = None,
-    subset: Annotated[bool, typer.Option("--subset", help="GT may hold more images than PRED.")] = False,
-    json_file: JsonFile = None,
-    csv_file: CsvFile = None,
-    fail_fast: FailFast = False,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+        Option("What alpha is laid over: black, white, #rrggbb or r,g,b in 0..1.", metavar="COLOR"),
+    ] = None
+    subset: Annotated[bool, Option("GT may hold more images than PRED.")] = False
+
+    @property
+    def color(self) -> tuple[float, float, float] | None:
+        """The background's colour."""
+        from msb.scenes.colors import parse_color
+
+        if self.background is None:
+            return None
+        color = parse_color(self.background)
+        if color is None:
+            shown = shorten(self.background, 40)
+            text = f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1'
+            raise UsageError("USAGE", text)
+        return color
+
+
+@command(
+    "msb eval data_stubs/scenes/tanksandtemples/pebble/images/000001.jpg \\\n"
+    "      data_stubs/scenes/tanksandtemples/pebble/images/000002.jpg",
+    "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
+    "      data_stubs/scenes/mipnerf360/pebble/images_4",
+    name="eval",
+)
+def evaluate(
+    pred: Annotated[Path, Argument("Folder of images, or one image.", metavar="PRED")],
+    gt: Annotated[Path, Argument("The ground truth: the same, with equal names.", metavar="GT")],
+    options: EvalOptions,
+    output: Annotated[Output, ("json_file", "csv_file", "fail_fast", "force", "quiet", "verbose")],
+) -> int:
     """Compare images with their ground truth: PSNR, SSIM, LPIPS, ... of each image, and their means.
 
     Images are paired by their path below the folder without its suffix (png, jpg, npy, exr). Their sizes must
     be equal; nothing is resized. All images are clamped and rounded to 8 bits. A bad image gets a line on
     standard error and status 3; the others are still compared.
     """
-    output = Output(json_file, quiet, verbose, force, csv_file=csv_file)
-    output.check_outputs()
-    color = None if background is None else _parse_color(background)
+    color = options.color
     from msb.metrics import pair_images
 
-    pairs = pair_images(pred, gt, subset=subset)
-    raise typer.Exit(_Task(output, pred, gt, color, vgg_weights).run(pairs, fail_fast=fail_fast))
+    pairs = pair_images(pred, gt, subset=options.subset)
+    return _Task(output, pred, gt, color, options.vgg_weights).run(pairs)
 
 
 class _Task:
     """Pairs of images, and what is said about them."""
 
     def __init__(
-        self, output: Output, pred: Path, gt: Path, background: Color | None, vgg_weights: Path | None
+        self,
+        output: Output,
+        pred: Path,
+        gt: Path,
+        background: tuple[float, float, float] | None,
+        vgg_weights: Path | None,
     ) -> None:
-        self.output, self.pred, self.gt, self.background = output, pred, gt, background
-        self.reason = NO_WEIGHTS if vgg_weights is None else None
         from msb.metrics import IMAGE_METRICS, Measures
 
+        self.output, self.pred, self.gt, self.background = output, pred, gt, background
+        self.reason = NO_WEIGHTS if vgg_weights is None else None
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
@@ -86,7 +102,7 @@ class _Task:
         """Whether rendering and ground truth of a pair are each of one colour."""
         self.notes = [one.to_line(vgg_weights) for one in self.measures.warnings]
 
-    def run(self, pairs: list[ImagePair], *, fail_fast: bool) -> int:
+    def run(self, pairs: list[ImagePair]) -> int:
         """Compare all pairs, print and write; return the exit status."""
         from msb.metrics.registry import modules_needed
 
@@ -109,7 +125,7 @@ class _Task:
                     status = max(status, EXIT_STATUS[type(error)] if said else report_error(error))
                     alike[error.message] += 1
                     failed.append({"name": pair.name, "code": error.code, "message": str(error)})
-                    if fail_fast:
+                    if self.output.fail_fast:
                         break
                 step()
         for failed_metric in self.measures.failed.values():
@@ -168,50 +184,33 @@ class _Task:
 
     def show(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
         """Print the table; with --quiet its last line alone."""
-        from rich.markup import escape
-
+        from msb.metrics.images import PSNR_CAP
         from msb.metrics.vgg import weights_source
 
+        quiet = self.output.quiet
         titles = [metric.title for metric in self.metrics.values()]
-        table = plain_table("Image", "Size", *titles, right=tuple(range(1, 2 + len(titles))))
-        if not self.output.quiet:
-            for row in rows:
-                name, size = escape(shorten(row["name"], 200)), f"{row['width']}x{row['height']}"
-                table.add_row(name, size, *self._cells(row))
         of = f"{len(rows)} of {len(rows) + len(data['failed'])}" if data["failed"] else str(len(rows))
         plural = "" if len(rows) == 1 and not data["failed"] else "s"
-        table.add_row(f"[bold]mean of {of} image{plural}[/bold]", "", *self._cells(data["mean"]))
-        console = self.output.console()
-        console.print(table)
+        cells: list[tuple[Cell, ...]] = [
+            (shorten(row["name"], 200), f"{row['width']}x{row['height']}", *self._cells(row))
+            for row in (() if quiet else rows)
+        ]
+        cells.append(((f"mean of {of} image{plural}", "bold"), "", *self._cells(data["mean"])))
+        self.output.table(("Image", "Size", *titles), cells, right=range(1, 2 + len(titles)))
         if "reason" in data:
             self.output.note(f"warning: {data['reason']}")
-        if self.output.quiet:
+        if quiet:
             return
         if data["psnr_inf_count"]:
-            from msb.metrics.images import PSNR_CAP
-
-            text = (
-                f"{data['psnr_inf_count']} equal to the ground truth: inf counts {PSNR_CAP:g} dB in the mean"
-            )
-            console.print(text)
+            equal = f"{data['psnr_inf_count']} equal to the ground truth"
+            self.output.line(f"{equal}: inf counts {PSNR_CAP:g} dB in the mean")
         without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
-        said = f"{without} --: {self.reason}; " if self.reason else f"{without}: "
+        reason = f"{without} --: {self.reason}; " if self.reason else f"{without}: "
         used = next((one.weights for one in self.measures.identities if one.name == "lpips_vgg"), None)
-        console.print(escape(f"{said}{weights_source(used)}"))
+        self.output.line(f"{reason}{weights_source(used)}")
 
     def _cells(self, row: dict[str, Any]) -> list[str]:
         return [
             "--" if row[key] is None else f"{row[key]:.{metric.decimals}f}"
             for key, metric in self.metrics.items()
         ]
-
-
-def _parse_color(text: str) -> Color:
-    from msb.scenes.colors import parse_color
-
-    found = parse_color(text)
-    if found is None:
-        shown = shorten(text, 40)
-        text = f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1'
-        raise UsageError("USAGE", text)
-    return found

@@ -112,10 +112,12 @@ class Output:
         *,
         right: Iterable[int] = (),
         gap: int = 2,
+        unbroken: Iterable[int] = (),
         whole: bool = False,
     ) -> None:
-        """Print a table without a frame, `right` naming the columns that are aligned to the right.
+        """Print a table without a frame.
 
+        `right` are the columns that are aligned to the right, `unbroken` those whose cells stay on one line.
         There are `gap` blanks between columns, and no line of headers without any. With `whole` every row is
         one line in a pipe, where programs read lines.
         """
@@ -128,6 +130,8 @@ class Output:
         names = headers or [""] * len(rows[0])
         table = plain_table(*names, right=tuple(right), gap=gap)
         table.show_header = bool(headers)
+        for number in unbroken:
+            table.columns[number].no_wrap = True
         for row in rows:
             cells = (cell if isinstance(cell, tuple) else (cell, "") for cell in row)
             table.add_row(*(Text(text, style) for text, style in cells))

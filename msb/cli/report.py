@@ -2,85 +2,106 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, cast
 
-import typer
-
 from msb.base.extras import need_extra
-from msb.cli.options import WRITTEN, Force, JsonFile, Quiet, Verbose, epilog
-from msb.cli.output import Output, echo
+from msb.base.option import Argument, Option
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
 
 if TYPE_CHECKING:
     from msb.bench.records import Result
     from msb.report.report import Report
     from msb.report.results import Place
-    from msb.report.table import Table
     from msb.report.writers import Format, Printed
 
-EPILOG = epilog(
-    "msb report --paper",
-    "msb report --paper --table mip360_renderer_comparison --format tex",
-    "msb report --paper -o out/paper --format html,tex",
-)
 _FOLDER = "report"
 _MOST_FACES = 300_000
 """The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it."""
 
 
-def report(
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="RESULTS...", help="Folders that msb run wrote; of the same cell, the last counts."
-        ),
-    ] = None,
+@dataclass(frozen=True)
+class ReportOptions:
+    """What is reported, and how and where it is written."""
+
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FOLDER", help="Write here instead of to RESULTS/report."),
-        WRITTEN,
-    ] = None,
+        Option("Write here instead of to RESULTS/report.", ("--out", "-o"), metavar="FOLDER", output="own"),
+    ] = None
     formats: Annotated[
         str | None,
-        typer.Option("--format", metavar="LIST", help="Some of md, tex, csv, json, html. Default: all."),
-    ] = None,
+        Option("Some of md, tex, csv, json, html. Default: all.", ("--format",), metavar="LIST"),
+    ] = None
     table: Annotated[
         str | None,
-        typer.Option(metavar="LABEL", help="Print one table, as md or what --format says; write nothing."),
-    ] = None,
+        Option("Print one table, as md or what --format says; write nothing.", metavar="LABEL"),
+    ] = None
     paper: Annotated[
-        bool, typer.Option("--paper", help="The paper's own tables instead of results; printed without -o.")
-    ] = False,
-    no_paper: Annotated[
-        bool, typer.Option("--no-paper", help="Leave the paper's numbers out of every table and chart.")
-    ] = False,
+        bool | None,
+        Option(
+            "The paper's own tables instead of results, printed without -o; or without its numbers in any "
+            "table and chart.",
+            ("--paper/--no-paper",),
+        ),
+    ] = None
     views: Annotated[
-        list[str] | None,
-        typer.Option("--view", metavar="SCENE/IMAGE", help="Also show this test view. May be given again."),
-    ] = None,
+        tuple[str, ...],
+        Option("Also show this test view. May be given again.", ("--view",), metavar="SCENE/IMAGE"),
+    ] = ()
     published: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="JSON of published per-scene values to compare with."),
-    ] = None,
+        Path | None, Option("JSON of published per-scene values to compare with.", metavar="FILE")
+    ] = None
     against: Annotated[
         str | None,
-        typer.Option(
+        Option(
+            "Also hold every other method against this one (or its label), with intervals and p.",
             metavar="METHOD",
-            help="Also hold every other method against this one (or its label), with intervals and p.",
         ),
-    ] = None,
+    ] = None
     topology: Annotated[
         Literal["auto", "all", "none"],
-        typer.Option(help="Draw the diagnostics of small meshes, of all or of none (extra: view)."),
-    ] = "auto",
-    allow_mixed: Annotated[
-        bool, typer.Option("--allow-mixed", help="Accept results that must not be compared, and say so.")
-    ] = False,
-    json_file: JsonFile = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+        Option("Draw the diagnostics of small meshes, of all or of none (extra: view)."),
+    ] = "auto"
+    allow_mixed: Annotated[bool, Option("Accept results that must not be compared, and say so.")] = False
+
+    def wanted(self) -> list[Format]:
+        """Return the formats that are written."""
+        from msb.report.pages import FORMATS
+
+        if self.formats is None:
+            return list(FORMATS)
+        wanted = [part.strip() for part in self.formats.split(",")]
+        for part in wanted:
+            if part not in FORMATS:
+                text = f'--format: "{shorten(part, 40)}" is none of {", ".join(FORMATS)}'
+                raise UsageError("USAGE", text)
+        return cast("list[Format]", wanted)
+
+    def printed(self) -> Printed:
+        """Return the one format in which tables are printed: Markdown, unless --format names another."""
+        wanted: list[Format] = ["md"] if self.formats is None else self.wanted()
+        if len(wanted) > 1 or wanted[0] == "html":
+            text = f"--format: tables are printed as one of md, tex, csv, json, not {self.formats}"
+            raise UsageError("USAGE", text)
+        return wanted[0]
+
+
+@command(
+    "msb report --paper",
+    "msb report --paper --table mip360_renderer_comparison --format tex",
+    "msb report --paper -o out/paper --format html,tex",
+)
+def report(
+    folders: Annotated[
+        tuple[Path, ...],
+        Argument("Folders that msb run wrote; of the same cell, the last counts.", metavar="RESULTS..."),
+    ] = (),
+    *,
+    options: ReportOptions,
+    output: JsonOutput,
 ) -> None:
     """Make tables, figures, findings and pages from results, with the paper's numbers beside ours.
 
@@ -88,41 +109,71 @@ def report(
     says what the asset can be used for. Pages hold all they show and need no network. Nothing is computed
     again: what the records do not have is N/A or --, with the reason.
     """
-    output = Output(json_file, quiet, verbose, force)
-    output.check_free(json_file)
-    wanted = _formats(formats)
-    if paper == bool(folders):
+    wanted = options.wanted()
+    if (options.paper is True) == bool(folders):
         raise UsageError("USAGE", "give folders of results, or --paper")
-    if paper and against is not None:
+    if not folders and options.against is not None:
         raise UsageError("USAGE", "--against compares results; the paper's tables have no single views")
-    if paper and no_paper:
-        raise UsageError("USAGE", "--paper and --no-paper contradict each other")
-    target = out if out is not None or paper else cast("list[Path]", folders)[0] / _FOLDER
-    if table is None and target is not None:
-        _check_target(target, folders or [], output)
-    printed = None if table is None and target is not None else _printed(formats, wanted)
-    if printed is None and not {"md", "tex", "html"}.isdisjoint(wanted):
+    target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
+    if options.table is not None or target is None:
+        form = options.printed()
+        _print(_make(folders, options, output, pictures=False), options.table, form, output)
+        return
+    _check_target(target, folders, output)
+    if not {"md", "tex", "html"}.isdisjoint(wanted):
         # Before anything else is missed that a report can do without.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
-    made = _make(
-        folders or [], published, views or [], allow_mixed, not no_paper, not printed, against, output
-    )
-    if printed:
-        from msb.report.writers import WRITERS
-
-        shown = list(made.tables.values()) if table is None else [_table(made, table)]
-        output.write_json(made.to_dict() if table is None else shown[0].to_dict())
-        if output.prints_text:
-            echo("\n".join(map(WRITERS[printed], shown)).removesuffix("\n"))
-        return
-    assert target is not None
-    figures = {} if "html" not in wanted else _topology(made, topology, output)
+    made = _make(folders, options, output, pictures=True)
+    figures = _topology(made, options.topology, output) if "html" in wanted else {}
     written = _write(made, wanted, figures, target, output)
     output.write_json({**made.to_dict(), "files": written})
-    _summarise(made, target, output)
+    if not output.prints_text:
+        return
+    if not output.quiet:
+        echo(made.summary)
+        for note in made.notes:
+            echo(f"! {note}")
+        for finding in made.findings:
+            echo(f"- {finding.sentence}")
+    page = target / "index.html"
+    echo(str(page if page.exists() else target))
 
 
-def _check_target(target: Path, folders: list[Path], output: Output) -> None:
+def _print(made: Report, label: str | None, form: Printed, output: Output) -> None:
+    """Print one table, or all."""
+    from msb.report.writers import WRITERS
+
+    if label is not None and label not in made.tables:
+        labels = ", ".join(made.tables)
+        raise UsageError("NAME_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
+    tables = list(made.tables.values()) if label is None else [made.tables[label]]
+    output.write_json(made.to_dict() if label is None else tables[0].to_dict())
+    if output.prints_text:
+        echo("\n".join(map(WRITERS[form], tables)).removesuffix("\n"))
+
+
+def _make(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
+    from msb.report.build import build_report, paper_report
+    from msb.report.paper import published_numbers
+    from msb.report.results import read_results
+
+    if not folders:
+        return paper_report(pictures=pictures)
+    with output.progress("reading results"):
+        results = read_results(*folders, allow_mixed=options.allow_mixed)
+        published = None if options.published is None else published_numbers(options.published)
+    with output.progress(f"making tables and figures of {len(results)} results"):
+        return build_report(
+            results,
+            published=published,
+            chosen=options.views,
+            pictures=pictures,
+            with_paper=options.paper is not False,
+            against=options.against,
+        )
+
+
+def _check_target(target: Path, folders: tuple[Path, ...], output: Output) -> None:
     """Refuse to replace what is not a report, and without --force what somebody put into one."""
     from msb.base.atomic import check_place, is_stream
     from msb.report.pages import is_report, not_ours
@@ -142,62 +193,11 @@ def _check_target(target: Path, folders: list[Path], output: Output) -> None:
     output.check_free(target, folder=True)
 
 
-def _formats(text: str | None) -> list[Format]:
-    from msb.report.pages import FORMATS
-
-    wanted = list(FORMATS) if text is None else [part.strip() for part in text.split(",")]
-    for part in wanted:
-        if part not in FORMATS:
-            raise UsageError("USAGE", f'--format: "{shorten(part, 40)}" is none of {", ".join(FORMATS)}')
-    return cast("list[Format]", wanted)
-
-
-def _printed(text: str | None, wanted: list[Format]) -> Printed:
-    """Return the one format in which tables are printed: Markdown, unless --format names another."""
-    if text is None:
-        return "md"
-    if len(wanted) > 1 or wanted[0] == "html":
-        raise UsageError("USAGE", f"--format: tables are printed as one of md, tex, csv, json, not {text}")
-    return wanted[0]
-
-
-def _make(
-    folders: list[Path],
-    published: Path | None,
-    views: list[str],
-    allow_mixed: bool,
-    with_paper: bool,
-    pictures: bool,
-    against: str | None,
-    output: Output,
-) -> Report:
-    from msb.report.build import build_report, paper_report
-    from msb.report.paper import published_numbers
-    from msb.report.results import read_results
-
-    if not folders:
-        return paper_report(pictures=pictures)
-    with output.progress("reading results"):
-        found = read_results(*folders, allow_mixed=allow_mixed)
-        numbers = None if published is None else published_numbers(published)
-    with output.progress(f"making tables and figures of {len(found)} results"):
-        return build_report(
-            found, published=numbers, chosen=views, pictures=pictures, with_paper=with_paper, against=against
-        )
-
-
-def _table(made: Report, label: str) -> Table:
-    if label not in made.tables:
-        labels = ", ".join(made.tables)
-        raise UsageError("NAME_UNKNOWN", f'there is no table "{shorten(label, 60)}"; there are {labels}')
-    return made.tables[label]
-
-
 def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
     """Return the diagnostic figure, a PNG, of each audited asset that is there and can be drawn."""
     if made.results is None or which == "none":
         return {}
-    found: dict[Place, bytes] = {}
+    figures: dict[Place, bytes] = {}
     audited = [
         loaded
         for loaded in made.results
@@ -218,11 +218,11 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
     with output.counted("drawing topology figures", len(audited)) as step:
         for loaded in audited:
             try:
-                found[loaded.place] = _draw(loaded.result)
+                figures[loaded.place] = _draw(loaded.result)
             except MsbError as error:
                 output.note(f"warning: no topology figure: {error}")
             step()
-    return found
+    return figures
 
 
 def _draw(result: Result) -> bytes:
@@ -262,16 +262,3 @@ def _write(
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(data)
     return sorted(files)
-
-
-def _summarise(made: Report, target: Path, output: Output) -> None:
-    if not output.prints_text:
-        return
-    if not output.quiet:
-        echo(made.summary)
-        for note in made.notes:
-            echo(f"! {note}")
-        for finding in made.findings:
-            echo(f"- {finding.sentence}")
-    page = target / "index.html"
-    echo(str(page if page.exists() else target))

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
+from msb.base.option import Argument, Option
 from msb.base.paths import shell_word
-from msb.cli.options import DeviceName, JsonFile, Quiet, Verbose, alone, epilog
-from msb.cli.output import Output, echo, plain_table, say
-from msb.cli.scene_options import ImageFolder
+from msb.cli.camera_options import Drawing
+from msb.cli.command import Rule, Typed, command
+from msb.cli.output import Output, echo, say
 from msb.cli.stage_bar import stage_bar
 from msb.errors import UsageError
 
@@ -24,119 +23,156 @@ if TYPE_CHECKING:
     from msb.bench.records import Reason
     from msb.bench.run import Report, Row
 
-EPILOG = epilog(
+SCHEMA = "msb.run/1"
+RULES = (
+    Rule(
+        "path scene non_engine image_folder device out jobs scheduler only redo dry_run json_file",
+        "does not go with --example, which stands alone",
+        excludes="example",
+    ),
+    Rule(
+        "",
+        "Missing argument 'PROTOCOL'; --example paper prints one to begin with",
+        needs="path example",
+    ),
+    Rule("non_engine image_folder", "goes with --scene; a protocol has a key of that name", needs="scene"),
+)
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What is evaluated, where its results go, and by whom it is computed."""
+
+    scene: Annotated[Path | None, Option("Evaluate the asset PROTOCOL on this scene.", metavar="DIR")] = None
+    non_engine: Annotated[
+        Path | None,
+        Option("With --scene: official renderings, or our NumPy renderer.", metavar="DIR|reference"),
+    ] = None
+    image_folder: Annotated[
+        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
+    ] = None
+    out: Annotated[
+        Path | None,
+        Option("Results folder, instead of the protocol's.", ("--out", "-o"), metavar="DIR", output="folder"),
+    ] = None
+    jobs: Annotated[
+        int, Option("Processes on this machine.", ("--jobs", "-j"), metavar="N", least=1, most=1024)
+    ] = 1
+    scheduler: Annotated[
+        str | None,
+        Option("Use the workers of this Dask scheduler instead.", metavar="tcp://HOST:PORT"),
+    ] = None
+    only: Annotated[
+        tuple[str, ...],
+        Option(
+            "Only cells whose dataset, scene, method or condition match. May be given again.",
+            metavar="WORD[/WORD]",
+        ),
+    ] = ()
+    redo: Annotated[bool, Option("Compute finished cells again.")] = False
+    dry_run: Annotated[
+        bool,
+        Option("Only show what is done, what is not, and all that is missing for it.", ("--dry-run", "-n")),
+    ] = False
+    example: Annotated[
+        Literal["paper", "demo"] | None,
+        Option("Print a protocol to begin with, and nothing else: the paper's, or that of msb demo-data."),
+    ] = None
+
+    def protocol(self, path: Path) -> ProtocolFile:
+        """Return the protocol at `path`, or the one that evaluates the asset there on the scene."""
+        from msb.bench.protocol import read_protocol, single_protocol
+
+        if self.scene is not None:
+            non_engine = None if self.non_engine is None else str(self.non_engine)
+            file = single_protocol(path, self.scene, non_engine=non_engine, image_folder=self.image_folder)
+        elif path.suffix.lower() != ".toml" and path.exists():
+            text = f'"{path.name}" is no .toml; to evaluate an asset, say on which scene: --scene DIR'
+            raise UsageError("USAGE", text)
+        else:
+            file = read_protocol(path)
+        return file if self.out is None else replace(file, results_instead=self.out)
+
+
+@dataclass(frozen=True)
+class RunOutput(Output):
+    """Output whose JSON may replace a file: a run is started again and again."""
+
+    force: bool = True
+
+
+@command(
     "msb run --example paper",
     "msb run --dry-run data_stubs/protocol.toml",
     "msb run -o out/run --only two_dts/nerf_synthetic data_stubs/protocol.toml",
     "msb run --scene data_stubs/scenes/nerf_synthetic/pebble -o out/one \\\n"
     "      data_stubs/models/pebble/two_dts",
+    rules=RULES,
 )
-SCHEMA = "msb.run/1"
-
-
 def run(
-    context: typer.Context,
     path: Annotated[
-        Path | None, typer.Argument(metavar="PROTOCOL", help="A protocol.toml; or an asset, with --scene.")
+        Path | None, Argument("A protocol.toml; or an asset, with --scene.", metavar="PROTOCOL")
     ] = None,
-    scene: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Evaluate the asset PROTOCOL on this scene.")
-    ] = None,
-    non_engine: Annotated[
-        str | None,
-        typer.Option(
-            metavar="DIR|reference", help="With --scene: official renderings, or our NumPy renderer."
-        ),
-    ] = None,
-    image_folder: ImageFolder = None,
-    device: DeviceName = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="DIR", help="Results folder, instead of the protocol's."),
-    ] = None,
-    jobs: Annotated[
-        int, typer.Option("--jobs", "-j", min=1, max=1024, metavar="N", help="Processes on this machine.")
-    ] = 1,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler instead."),
-    ] = None,
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="WORD[/WORD]",
-            help="Only cells whose dataset, scene, method or condition match. May be given again.",
-        ),
-    ] = None,
-    redo: Annotated[bool, typer.Option("--redo", help="Compute finished cells again.")] = False,
-    dry_run: Annotated[
-        bool,
-        typer.Option(
-            "--dry-run", "-n", help="Only show what is done, what is not, and all that is missing for it."
-        ),
-    ] = False,
-    example: Annotated[
-        Literal["paper", "demo"] | None,
-        typer.Option(
-            help="Print a protocol to begin with, and nothing else: the paper's, or that of msb demo-data."
-        ),
-    ] = None,
-    json_file: JsonFile = None,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+    *,
+    options: RunOptions,
+    drawing: Annotated[Drawing, ("device",)],
+    output: Annotated[RunOutput, ("json_file", "quiet", "verbose")],
+    typed: Typed,
+) -> int:
     """Evaluate methods on scenes in all conditions: images, gaps, speed, memory, audit.
 
     Every cell (dataset, scene, method, condition) is one record. A finished cell is not computed again, so
     the command can be started again after an interruption or when models were added. A failed cell does not
     stop the others; the exit status is the highest of theirs. msb report makes the tables.
     """
-    if example is not None:
-        alone(context, "example")
-        _print_example(example)
-        return
-    if path is None:
-        context.fail("Missing argument 'PROTOCOL'; --example paper prints one to begin with")
+    if options.example is not None:
+        from msb.bench.protocol import example
+
+        echo(example(options.example).decode().removesuffix("\n"))
+        return 0
+    assert path is not None
     from msb.bench.run import run_protocol
 
-    output = Output(json_file, quiet, verbose, force=True)
-    output.check_outputs()
-    file = _protocol(path, scene, non_engine, image_folder)
-    # A default that a file sets counts less than what the protocol says.
-    default = getattr(context.get_parameter_source("device"), "name", "") == "DEFAULT_MAP"
-    if device is not None and not (default and file.protocol.device):
-        file = replace(file, protocol=file.protocol.model_copy(update={"device": device}))
-    if out is not None:
-        file = replace(file, results_instead=out)
+    file = options.protocol(path)
+    # A device that a file of defaults sets counts less than what the protocol says.
+    if drawing.device is not None and ("device" in typed or not file.protocol.device):
+        file = replace(file, protocol=file.protocol.model_copy(update={"device": drawing.device}))
+    dry = options.dry_run
     watch = _Watch(output)
     try:
-        found = run_protocol(
-            file, jobs=jobs, scheduler=scheduler, only=only or (), redo=redo, dry=dry_run, watch=watch
+        report = run_protocol(
+            file,
+            jobs=options.jobs,
+            scheduler=options.scheduler,
+            only=options.only,
+            redo=options.redo,
+            dry=dry,
+            watch=watch,
         )
     except KeyboardInterrupt:
-        if not dry_run:
+        if not dry:
             output.note(f"interrupted: {watch.cells} cells were done now; the same command goes on")
         raise
-    output.write_json(_document(file, found))
-    for name, reason in found.models.items():
+    output.write_json(_document(file, report))
+    for name, reason in report.models.items():
         say(f"{reason.code}: {name}: {reason.message}")
-    for reason, names in _failures(found, dry=dry_run).items():
+    for reason, names in _failures(report, dry=dry).items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         say(f"{reason.code}: {names[0]}{more}: {reason.message}")
     if output.prints_text:
-        _print(file, found, output, dry=dry_run)
-    qualities = [row.result.quality for row in found.rows if row.result is not None and row.result.quality]
+        _print(file, report, output, dry=dry)
+    qualities = [row.result.quality for row in report.rows if row.result is not None and row.result.quality]
     for text in dict.fromkeys(text for quality in qualities for text in quality.missing.values()):
         output.note(f"warning: {text}; it has no mean where it failed")
-    for missing in found.missing:
+    for missing in report.missing:
         say(f"{missing.code}: {missing.message}")
-    raise typer.Exit(found.exit_status)
+    return report.exit_status
 
 
-def _failures(found: Report, *, dry: bool) -> dict[Reason, list[str]]:
+def _failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
     """Return every reason for which something is not there -> the cells, or their parts, that it costs."""
     failures: dict[Reason, list[str]] = {}
-    for row in found.rows:
+    for row in report.rows:
         if dry and row.planned.status == "failed":  # said once for all cells, after the table
             continue
         for part, reason in row.reasons.items():
@@ -144,30 +180,6 @@ def _failures(found: Report, *, dry: bool) -> dict[Reason, list[str]]:
                 what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
                 failures.setdefault(reason, []).append(what)
     return failures
-
-
-def _print_example(name: str) -> None:
-    from msb.bench.protocol import example
-
-    echo(example(name).decode().removesuffix("\n"))
-
-
-def _protocol(
-    path: Path, scene: Path | None, non_engine: str | None, image_folder: str | None
-) -> ProtocolFile:
-    from msb.bench.protocol import read_protocol, single_protocol
-
-    only_with_scene = {"--non-engine": non_engine, "--image-folder": image_folder}
-    if scene is not None:
-        file = single_protocol(path, scene, non_engine=non_engine, image_folder=image_folder)
-    elif given := [option for option, value in only_with_scene.items() if value is not None]:
-        raise UsageError("USAGE", f"{given[0]} goes with --scene; a protocol has a key of that name")
-    elif path.suffix.lower() != ".toml" and path.exists():
-        text = f'"{path.name}" is no .toml; to evaluate an asset, say on which scene: --scene DIR'
-        raise UsageError("USAGE", text)
-    else:
-        file = read_protocol(path)
-    return file
 
 
 class _Watch:
@@ -203,7 +215,7 @@ def _numbers(row: Row) -> dict[str, float | None]:
     return {name: None if result is None else METRICS[name].get(result) for name in (*IMAGE_METRICS, "fps")}
 
 
-def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
+def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
     rows = [
         {
             **row.planned.cell.model_dump(),
@@ -214,57 +226,55 @@ def _document(file: ProtocolFile, found: Report) -> dict[str, Any]:
             "seconds": row.seconds,
             **_numbers(row),
         }
-        for row in found.rows
+        for row in report.rows
     ]
     return {
         "schema": SCHEMA,
         "protocol": str(file.path),
         "results": str(file.results),
-        "seconds": found.seconds,
-        "missing": [vars(one) for one in found.missing],
-        "models": {name: reason.model_dump() for name, reason in found.models.items()},
+        "seconds": report.seconds,
+        "missing": [vars(one) for one in report.missing],
+        "models": {name: reason.model_dump() for name, reason in report.models.items()},
         "cells": rows,
     }
 
 
-def _print(file: ProtocolFile, found: Report, output: Output, *, dry: bool) -> None:
-    from rich.markup import escape
-
+def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> None:
     from msb.metrics import IMAGE_METRICS
 
-    headers = (*(metric.title for metric in IMAGE_METRICS.values()), "FPS")
-    decimals = {**{key: metric.decimals for key, metric in IMAGE_METRICS.items()}, "fps": 0}
-    console = output.console()
-    states = [_state(row, dry=dry) for row in found.rows]
-    for dataset, group in groupby(
-        zip(found.rows, states, strict=True), lambda one: one[0].planned.cell.dataset
-    ):
+    headers = [metric.title for metric in IMAGE_METRICS.values()] + ["FPS"]
+    states = [_state(row, dry=dry) for row in report.rows]
+    rows = zip(report.rows, states, strict=True)
+    for dataset, group in groupby(rows, lambda one: one[0].planned.cell.dataset):
         if output.quiet:
             break
-        right = tuple(range(2, 2 + len(headers)))
-        table = plain_table("Scene, method", "Condition", *headers, "", right=right)
-        for column in table.columns[:-1]:
-            column.no_wrap = True
+        cells: list[tuple[str, ...]] = []
         # A scene has a line of its own: beside its methods a long name would break the lines of a terminal.
         for scene, own in groupby(group, lambda one: one[0].planned.cell.scene):
-            table.add_row(escape(scene))
-            for row, state in own:
-                _, _, method, condition = row.planned.cell.names
-                cells = [_cell(value, decimals[name]) for name, value in _numbers(row).items()]
-                table.add_row(f"  {escape(method)}", escape(condition), *cells, escape(state))
-        console.print(f"[bold]{escape(dataset)}[/bold]")
-        console.print(table)
-        console.print()
+            cells.append((scene, *[""] * (len(headers) + 2)))
+            cells += [(*_cells(row), state) for row, state in own]
+        output.line((dataset, "bold"))
+        columns = ("Scene, method", "Condition", *headers)
+        output.table((*columns, ""), cells, right=range(2, len(columns)), unbroken=range(len(columns)))
+        echo()
     kinds = [state.partition(":")[0] for state in states]
     counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "none"
-    console.print(f"{len(kinds)} cells: {counts}; {found.seconds:.0f} s", soft_wrap=True)
-    console.print(escape(str(file.results)), soft_wrap=True)
+    echo(f"{len(kinds)} cells: {counts}; {report.seconds:.0f} s")
+    echo(str(file.results))
     if not dry and not output.quiet:
-        console.print(escape(f"next: msb report {shell_word(file.results)}"), soft_wrap=True)
+        echo(f"next: msb report {shell_word(file.results)}")
 
 
-def _cell(value: float | None, decimals: int) -> str:
-    return "--" if value is None else f"{value:.{decimals}f}"
+def _cells(row: Row) -> list[str]:
+    """Return method, condition and numbers of a row of the table."""
+    from msb.metrics import IMAGE_METRICS
+
+    decimals = {**{key: metric.decimals for key, metric in IMAGE_METRICS.items()}, "fps": 0}
+    numbers = (
+        "--" if value is None else f"{value:.{decimals[key]}f}" for key, value in _numbers(row).items()
+    )
+    _, _, method, condition = row.planned.cell.names
+    return [f"  {method}", condition, *numbers]
 
 
 def _state(row: Row, *, dry: bool) -> str:
@@ -278,5 +288,5 @@ def _state(row: Row, *, dry: bool) -> str:
     if planned.status == "done":
         return "as before"
     why = dict.fromkeys(planned.why.values())
-    told = "" if list(why) == ["new"] else f": {'; '.join(why)}"
-    return f"{'to do' if dry else 'done now'}{told}"
+    reasons = "" if list(why) == ["new"] else f": {'; '.join(why)}"
+    return f"{'to do' if dry else 'done now'}{reasons}"

@@ -5,39 +5,37 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from msb.cli.options import WRITTEN, Force, Quiet, Verbose, epilog
-from msb.cli.output import Output
+from msb.base.option import Argument, Option
+from msb.cli.command import command
+from msb.cli.output import PlainOutput
 
 if TYPE_CHECKING:
     from msb.bench.records import RendererTiming
     from msb.bench.track import Track
 
-EPILOG = epilog(
+
+@command(
     'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
+    # Options after the name of the command to run belong to that command.
+    ignore_unknown_options=True,
+    allow_interspersed_args=False,
 )
-CONTEXT = {"ignore_unknown_options": True, "allow_interspersed_args": False}
-"""Options after the name of the command to run belong to that command."""
-
-
 def track(
     command: Annotated[
-        list[str], typer.Argument(metavar="COMMAND...", help="The command to run, passed on unchanged.")
+        tuple[str, ...], Argument("The command to run, passed on unchanged.", metavar="COMMAND...")
     ],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="Where the record goes."), WRITTEN
+        Path, Option("Where the record goes.", ("--out", "-o"), metavar="FILE", output="file")
     ] = Path("track.json"),
     frames: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Write how fast a renderer is that draws N images."),
+        Option("Write how fast a renderer is that draws N images.", metavar="N", least=1),
     ] = None,
-    force: Force = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> None:
+    *,
+    output: PlainOutput,
+) -> int:
     """Run a training and record wall time, peak GPU memory and peak RAM, of it and of all it starts.
 
     The exit status is the command's, or 128 + n if signal n ended it. A protocol's key training takes the
@@ -49,28 +47,23 @@ def track(
     from msb.bench.track import timing_of_command
     from msb.bench.track import track as run
 
-    output = Output(None, quiet, verbose, force)
-    output.check_free(out)
-    found = run(command)
+    record = run(list(command))
     try:
-        if frames is None:
-            record: Track | RendererTiming = found
-        elif found.exit_status == 0:
-            record = timing_of_command(found, frames)
-        else:
-            output.note(f"{out}: not written, the command ended with status {found.exit_status}")
-            raise typer.Exit(found.exit_status)
+        if frames is not None and record.exit_status != 0:
+            output.note(f"{out}: not written, the command ended with status {record.exit_status}")
+            return record.exit_status
+        written: Track | RendererTiming = record if frames is None else timing_of_command(record, frames)
         with new_file(out) as file:
-            file.write(record.to_json())
+            file.write(written.to_json())
     finally:  # it is said even if it cannot be kept: a training is not run twice for this
-        output.note(_summary(found, out))
-    raise typer.Exit(found.exit_status)
+        output.note(_summary(record, out))
+    return record.exit_status
 
 
-def _summary(found: Track, out: Path) -> str:
-    gpu = found.peak_gpu_memory_bytes
-    parts = [f"{found.seconds / 60:.1f} min" if found.seconds >= 60 else f"{found.seconds:.1f} s"]
-    parts.append(f"GPU not measured ({found.gpu_reason})" if gpu is None else f"GPU {gpu / 2**20:,.0f} MiB")
-    if found.peak_host_memory_bytes is not None:
-        parts.append(f"RAM {found.peak_host_memory_bytes / 2**20:,.0f} MiB")
+def _summary(record: Track, out: Path) -> str:
+    gpu = record.peak_gpu_memory_bytes
+    parts = [f"{record.seconds / 60:.1f} min" if record.seconds >= 60 else f"{record.seconds:.1f} s"]
+    parts.append(f"GPU not measured ({record.gpu_reason})" if gpu is None else f"GPU {gpu / 2**20:,.0f} MiB")
+    if record.peak_host_memory_bytes is not None:
+        parts.append(f"RAM {record.peak_host_memory_bytes / 2**20:,.0f} MiB")
     return f"{out}: {', '.join(parts)}"

@@ -68,18 +68,11 @@ def test_cameras_take_turns_and_time_counts_too() -> None:
         profile(renderer, [], frames=1)  # type: ignore[arg-type]
 
 
-def test_warm_up_is_counted_in_frames_and_a_budget_ends_it_all() -> None:
+@pytest.mark.parametrize("warm_up", [0, 3])
+def test_warm_up_is_counted_in_frames(warm_up: int) -> None:
     renderer = Fake()
-    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=3).frames == 4  # type: ignore[arg-type]
-    assert len(renderer.drawn) == 7
-    renderer = Fake()
-    profile(renderer, ["a"], frames=4, seconds=0, warm_up=0)  # type: ignore[arg-type]
-    assert len(renderer.drawn) == 4
-    assert profile(Fake(), ["a", "b"], frames=1, warm_up=1, budget=0).memory_views == 1  # type: ignore[arg-type]
-    renderer = Fake()
-    found = profile(renderer, ["a"], frames=10**6, seconds=0, budget=0.02)  # type: ignore[arg-type]
-    assert 1 <= found.frames < len(renderer.drawn) < 100
-    assert profile(Fake(), ["a"], frames=9, warm_up=9, budget=0).frames == 1  # type: ignore[arg-type]
+    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=warm_up).frames == 4  # type: ignore[arg-type]
+    assert len(renderer.drawn) == 4 + warm_up
 
 
 @pytest.mark.parametrize(("frames", "warm_up"), [(1, 0), (2, 0), (2, 1), (1, 3), (9, 4), (4, None)])
@@ -88,7 +81,6 @@ def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_u
         found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)  # type: ignore[arg-type]
         assert found.frames == frames
         assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
-        assert found.memory_views == len(cameras)
 
 
 def test_slow_frames_are_timed_after_the_renderer_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -122,6 +114,6 @@ def test_memory_of_a_cell_does_not_depend_on_the_cells_before_it() -> None:
 
 def test_json_has_what_the_tables_need() -> None:
     data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()  # type: ignore[arg-type]
-    numbers = {"frames", "fps", "round_fps", "memory_views"}
+    numbers = {"frames", "fps", "round_fps"}
     assert set(data) == numbers | {"device_ms", "busy_ms", "queued_ms", "stages_ms", "memory_bytes"}
     assert set(data["device_ms"]) == {"p50", "p95", "mean"}
