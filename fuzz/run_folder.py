@@ -38,9 +38,9 @@ def models() -> list[bytes]:
     from msb.bench.records import File
 
     asset = File(path="model.triasset", bytes=9, sha256="0" * 64)
-    asked = json.dumps(["model.triasset", "two_dts"])
+    key = json.dumps(["model.triasset", "two_dts"])
     known = Model(
-        method="two_dts", checkpoint=None, asset=asset, background=(0, 0, 0), stamps=(), asked=asked
+        method="two_dts", checkpoint=None, asset=asset, background=(0, 0, 0), stamps=(), training={}, key=key
     )
     there, gone, nowhere = stamp(Path(__file__)), ("model.triasset", 9, 9), ("nul\0", 9, 9)
     cases = ((), (there, gone), (nowhere,))

@@ -132,18 +132,18 @@ def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
 
     Other captures, also those that borrow a dataset's rules, are over the scenes present.
     """
-    found = tuple(dict.fromkeys(present))
+    names = tuple(dict.fromkeys(present))
     published = SCENES.get(dataset, ())
-    return published if not found or any(scene in published for scene in found) else found
+    return published if not names or any(scene in published for scene in names) else names
 
 
 def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
     """Return name of a mean ("indoor_mean", "outdoor_mean") -> its scenes, besides the mean of all."""
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
     for scene, group in DATASETS[dataset].scenes.items() if dataset in DATASETS else ():
         if group:
-            found.setdefault(f"{group}_mean", []).append(scene)
-    return {name: tuple(scenes) for name, scenes in found.items()}
+            groups.setdefault(f"{group}_mean", []).append(scene)
+    return {name: tuple(scenes) for name, scenes in groups.items()}
 
 
 def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean:
@@ -153,5 +153,5 @@ def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean
     mean of Mip-NeRF 360 is over nine scenes, not over two groups.
     """
     wanted = tuple(scenes)
-    found = [value for scene in wanted if (value := values.get(scene)) is not None]
-    return Mean(math.fsum(found) / len(found) if found else None, len(found), len(wanted))
+    known = [value for scene in wanted if (value := values.get(scene)) is not None]
+    return Mean(math.fsum(known) / len(known) if known else None, len(known), len(wanted))

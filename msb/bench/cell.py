@@ -59,10 +59,10 @@ def compute(job: Job) -> Done:
             (job.folder / RESULT).unlink()
     for part, inputs in job.parts.items():
         try:
-            found = MEASURES[part](job)
+            filled = MEASURES[part](job)
             if part == "quality" and "timing" in record["inputs"]:
-                del found["device"]  # the one on record is that of the timing, where it matters
-            record |= found
+                del filled["device"]  # the one on record is that of the timing, where it matters
+            record |= filled
             record["inputs"][part] = dict(inputs)
         except Exception as error:  # even a bug of ours costs no more than one part of one cell
             if isinstance(error, MsbError) and error.code == "RUN_SCHEDULER":

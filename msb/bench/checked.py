@@ -64,23 +64,23 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
         place = _place_in(data, first["loc"])
         pointer = "".join(f"/{part}" for part in place) or "/"
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        found = "" if first["type"].startswith("missing") else f", found {shorten(repr(first['input']), 40)}"
+        given = "" if first["type"].startswith("missing") else f", found {shorten(repr(first['input']), 40)}"
         said = f"{first['msg'][:1].lower()}{first['msg'][1:]}"
         if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            said, found = _unknown_key(model, place), ""
-        text = f"{shorten(pointer)}: {said}{found}{more}"
+            said, given = _unknown_key(model, place), ""
+        text = f"{shorten(pointer)}: {said}{given}{more}"
         raise InputError(code, text, file=file, pointer=pointer) from None
 
 
 def _place_in(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
     """Return pydantic's place of an error without the names of the alternatives that a type has."""
-    found: list[str | int] = []
+    parts: list[str | int] = []
     for number, part in enumerate(place):
         if isinstance(data, dict) and (part in data or number == len(place) - 1):
-            found, data = [*found, part], data.get(part)
+            parts, data = [*parts, part], data.get(part)
         elif isinstance(data, list) and isinstance(part, int):
-            found, data = [*found, part], data[part] if part < len(data) else None
-    return tuple(found)
+            parts, data = [*parts, part], data[part] if part < len(data) else None
+    return tuple(parts)
 
 
 def _unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:
@@ -97,10 +97,10 @@ def _keys_at(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
     here: Any = model
     for name in names:
         field = here.model_fields.get(name)
-        found = [] if field is None else _models(field.annotation)
-        if len(found) != 1:
+        models = [] if field is None else _models(field.annotation)
+        if len(models) != 1:
             return []
-        here = found[0]
+        here = models[0]
     return list(here.model_fields)
 
 

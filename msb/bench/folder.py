@@ -137,7 +137,7 @@ def _holder(root: Path) -> str:
 
 def _about(root: Path) -> dict[str, object]:
     try:
-        found = read_json(root / _RUN, _MAX_RUN)
+        about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return about if isinstance(about, dict) else {}

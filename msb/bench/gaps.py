@@ -118,10 +118,10 @@ def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterabl
     """
     wanted = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
-    found: dict[GapName, Gap] = {}
+    gaps: dict[GapName, Gap] = {}
     for name, pair in PAIRS.items():
-        found[name], covered[name] = gap_between(metric, results, wanted, *pair)
-    return _together(metric, found, same_scenes=len(set(covered.values())) == 1)
+        gaps[name], covered[name] = gap_between(metric, results, wanted, *pair)
+    return _together(metric, gaps, same_scenes=len(set(covered.values())) == 1)
 
 
 def gap_between(

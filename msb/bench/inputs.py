@@ -54,16 +54,16 @@ class Known:
     def scene(self, at: SceneAt) -> Scene:
         """Return a scene; remember what it warns of."""
         scene = at.read()
-        found = (one.to_line(one.file or scene.root) for one in scene.warnings)
-        self.warnings |= dict.fromkeys(found)
+        lines = (one.to_line(one.file or scene.root) for one in scene.warnings)
+        self.warnings |= dict.fromkeys(lines)
         self._scenes[scene.root] = scene
         return scene
 
     def trained(self, model: Model, at: SceneAt, place: Path | None) -> Iterator[str]:
         """Yield what the model's training did otherwise, and remember it as a warning about `place`."""
-        for found in trained_otherwise(model.training, model.background, self.scene(at)):
-            self.warnings[found.to_line(place)] = None
-            yield found.message
+        for note in trained_otherwise(model.training, model.background, self.scene(at)):
+            self.warnings[note.to_line(place)] = None
+            yield note.message
 
     def notes(self) -> list[str]:
         """Return what the user should know of all that was read."""
@@ -85,32 +85,32 @@ def _renders(folder: Path, at: SceneAt) -> Renders:
 
 def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     """Return the present inputs of each part that the job's cell should have."""
-    found: dict[Part, Inputs] = {}
+    parts: dict[Part, Inputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
     if condition == "exported_mesh":
         if job.model is not None:
-            found["audit"] = {"asset": _asset(job), "tool": __version__}
+            parts["audit"] = {"asset": _asset(job), "tool": __version__}
             if job.trial is not None:
-                found["trial"] = _trial(job, job.trial.tasks, job.trial)
+                parts["trial"] = _trial(job, job.trial.tasks, job.trial)
                 if job.trial.compare:
-                    found["repairs"] = _repairs(job, job.trial)
+                    parts["repairs"] = _repairs(job, job.trial)
         if job.cell.dataset == "dtu" and job.chamfer_data is not None:
-            found["chamfer"] = _chamfer(job, known)
+            parts["chamfer"] = _chamfer(job, known)
     else:
-        found["quality"] = {**views, **_images(job, known), "metrics": known.metrics(job.vgg_weights)}
+        parts["quality"] = {**views, **_images(job, known), "metrics": known.metrics(job.vgg_weights)}
         if condition != "non_engine" and job.frames:
-            found["timing"] = {
+            parts["timing"] = {
                 "cameras": job.views.cameras,
                 **_images(job, known),
                 "device": _device(known.device),
                 "clock": f"{job.frames} frames, {job.seconds:g} s",
             }
     if job.training is not None and job.cell.condition_key == condition:
-        found["training"] = {"file": known.hash(job.training)}
+        parts["training"] = {"file": known.hash(job.training)}
     if job.renderer_timing is not None:
-        found["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
-    return found
+        parts["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
+    return parts
 
 
 def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:
@@ -134,10 +134,10 @@ def _repairs(job: Job, wanted: TrialTable) -> Inputs:
     from msb.repair.plan import BY_PEER
     from msb.trial.repairs import STRATEGIES
 
-    found = _trial(job, compared_tasks(wanted), wanted)
+    inputs = _trial(job, compared_tasks(wanted), wanted)
     absent = [peer for peer in BY_PEER if not is_installed(peer)]
-    missing = dict.fromkeys([*filter(None, found["missing"].split(", ")), *absent])
-    return {**found, "strategies": "; ".join(STRATEGIES), "missing": ", ".join(missing)}
+    missing = dict.fromkeys([*filter(None, inputs["missing"].split(", ")), *absent])
+    return {**inputs, "strategies": "; ".join(STRATEGIES), "missing": ", ".join(missing)}
 
 
 def _asset(job: Job) -> str:
@@ -153,8 +153,8 @@ def _images(job: Job, known: Known) -> Inputs:
         except MsbError as error:  # the cell will say it again, and in full
             return {"renders": error.code}
     renderer = known.renderer(job.cell.renderer or job.tier)
-    found = {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": renderer}
-    return {**found, **job.options}
+    inputs = {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": renderer}
+    return {**inputs, **job.options}
 
 
 def _renderer(name: str) -> str:

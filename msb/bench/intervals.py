@@ -55,13 +55,13 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
     """
     if result.quality is None or metric not in IMAGE_METRICS:
         return {}
-    found = {}
+    values = {}
     for image in result.quality.images:
         value = PSNR_CAP if metric == "psnr" and image.psnr_infinite else image.values[metric]
         if value is None:
             return {}
-        found[image.name] = value
-    return found
+        values[image.name] = value
+    return values
 
 
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:

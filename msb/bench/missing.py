@@ -65,19 +65,19 @@ def find_missing(
     """
     search = _Search(planner, wrong)
     scenes: dict[_Need, Counter[str]] = defaultdict(Counter)
-    found: list[Planned] = []
+    cells: list[Planned] = []
     for one in planned:
         needs = search.needs(one) if one.status in ("pending", "failed") else []
         for need in needs:
             scenes[need][one.cell.scene] += 1
         blocking = next((need for need in needs if need.blocks), None)
         if blocking is None:
-            found.append(one)
+            cells.append(one)
         else:
             reason = Reason(code=blocking.code, message=blocking.error)
-            found.append(replace(one, job=None, status="failed", reason=reason))
+            cells.append(replace(one, job=None, status="failed", reason=reason))
     missing = sorted(scenes.items(), key=lambda item: item[0].what != _ANY)
-    return found, [_missing(need, where) for need, where in missing]
+    return cells, [_missing(need, where) for need, where in missing]
 
 
 def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
@@ -85,16 +85,16 @@ def find_unknown(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Mi
 
     `lost` are the datasets whose scenes could not be listed, and why.
     """
-    found = [(error, f"the scenes of {name}") for name, error in lost.items()]
+    errors = [(error, f"the scenes of {name}") for name, error in lost.items()]
     for pair in pairs:
         if pair.method.name == AUTO and pair.model is not None:
             try:
                 method_of(pair.model)
             except MsbError as error:
-                found.append((error, f"the method of a model on {pair.scene}"))
+                errors.append((error, f"the method of a model on {pair.scene}"))
     return [
         Missing(error.code, f"{_text(error)}; {what}, and so the number of cells, cannot be told", 0, True)
-        for error, what in found
+        for error, what in errors
     ]
 
 
@@ -137,15 +137,15 @@ class _Search:
 
     def needs(self, planned: Planned) -> list[_Need]:
         """Return what the cell needs and lacks."""
-        found = [
+        needs = [
             _Need(error.code, _text(error), what, blocks)
             for error, what, blocks in self.looked_for(planned)
             if error is not None
         ]
-        if planned.reason is not None and not any(need.blocks for need in found):  # only the planner knows it
+        if planned.reason is not None and not any(need.blocks for need in needs):  # only the planner knows it
             reason = planned.reason
-            found.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
-        return found
+            needs.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
+        return needs
 
     def looked_for(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
         """Yield what is wrong with each thing that the cell needs, what it is, and whether it is blocked."""
@@ -185,8 +185,8 @@ class _Search:
 
     def check_renders(self, folder: Path, at: SceneAt) -> None:
         """Refuse what a comparison with the photographs would refuse; pixels are not decoded for it."""
-        found = self.planner.known.renders(folder, at)
-        for path, camera in zip(found.files, at.read().test, strict=True):
+        renders = self.planner.known.renders(folder, at)
+        for path, camera in zip(renders.files, at.read().test, strict=True):
             check_size(path, stored_size(path), camera)
 
 

@@ -38,7 +38,7 @@ class Model(Record):
     """The manifest's key of that name."""
     stamps: tuple[tuple[str, int, int], ...]
     """Of all files of source and asset; while these are unchanged, the hashes are valid."""
-    asked: str
+    key: str
     """Path and method as the protocol gives them."""
     warnings: tuple[str, ...] = ()
     """The assumptions that the export had to make."""
@@ -72,7 +72,7 @@ def known_model(results: Results, task: ModelTask) -> Model | None:
         path = _record(results, task)
         model = checked(Model, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
         # The model is looked for again: a training may have written a later iteration.
-        current = model.asked == _asked(task) and all(
+        current = model.key == _key(task) and all(
             stamp(Path(path)) == (path, *rest) for path, *rest in model.stamps
         )
         return model if current and _source_file(task) in {path for path, *_ in model.stamps} else None
@@ -107,7 +107,7 @@ def prepare_model(task: ModelTask) -> Model:
         background=stated_background(asset.manifest),
         training=asset.manifest.training,
         stamps=tuple(stamp(file) for file in (*files, *_files(path))),
-        asked=_asked(task),
+        key=_key(task),
         warnings=tuple(warning.to_line(source) for warning in asset.warnings),
     )
     with new_file(_record(results, task)) as file:
@@ -121,11 +121,11 @@ def method_of(source: Path) -> str:
 
 
 def _record(results: Results, task: ModelTask) -> Path:
-    name = f"{task.label or task.method}-{digest(_asked(task))[:8]}.json"
+    name = f"{task.label or task.method}-{digest(_key(task))[:8]}.json"
     return results.asset(task.dataset, task.scene, task.method).with_name(name)
 
 
-def _asked(task: ModelTask) -> str:
+def _key(task: ModelTask) -> str:
     return json.dumps([str(task.source), task.method])
 
 

@@ -69,11 +69,11 @@ class Gpus:
 
     def devices(self) -> tuple[Gpu, ...]:
         """Return the GPUs and the peak on each."""
-        found = []
+        gpus = []
         peaks = self._own if self.result()[1] == "processes" else self._more
         for index, handle in enumerate(self._handles):
             with contextlib.suppress(Exception):
-                found.append(
+                gpus.append(
                     Gpu(
                         index=index,
                         name=_text(self._nvml.nvmlDeviceGetName(handle)),
@@ -82,7 +82,7 @@ class Gpus:
                         peak_bytes=peaks.get(index, 0),
                     )
                 )
-        return tuple(found)
+        return tuple(gpus)
 
     def of_process(self, pid: int) -> tuple[int | None, str | None]:
         """Return the bytes that the process `pid` holds now on all GPUs, or the reason if nobody knows."""

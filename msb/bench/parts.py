@@ -42,23 +42,23 @@ def measure_timing(job: Job) -> dict[str, Any]:
         raise Unsupported("UNSUPPORTED_TIER", text)
     scene = checked_scene(job.scene, job.views)
     with open_renderer(job) as renderer:
-        found = profile(renderer, scene.test, scene.background, frames=job.frames, seconds=job.seconds)
+        timed = profile(renderer, scene.test, scene.background, frames=job.frames, seconds=job.seconds)
         about = machine(job.device, engine=renderer.device_info)
-        memory = grouped(found.memory, found.memory_groups, driver_memory(about["device"]))
+        memory = grouped(timed.memory, timed.memory_groups, driver_memory(about["device"]))
     kind = about["device"]["kind"]
     timing = Timing(
-        frames=found.frames,
-        seconds=found.frames / found.fps,
-        fps=found.fps,
-        p50_ms=found.p50,
-        p95_ms=found.p95,
-        mean_ms=found.mean,
-        busy_p50_ms=found.busy_p50,
-        busy_p95_ms=found.busy_p95,
-        queued_p50_ms=found.queued_p50,
-        queued_p95_ms=found.queued_p95,
-        round_fps=found.round_fps,
-        stages_ms=dict(found.stages),
+        frames=timed.frames,
+        seconds=timed.frames / timed.fps,
+        fps=timed.fps,
+        p50_ms=timed.p50,
+        p95_ms=timed.p95,
+        mean_ms=timed.mean,
+        busy_p50_ms=timed.busy_p50,
+        busy_p95_ms=timed.busy_p95,
+        queued_p50_ms=timed.queued_p50,
+        queued_p95_ms=timed.queued_p95,
+        round_fps=timed.round_fps,
+        stages_ms=dict(timed.stages),
         device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
     )
     return {"timing": timing, "memory": memory, "device": about}
@@ -105,7 +105,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
     asset, cameras, wanted = _to_try(job)
     limits = Limits(wanted.seconds, wanted.memory)
     with new_folder(job.folder / TRIAL_FOLDER) as folder:
-        found = try_asset(
+        trials = try_asset(
             asset,
             wanted.tasks,
             cameras=cameras,
@@ -114,7 +114,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
             keep=folder,
             meshes=False,
         )
-    return {"trial": TrialDocument.of(found.to_dict())}
+    return {"trial": TrialDocument.of(trials.to_dict())}
 
 
 def compared_tasks(wanted: TrialTable) -> tuple[str, ...]:
@@ -140,8 +140,8 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     tasks = compared_tasks(wanted)
     with new_folder(job.folder / REPAIRS_FOLDER) as folder:
         rows = compare(asset, cameras, options, tasks=tasks, device=job.device, keep=folder)
-    found = document(str(asset.path), f"{len(cameras)} test views", rows)
-    return {"repairs": RepairDocument.of(found)}
+    data = document(str(asset.path), f"{len(cameras)} test views", rows)
+    return {"repairs": RepairDocument.of(data)}
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:
@@ -156,9 +156,9 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
     vertices, faces, source = _mesh(job)
     world, scale = read_matrices(scene.root / "cameras.npz")
     culled = cull_dtu(vertices, faces, world, scale, _masks(scene))
-    found = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
-    about = {"scan": scan, "metric": found.pop("identity"), "mesh": source}
-    return {"chamfer": ChamferDocument.of({**found, **about})}
+    distances = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
+    about = {"scan": scan, "metric": distances.pop("identity"), "mesh": source}
+    return {"chamfer": ChamferDocument.of({**distances, **about})}
 
 
 def _mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
@@ -215,7 +215,7 @@ def read_training(job: Job) -> dict[str, Any]:
     if track.exit_status:
         text = f"the training ended with status {track.exit_status}; what it cost is no cost of a model"
         raise InputError("TRAINING_FAILED", text, file=job.training)
-    found = Training(
+    training = Training(
         seconds=track.seconds, peak_memory_bytes=track.peak_gpu_memory_bytes, source=str(job.training)
     )
-    return {"training": found}
+    return {"training": training}

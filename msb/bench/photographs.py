@@ -131,7 +131,7 @@ def _what_differs(folder: Path, views: Views) -> str | None:
     """Return what is not as it was written, None if everything is."""
     try:
         about = read_json(folder / HASHES, _MAX_BYTES)
-        found = _hashes_below(folder)
+        present = _hashes_below(folder)
     except MsbError as error:
         return f"{Path(str(error.file)).name}: {error.message}"
     files = about.get("files") if isinstance(about, dict) else None
@@ -139,10 +139,10 @@ def _what_differs(folder: Path, views: Views) -> str | None:
     if not isinstance(files, dict) or about != _about(views, files) or set(files) != names:
         return f"{HASHES} is not of these photographs"
     # What systems hide in folders that are looked at is no harm.
-    others = {name for name in found if not Path(name).name.startswith(".")}
+    others = {name for name in present if not Path(name).name.startswith(".")}
     for name in sorted(names | others):
-        if found.get(name) != files.get(name):
-            how = "is gone" if name not in found else "was changed" if name in names else "is none of them"
+        if present.get(name) != files.get(name):
+            how = "is gone" if name not in present else "was changed" if name in names else "is none of them"
             return f"{name} {how}"
     return None
 

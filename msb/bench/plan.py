@@ -75,7 +75,7 @@ def pairs_of(
     """
     check_names(file.path.absolute(), file.results)
     conditions = (*CONDITIONS, *file.protocol.engines, *(one.label for one in file.protocol.variants))
-    found: list[Pair] = []
+    pairs: list[Pair] = []
     names_there: dict[str, None] = {}
     for dataset in file.protocol.datasets:
         root = file.resolve(dataset.path)
@@ -97,10 +97,10 @@ def pairs_of(
                 if _matches((dataset.name, path.name, *methods, *conditions), only):
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
-                    found.append(Pair(dataset, method, path.name, path, model))
-    if only and not found and not lost:
+                    pairs.append(Pair(dataset, method, path.name, path, model))
+    if only and not pairs and not lost:
         raise _nothing(only, (*names_there, *conditions))
-    return found
+    return pairs
 
 
 def _nothing(only: Sequence[str], names: Sequence[str]) -> UsageError:
@@ -123,7 +123,7 @@ class Planner:
 
         `models` holds the model of each pair, or the error about it; in a dry run it may be missing.
         """
-        found = []
+        cells = []
         for pair in pairs:
             for planned in self._cells(pair, models.get(pair)):
                 cell = planned.cell
@@ -136,10 +136,10 @@ class Planner:
                     raise InputError("PROTOCOL_INVALID", text, file=self.file.path, pointer="/methods")
                 self.pairs[key] = pair
                 if selected(cell, self.only):
-                    found.append(planned)
-        if self.only and not found:
+                    cells.append(planned)
+        if self.only and not cells:
             raise _nothing(self.only, list(dict.fromkeys(part for key in self.pairs for part in key)))
-        return found
+        return cells
 
     def _cells(self, pair: Pair, model: Model | Exception | None) -> Iterator[Planned]:
         name = model.method if isinstance(model, Model) else pair.method.name
@@ -203,7 +203,7 @@ class Planner:
         if tier is None:  # an exported mesh: of anything that has triangles
             tier = "standard" if len(reasons) == len(TIER_OF) else None
         variant = self._variant(cell)
-        if variant is not None and (why := _why_not(variant, cell.method)):
+        if variant is not None and (why := _variant_problem(variant, cell.method)):
             return Reason(code="UNSUPPORTED_OPTION", message=why)
         if tier is None or tier not in reasons:
             return None
@@ -275,17 +275,17 @@ class Planner:
             if error.code != "FILE_NOT_FOUND":
                 bad = f"bad record: {error.message}"
                 self.known.warnings[f"warning: {error}; the cell is computed again"] = None
-        found: dict[Part, str] = {}
+        reasons: dict[Part, str] = {}
         for part, inputs in wanted.items():
             why = "asked for" if self.redo else bad or _difference(part, inputs, old)
             if why is None and part == "quality" and old is not None:
                 why = _image_changed(job.folder, old)
             if why is not None:
-                found[part] = why
-        return found
+                reasons[part] = why
+        return reasons
 
 
-def _why_not(variant: VariantTable, method: str) -> str | None:
+def _variant_problem(variant: VariantTable, method: str) -> str | None:
     """Return why a method has no such variant, None where it has."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
         return f"{method} has no setting {', '.join(sorted(lacks))}, which the variant changes"

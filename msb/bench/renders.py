@@ -47,13 +47,13 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
     """Return the rendering of each of the cameras, all test views of a scene."""
     if not is_folder(folder):
         raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)
-    found = images_below(folder)
+    images = images_below(folder)
     names = [normal_form(name) for name in image_names(cameras)]
     numbers = [f"{index:05d}" for index in range(len(cameras))]
-    by_number = set(found) == set(numbers) != set(names)
+    by_number = set(images) == set(numbers) != set(names)
     wanted = numbers if by_number else names
-    _check_names(folder, set(found), set(wanted))
-    files = tuple(found[name] for name in wanted)
+    _check_names(folder, set(images), set(wanted))
+    files = tuple(images[name] for name in wanted)
     hashes = [(file.relative_to(folder).as_posix(), file_sha256(file)) for file in files]
     _check_sums(folder / SUMS, dict(hashes))
     size = sum(file.stat().st_size for file in files)

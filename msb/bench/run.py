@@ -139,8 +139,8 @@ def _workers(jobs: int, scheduler: str | None) -> Workers:
 
 def _device(workers: Workers, selector: str | None) -> Mapping[str, Any]:
     """Return the OpenCL device of the workers."""
-    found: Mapping[str, Any] = workers.executor().submit(machine, selector).result()["device"]
-    return found
+    device: Mapping[str, Any] = workers.executor().submit(machine, selector).result()["device"]
+    return device
 
 
 def _dry(
@@ -222,8 +222,8 @@ class _Run:
         """Make every model ready."""
         tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
-        found = dict(self.each("models", prepare_model, unique))
-        return {pair: found[task] for pair, task in tasks.items() if task is not None}
+        made = dict(self.each("models", prepare_model, unique))
+        return {pair: made[task] for pair, task in tasks.items() if task is not None}
 
     def keep_cameras(self, planned: Sequence[Planned]) -> None:
         """Write each scene's cameras beside the assets made of its models: they judge these later, too."""

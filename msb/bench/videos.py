@@ -69,7 +69,7 @@ def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
         shown = job.cell.condition in ("dedicated", "standard")
         if shown or (job.cell.condition == "non_engine" and options.path == "test"):
             groups.setdefault(job.cell.names[:3], []).append(job)
-    found = []
+    tasks = []
     for group in groups.values():
         held: list[tuple[Job, Any]] = []
         for job in group:
@@ -83,8 +83,8 @@ def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
             )
             task = VideoTask(tuple(job for job, _ in held), options, inputs)
             if not _is_done(task):
-                found.append(task)
-    return found
+                tasks.append(task)
+    return tasks
 
 
 def _is_done(task: VideoTask) -> bool:

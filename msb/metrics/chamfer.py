@@ -145,8 +145,8 @@ def _near_distances(
     parts = []
     for start in range(0, len(queries), _QUERIES):
         # With a bound a far query ends soon; searching on would cost the most and change nothing.
-        found, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
-        parts.append(found[found < limit])
+        nearest, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
+        parts.append(nearest[nearest < limit])
     return np.concatenate(parts)
 
 

@@ -95,19 +95,19 @@ def _kept_by(
 
 
 def _matrix(matrix: ArrayLike, name: str) -> NDArray[np.float64]:
-    found = np.asarray(matrix)
-    if found.shape != (4, 4) or found.dtype.kind not in "fiu" or not np.isfinite(found).all():
-        raise _bad(f"a {name} has shape {found.shape}; each must be 4 x 4 finite numbers")
-    return found.astype(np.float64)
+    array = np.asarray(matrix)
+    if array.shape != (4, 4) or array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+        raise _bad(f"a {name} has shape {array.shape}; each must be 4 x 4 finite numbers")
+    return array.astype(np.float64)
 
 
 def _mask(mask: ArrayLike, view: int) -> NDArray[np.bool_]:
-    found = np.asarray(mask)
-    if found.ndim == 3 and found.shape[2]:
-        found = found[..., 0]
-    if found.ndim != 2 or min(found.shape) < 2:
-        raise _bad(f"mask {view} has shape {found.shape}; it must be height x width")
-    return np.asarray(found > 0)
+    array = np.asarray(mask)
+    if array.ndim == 3 and array.shape[2]:
+        array = array[..., 0]
+    if array.ndim != 2 or min(array.shape) < 2:
+        raise _bad(f"mask {view} has shape {array.shape}; it must be height x width")
+    return np.asarray(array > 0)
 
 
 def _bad(message: str) -> MetricError:

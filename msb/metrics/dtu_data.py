@@ -67,10 +67,10 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
     """Return the named arrays of a MATLAB 5 file, sizes checked before they are decompressed."""
     place = regular_file(path)
     try:
-        found = find_variables(place.read_bytes())
+        variables = find_variables(place.read_bytes())
         for name in names:
-            _check_shape(place, name, found[name].shape if name in found else None)
-        arrays = {name: found[name].read() for name in names}
+            _check_shape(place, name, variables[name].shape if name in variables else None)
+        arrays = {name: variables[name].read() for name in names}
     except MetricError:
         raise
     except Exception as error:  # damage shows as any exception

@@ -125,9 +125,9 @@ class ImageMetric(Definition):
         **chosen: str | float | bool | None,
     ) -> Identity:
         """Return the identity as `Definition` does; `quantize` says whether floats are rounded to 8 bits."""
-        found = super().identity(weights=weights, **chosen)
+        plain = super().identity(weights=weights, **chosen)
         rule = INPUT_RULE if quantize else "clamp to [0, 1]"
-        return replace(found, parameters={"input": rule, **found.parameters})
+        return replace(plain, parameters={"input": rule, **plain.parameters})
 
 
 def package_version(package: str) -> str | None:

@@ -119,13 +119,13 @@ def _composited(path: Path, pixels: NDArray[np.uint8], background: Color | None)
         text = f"{share:.0%} of its pixels are not opaque, and no background was given to lay them over"
         raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
     # In place and a channel at a time: an image of the most pixels has 1.5 GiB of floats.
-    found = color / 255.0
+    image = color / 255.0
     weight = alpha / 255.0
-    found *= weight[..., None]
+    image *= weight[..., None]
     np.subtract(1, weight, out=weight)
     for channel, value in enumerate(background):
-        found[..., channel] += value * weight
-    return found
+        image[..., channel] += value * weight
+    return image
 
 
 def _check_png_kind(path: Path) -> None:
@@ -169,9 +169,9 @@ def _read_exr(path: Path) -> NDArray[Any]:
     with contextlib.redirect_stdout(said), OpenEXR.File(str(path)) as file:
         channels = file.channels()
         names = ", ".join(sorted(channels)) or "none"
-        found = channels["RGB"].pixels if "RGB" in channels else None
+        pixels = channels["RGB"].pixels if "RGB" in channels else None
     if said.getvalue():
         raise _bad(path, f"it cannot be decoded: {shorten(said.getvalue().strip())}")
-    if found is None or found.ndim != 3:
+    if pixels is None or pixels.ndim != 3:
         raise _bad(path, f"its channels are {shorten(names)}; they must be R, G and B of one size")
-    return np.array(found, np.float32)
+    return np.array(pixels, np.float32)

@@ -66,7 +66,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
         raise ValueError("it has no header of a MATLAB 5 file")
     if struct.unpack_from(order + "H", data, _HEADER - 4) != (0x0100,):
         raise ValueError("it is of another version, such as 7.3, which is HDF5; save it with -v7")
-    found: dict[str, Variable] = {}
+    variables: dict[str, Variable] = {}
     view, at = memoryview(data), _HEADER
     while at < len(data):
         kind, start, size, _ = _element(view, at, order)
@@ -75,8 +75,8 @@ def find_variables(data: bytes) -> dict[str, Variable]:
             raise ValueError(_ENDS)
         if kind in (_MATRIX, _COMPRESSED):
             variable = _describe(view[start:at], kind == _COMPRESSED, order)
-            found.setdefault(variable.name, variable)
-    return found
+            variables.setdefault(variable.name, variable)
+    return variables
 
 
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:

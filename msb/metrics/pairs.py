@@ -43,16 +43,16 @@ def pair_images(
         file, folder = (pred, gt) if folders[1] else (gt, pred)
         text = f"it is a file and {shorten(str(folder))} a folder; give two of a kind"
         raise InputError("FILE_NOT_RECOGNISED", text, file=file)
-    found, wanted = images_below(pred), images_below(gt)
-    missing = sorted(set(found) - set(wanted))
+    files, wanted = images_below(pred), images_below(gt)
+    missing = sorted(set(files) - set(wanted))
     if missing:
         text = f"{_listed(missing, pred)} not there; names must be the same but for the suffix"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=gt)
-    extra = sorted(set(wanted) - set(found))
+    extra = sorted(set(wanted) - set(files))
     if extra and not subset:
         text = f"{_listed(extra, gt)} not there; --subset compares those there are"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=pred)
-    return [ImagePair(name, found[name], wanted[name]) for name in sorted(found)]
+    return [ImagePair(name, files[name], wanted[name]) for name in sorted(files)]
 
 
 def _is_folder(path: Path) -> bool:
@@ -70,21 +70,21 @@ def images_below(folder: Path) -> dict[str, Path]:
         text = f"it cannot be read: {error.strerror}"
         raise InputError("FILE_UNREADABLE", text, file=error.filename or folder) from error
 
-    found: dict[str, Path] = {}
+    images: dict[str, Path] = {}
     for root, folders, names in os.walk(folder, onerror=refuse):
         folders[:] = [name for name in folders if not name.startswith(".")]
         for path in _pictures(Path(root), names):
             name = normal_form(path.relative_to(folder).with_suffix("").as_posix())
-            if name in found:
-                alike = normal_form(found[name].name) == normal_form(path.name)
+            if name in images:
+                alike = normal_form(images[name].name) == normal_form(path.name)
                 how = "in different Unicode normal forms" if alike else "but for the suffix"
-                text = f"{found[name].name} and {path.name} have the same name, {how}; leave one of them"
+                text = f"{images[name].name} and {path.name} have the same name, {how}; leave one of them"
                 raise MetricError("METRIC_IMAGE_NAMES", text, file=path.parent)
-            found[name] = path
-    if not found:
+            images[name] = path
+    if not images:
         text = f"there is no image in it; suffixes are {', '.join(IMAGE_SUFFIXES)}"
         raise MetricError("METRIC_IMAGE_NAMES", text, file=folder)
-    return found
+    return images
 
 
 def _pictures(folder: Path, names: Iterable[str]) -> list[Path]:

@@ -105,11 +105,10 @@ class LpipsVgg:
             "vgg": record,
             "heads": {"file": "weights/v0.1/vgg.pth", "sha256": heads_sha256, "known": _known(heads_sha256)},
         }
-        found: list[Finding] = []
+        self.warnings: tuple[Finding, ...] = ()
         if record["known"] is None:
             text = f"its sha256 {record['sha256'][:16]}... is not that of vgg16-397923af.pth"
-            found.append(finding("METRIC_VGG_UNKNOWN", text, severity="warning"))
-        self.warnings = tuple(found)
+            self.warnings = (finding("METRIC_VGG_UNKNOWN", text, severity="warning"),)
         self._layers: list[tuple[int, Any, Any]] = [
             (number, torch.from_numpy(tensors[f"{name}.weight"]), torch.from_numpy(tensors[f"{name}.bias"]))
             for number, name in ((n, f"features.{n}") for n, _, _ in LAYERS)

@@ -63,8 +63,8 @@ def _installed() -> Mapping[str, ImageMetric]:
         metric: ImageMetric = getattr(import_module(f"msb.metrics.{module}"), name)
         ours[metric.key], places[metric.key] = metric, f"msb.metrics.{module}:{name}"
     places |= {ours["lpips"].name: places["lpips"], CHAMFER.name: "msb.metrics.chamfer:CHAMFER"}
-    found = installed("metric", places, _accepted)
-    return ours | {key: metric for key, (metric, _) in found.items()}
+    theirs = installed("metric", places, _accepted)
+    return ours | {key: metric for key, (metric, _) in theirs.items()}
 
 
 def _accepted(key: str, value: str) -> ImageMetric:
@@ -175,15 +175,15 @@ class Measures:
         It is None where weights are missing, and where a package's metric failed.
         """
         a, b = image_pair(pred, gt)
-        found: dict[str, float | None] = dict.fromkeys(self._functions)
+        results: dict[str, float | None] = dict.fromkeys(self._functions)
         for key, function in self._functions.items():
             try:
-                found[key] = None if function is None else function(a, b)
+                results[key] = None if function is None else function(a, b)
             except MetricError as error:
                 if error.code != "METRIC_FAILED":
                     raise
                 self.failed.setdefault(key, str(error))
-        return found
+        return results
 
 
 def modules_needed() -> tuple[str, ...]:
@@ -193,6 +193,6 @@ def modules_needed() -> tuple[str, ...]:
 
 def mean_of(values: Iterable[float | None]) -> float | None:
     """Return the mean of the images' values; None if one has no value. Infinite values count `PSNR_CAP`."""
-    found = list(values)
-    known = [PSNR_CAP if value == math.inf else value for value in found if value is not None]
-    return math.fsum(known) / len(known) if known and len(known) == len(found) else None
+    capped = [PSNR_CAP if value == math.inf else value for value in values]
+    known = [value for value in capped if value is not None]
+    return math.fsum(known) / len(known) if known and len(known) == len(capped) else None

@@ -127,8 +127,8 @@ def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
             start += size
             continue
         chosen = points[window]
-        found = tree.query_ball_point(chosen, spacing, workers=-1, return_length=True)
-        fits = max(1, int(np.searchsorted(np.cumsum(found), _NEIGHBORS, side="right")))
+        neighbors = tree.query_ball_point(chosen, spacing, workers=-1, return_length=True)
+        fits = max(1, int(np.searchsorted(np.cumsum(neighbors), _NEIGHBORS, side="right")))
         near: Any = tree.query_ball_point(chosen[:fits], spacing, workers=-1, return_sorted=False)
         for index, others in zip(window[:fits].tolist(), near, strict=True):
             if alive[index]:

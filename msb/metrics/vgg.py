@@ -57,12 +57,12 @@ def weights_source(weights: Mapping[str, Any] | None) -> str:
     if weights is None:
         return f"it takes {VGG_FILE} of download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
     vgg, heads = weights["vgg"], weights["heads"]
-    found = f"VGG16 is {vgg['file']}, SHA-256 {vgg['sha256'][:16]}..."
+    source = f"VGG16 is {vgg['file']}, SHA-256 {vgg['sha256'][:16]}..."
     if vgg["known"] is None:
-        return f"{found}, which is not torchvision's {VGG_FILE}: comparable with no published LPIPS"
+        return f"{source}, which is not torchvision's {VGG_FILE}: comparable with no published LPIPS"
     if heads["known"] is None:
-        return f"{found}, torchvision's; linear layers are not those of lpips 0.1.4"
-    return f"{found}, torchvision's; linear layers are of {heads['known']}"
+        return f"{source}, torchvision's; linear layers are not those of lpips 0.1.4"
+    return f"{source}, torchvision's; linear layers are of {heads['known']}"
 
 
 def check_extra() -> None:
@@ -83,8 +83,8 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
     wanted |= {f"features.{n}.bias": (o,) for n, _, o in LAYERS}
     try:
         read = _read_npz if place.suffix.lower() == ".npz" else _read_torch
-        found = read(place, wanted)
-        weights = {key: _tensor(place, found, key, shape) for key, shape in wanted.items()}
+        tensors = read(place, wanted)
+        weights = {key: _tensor(place, tensors, key, shape) for key, shape in wanted.items()}
     except MetricError:
         raise
     except Exception as error:  # readers raise all kinds of things about foreign files
@@ -116,8 +116,8 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
     folder = Path(spec.origin or "").parent
     place = folder / "weights" / "v0.1" / "vgg.pth"
     try:
-        found = torch.load(place, map_location="cpu", weights_only=True)
-        heads = [found[f"lin{k}.model.1.weight"].numpy() for k in range(5)]
+        tensors = torch.load(place, map_location="cpu", weights_only=True)
+        heads = [tensors[f"lin{k}.model.1.weight"].numpy() for k in range(5)]
     except Exception as error:
         text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
@@ -145,11 +145,11 @@ def _tensor(path: Path, found: Weights, key: str, shape: tuple[int, ...]) -> NDA
 def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
     import torch
 
-    found = torch.load(path, map_location="cpu", weights_only=True)
-    if not isinstance(found, dict):
-        text = f"it holds a {type(found).__name__}; it must be a state dict of torchvision's VGG16"
+    tensors = torch.load(path, map_location="cpu", weights_only=True)
+    if not isinstance(tensors, dict):
+        text = f"it holds a {type(tensors).__name__}; it must be a state dict of torchvision's VGG16"
         raise MetricError("METRIC_WEIGHTS", text, file=path)
-    return {key: found[key].detach().float().numpy() for key in wanted if torch.is_tensor(found.get(key))}
+    return {key: tensors[key].detach().float().numpy() for key in wanted if torch.is_tensor(tensors.get(key))}
 
 
 def _read_npz(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:

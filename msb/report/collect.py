@@ -159,8 +159,8 @@ def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapp
     """Return a number with the interval of the mean over the views at `keys`; it is not held against 0."""
     if number.value is None or keys[0].metric not in QUALITY:
         return number
-    found = interval([list(views[key].values()) for key in keys if key in views])
-    return replace(number, interval=replace(found, p=None, reason=None if found.ends else found.reason))
+    own = interval([list(views[key].values()) for key in keys if key in views])
+    return replace(number, interval=replace(own, p=None, reason=None if own.ends else own.reason))
 
 
 def _holder(conditions: Mapping[str, Result], metric: str) -> Result | None:

@@ -53,10 +53,10 @@ def _says(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str 
     better = [row for row in others if _grade(row) < _grade(stored)]
     free = min((row for row in better if row.peer is None and _is_free(row)), key=_rank, default=None)
     costly = min((row for row in better if not _is_free(row)), key=_rank, default=None)
-    found, plan = [], None
+    sentences, plan = [], None
     if free is not None:
         plan = ",".join(free.plan)
-        found.append(f"With {plan} nothing visible changes, {_result(free, stored)}.")
+        sentences.append(f"With {plan} nothing visible changes, {_result(free, stored)}.")
     if costly is not None and (free is None or _grade(costly) < _grade(free)):
         if plan is None and costly.peer is None:
             plan = ",".join(costly.plan)
@@ -64,10 +64,10 @@ def _says(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str 
         psnr = costly.looks.standard.psnr
         seen = "" if psnr is None else f", looks {psnr:.1f} dB like the original"
         what = f"the mesh keeps {kept:.0f} % of its faces{seen}"
-        found.append(f"With {costly.strategy} {what}, {_result(costly, stored)}.")
-    if not found:
-        found.append("None of the ways that were tried gives a better verdict, or lets more tasks work.")
-    return found, plan
+        sentences.append(f"With {costly.strategy} {what}, {_result(costly, stored)}.")
+    if not sentences:
+        sentences.append("None of the ways that were tried gives a better verdict, or lets more tasks work.")
+    return sentences, plan
 
 
 def _is_free(row: Strategy) -> bool:

@@ -99,29 +99,28 @@ def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) ->
         Take records that differ in what must be equal, and note it, instead of refusing. Models whose records
         in two folders differ are kept apart, under the folders' names.
     """
-    found = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
-    return result_set(found, allow_mixed=allow_mixed)
+    records = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
+    return result_set(records, allow_mixed=allow_mixed)
 
 
-def result_set(found: Iterable[Loaded], *, allow_mixed: bool = False) -> ResultSet:
+def result_set(records: Sequence[Loaded], *, allow_mixed: bool = False) -> ResultSet:
     """Return records together; raises UsageError as `read_results`."""
-    found = list(found)
-    apart = _apart(found)
-    named = _folder_names(found)
-    found = [
-        replace(one, folder=named[one.root]) if one.place._replace(scene="") in apart else one
-        for one in found
+    apart = _apart(records)
+    names = _folder_names(records)
+    records = [
+        replace(one, folder=names[one.root]) if one.place._replace(scene="") in apart else one
+        for one in records
     ]
-    problems = [*apart.values(), *dict.fromkeys(_problems(found))]
+    problems = [*apart.values(), *dict.fromkeys(_problems(records))]
     if problems and not allow_mixed:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         way = ' label one of the models in its protocol (label = "ours"),' if apart else ""
         text = f"{problems[0]}{more};{way} report them apart, or give --allow-mixed"
         raise UsageError("RESULTS_MIXED", text)
     places: dict[Place, dict[str, Loaded]] = {}
-    for loaded in sorted(found, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
+    for loaded in sorted(records, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
-    return ResultSet(places, (*(f"mixed: {problem}" for problem in problems), *_not_installed(found)))
+    return ResultSet(places, (*(f"mixed: {problem}" for problem in problems), *_not_installed(records)))
 
 
 def _not_installed(found: Iterable[Loaded]) -> Iterator[str]:
@@ -183,13 +182,13 @@ def _apart(found: Sequence[Loaded]) -> dict[Place, str]:
 
 def _measured(result: Result) -> dict[str, object]:
     """Return what two records of one cell must agree in to be of the same thing."""
-    found: dict[str, object] = {}
+    facts: dict[str, object] = {}
     if result.renderer is not None:
-        found["settings"] = result.renderer.settings
-        found["renderer"] = (result.renderer.name, result.renderer.version, result.renderer.kind)
+        facts["settings"] = result.renderer.settings
+        facts["renderer"] = (result.renderer.name, result.renderer.version, result.renderer.kind)
     if result.asset is not None and result.asset.sha256 is not None:
-        found["bytes of the asset"] = result.asset.sha256
-    return found
+        facts["bytes of the asset"] = result.asset.sha256
+    return facts
 
 
 def _folder_names(found: Iterable[Loaded]) -> dict[Path, str]:
@@ -202,17 +201,17 @@ def _folder_names(found: Iterable[Loaded]) -> dict[Path, str]:
 
 
 def _must_agree(result: Result) -> dict[str, object]:
-    found: dict[str, object] = {}
+    facts: dict[str, object] = {}
     if result.setup is not None:
-        found["their setup (cameras, image folder, background)"] = result.setup
+        facts["their setup (cameras, image folder, background)"] = result.setup
     if result.asset is not None and result.asset.sha256 is not None:
-        found["the asset's bytes"] = result.asset.sha256
+        facts["the asset's bytes"] = result.asset.sha256
     if result.renderer is not None and result.renderer.kind != "upstream" and result.cell.variant is None:
-        found["their settings"] = result.renderer.settings
+        facts["their settings"] = result.renderer.settings
     if result.quality is not None:
         images = frozenset((image.name, image.width, image.height) for image in result.quality.images)
-        found["their test images or sizes"] = images
-    return found
+        facts["their test images or sizes"] = images
+    return facts
 
 
 def _name(loaded: Loaded) -> str:

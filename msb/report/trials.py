@@ -44,14 +44,14 @@ def tried_tasks(loaded: Loaded | None, *, pictures: bool = True) -> list[TriedTa
     """Return the tasks in the record of an exported mesh; `pictures` are for the page."""
     if loaded is None or loaded.result.trial is None:
         return []
-    found = []
+    tasks = []
     for trial in loaded.result.trial.trials:
         spent = "" if trial.outcome == "not_run" else f" ({trial.seconds:.1f} s)"
         said = "; ".join(filter(None, (trial.says, trial.why)))
         why = f"{shorten(said[:1].upper() + said[1:], 500)}{spent}."
         picture = png_uri(loaded, FOLDER, trial.picture) if pictures else None
-        found.append(TriedTask(_MARKS[trial.outcome], trial.task, trial.title, why, picture))
-    return found
+        tasks.append(TriedTask(_MARKS[trial.outcome], trial.task, trial.title, why, picture))
+    return tasks
 
 
 def png_uri(loaded: Loaded, folder: str, name: str | None) -> str | None:
