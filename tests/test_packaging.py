@@ -1,11 +1,7 @@
-"""What is built: wheel and sdist hold every file of the packages, and a wheel works away from its source."""
+"""What is built: wheel and sdist hold every file of the packages (tests/test_guides.py has it work)."""
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import tarfile
 import zipfile
 from pathlib import Path
@@ -19,7 +15,6 @@ pytestmark = pytest.mark.slow
 
 pytest.importorskip("hatchling.builders", reason="extra test is not installed (hatchling)")
 PACKAGES = {"msb": ROOT / "msb", "msb_viewers": ROOT / "viewers" / "msb_viewers"}
-VIEW = ("--cameras", "data/views.json", "--camera", "0", "--scale", "0.2")
 
 
 def package_files() -> set[str]:
@@ -87,53 +82,3 @@ def test_sdist_holds_what_is_needed_to_build_test_and_read(built: Path, wheel: P
 
     (again,) = WheelBuilder(str(tree)).build(directory=str(tmp_path / "again"), versions=["standard"])
     assert inside(Path(again)) == inside(wheel)
-
-
-def test_wheel_works_away_from_its_source(wheel: Path, tmp_path: Path) -> None:
-    """A wheel of pure Python is installed by unpacking it; the process is shown nothing else of ours."""
-    site, work = tmp_path / "site packages", tmp_path / "work"
-    work.mkdir()
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(site)
-    done = subprocess.run(
-        [sys.executable, "-c", DRIVER, str(ROOT), str(site), json.dumps(COMMANDS)],
-        capture_output=True,
-        text=True,
-        cwd=work,
-        env={**os.environ, "PYTHONPATH": str(site)},
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    for name in ("a.triasset", "s", "d", "v.html", "w.html", "c.html", "r/index.html"):
-        assert (work / name).exists(), name
-
-
-DRIVER = """
-import json, sys
-root, site, commands = sys.argv[1:]
-sys.path = [place for place in sys.path if place not in (root, root + "/viewers")]
-import msb, msb_viewers
-from importlib.metadata import distribution
-assert msb.__file__.startswith(site) and msb_viewers.__file__.startswith(site)
-found = {entry.name: entry.load() for entry in distribution("meshsplatbench").entry_points}
-for words in json.loads(commands):
-    sys.argv = ["msb", *words]
-    try:
-        found["msb"]()
-    except SystemExit as end:
-        assert not end.code, (words, end.code)
-"""
-COMMANDS = [
-    ["demo-data", "data"],  # all that the others read
-    ["run", "--dry-run", "data/protocol.toml"],
-    ["export", "data/checkpoint", "a.triasset"],
-    ["validate", "a.triasset"],  # the schema
-    ["audit", "data/splat_like.triasset"],
-    ["render", "--turntable", "1", "-o", "s", "a.triasset"],  # kernels
-    ["render", "--turntable", "1", "--tier", "dedicated", "-o", "d", "a.triasset"],
-    ["view", "--html", "v.html", "a.triasset"],  # pages of the viewers
-    ["web", "--out", "w.html", "a.triasset"],
-    ["compare", *VIEW, "--tiers", "standard,dedicated", "--html", "c.html", "a.triasset"],
-    ["report", "--paper", "--format", "html", "-o", "r"],  # the paper's tables, templates
-]
-"""Each needs files of the packages that are not code."""
