@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 import textwrap
 
-from msb.errors import CODES, EXIT_STATUS
+from msb.errors import EXIT_STATUS, explained_codes
 from msb.scenes.datasets import DATASETS, RULES, Photographs, color_name
 from msb.topology.explain import EXPLANATIONS
 
@@ -75,11 +75,11 @@ def errors() -> str:
     """Return a table of codes for each class of errors."""
     lines = []
     for kind, status in EXIT_STATUS.items():
-        codes = {name: code for name, code in CODES.items() if code.kind is kind}
-        if codes:
+        of_kind = {name: code for name, code in explained_codes().items() if name in kind.codes}
+        if of_kind:
             lines += [f"## `{kind.__name__}`, exit status {status}", "", kind.__doc__ or "", ""]
             lines += ["| code | meaning | remedy |", "|---|---|---|"]
-            lines += [f"| `{name}` | {code.summary} | {code.remedy} |" for name, code in codes.items()]
+            lines += [f"| `{name}` | {code.summary} | {code.remedy} |" for name, code in of_kind.items()]
             lines.append("")
     return "\n".join(lines)
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msb.adapters.training_cameras import CAMERAS
 from msb.base.atomic import new_file
-from msb.bench.cell import INTERNAL, compute, reason_of, write_result
+from msb.bench.cell import compute, reason_of, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
 from msb.bench.job import MAIN, Done, Job
@@ -31,7 +31,7 @@ from msb.bench.protocol import PROTOCOL_NAME
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Reason, Result
 from msb.bench.videos import video_tasks, write_video
-from msb.errors import CODES, EXIT_STATUS, InputError, MsbError
+from msb.errors import EXIT_STATUS, InputError, MsbError
 from msb.scenes import write_cameras
 
 if TYPE_CHECKING:
@@ -99,10 +99,8 @@ class Report:
 
 def status_of(code: str) -> int:
     """Return the exit status of a failure with `code`."""
-    if code == INTERNAL or code not in CODES:
-        return _INTERNAL_STATUS
-    kind = CODES[code].kind
-    return 0 if code.startswith("UNSUPPORTED_") else EXIT_STATUS[kind]
+    status = next((status for kind, status in EXIT_STATUS.items() if code in kind.codes), _INTERNAL_STATUS)
+    return 0 if code.startswith("UNSUPPORTED_") else status
 
 
 def run_protocol(

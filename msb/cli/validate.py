@@ -10,7 +10,7 @@ import typer
 from msb.base.option import Argument, Option
 from msb.cli.command import Rule, command
 from msb.cli.output import LinesOutput, Output, echo
-from msb.errors import CODES, EXIT_STATUS, UsageError
+from msb.errors import EXIT_STATUS, UsageError, explained_codes
 
 if TYPE_CHECKING:
     from msb.asset import Validation
@@ -98,8 +98,8 @@ def _explain(name: str, output: Output) -> None:
     import difflib
 
     code = name.upper()
-    if code != "ALL" and code not in CODES:
-        near = ", ".join(difflib.get_close_matches(code, CODES, 3, 0.4))
+    if code != "ALL" and code not in explained_codes():
+        near = ", ".join(difflib.get_close_matches(code, explained_codes(), 3, 0.4))
         hint = f"did you mean {near}?" if near else "--explain all lists them"
         raise UsageError("NAME_UNKNOWN", f'there is no code "{name}"; {hint}')
     documents = [
@@ -110,7 +110,7 @@ def _explain(name: str, output: Output) -> None:
             "summary": entry.summary,
             "remedy": entry.remedy,
         }
-        for code, entry in (CODES.items() if code == "ALL" else [(code, CODES[code])])
+        for code, entry in (explained_codes().items() if code == "ALL" else [(code, explained_codes()[code])])
     ]
     output.write_documents(documents)
     if output.prints_text:

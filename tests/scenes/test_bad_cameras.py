@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import msb
-from msb.errors import CODES, InputError, SceneError
+from msb.errors import InputError, SceneError
 from msb.scenes import read_points
 
 from .bad_cameras import BAD, SMALL
@@ -41,9 +41,9 @@ NOT_OF_FILES = {"CAMERA_PATH"}
 
 
 def test_every_code_has_a_bad_file() -> None:
-    codes = {code for code, entry in CODES.items() if entry.kind is SceneError}
-    codes = {code for code in codes if not code.startswith("SCENE_")}  # tests/scenes/datasets has those
-    assert {bad[2] for bad in BAD.values()} == codes - NOT_OF_FILES
+    # tests/scenes/datasets has those of datasets.
+    cameras = {code for code in SceneError.codes if not code.startswith("SCENE_")}
+    assert {bad[2] for bad in BAD.values()} == cameras - NOT_OF_FILES
 
 
 def test_a_model_of_too_many_images(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
