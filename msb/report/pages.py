@@ -74,7 +74,7 @@ def report_files(
         for section in report.sections:
             files |= {f"figures/{figure.name}.pdf": figure.pdf() for figure in section.figures}
     if "md" in formats:
-        files["report.md"] = _markdown(report)
+        files["report.md"] = _template("report.md", report=report).rstrip("\n") + "\n"
         for section in report.sections:
             files |= {f"figures/{figure.name}.svg": figure.alone for figure in section.figures}
             files |= {
@@ -178,6 +178,8 @@ def _environment() -> Environment:
         "method": method_title,
         "scene": scene_title,
         "unbroken": _unbroken,
+        "md": markdown_text,
+        "markdown": markdown,
     }
     environment.globals |= {"GT": GT, "version": __version__}
     return environment
@@ -190,43 +192,6 @@ def _unbroken(heading: str) -> str:
 
 def _template(name: str, **values: Any) -> str:
     return _environment().get_template(name).render(**values)
-
-
-def _markdown(report: Report) -> str:
-    lines = [f"# {markdown_text(report.title)}", "", markdown_text(report.summary), ""]
-    lines += [f"> {markdown_text(note)}\n" for note in report.notes]
-    if report.findings:
-        lines += ["## Findings", ""]
-        lines += [f"- {markdown_text(one.sentence)} (`{one.table}`)" for one in report.findings]
-        lines.append("")
-    for section in report.sections:
-        lines += [f"## {markdown_text(section.title)}", "", markdown_text(section.intro), ""]
-        for figure in section.figures:
-            lines += [f"![{markdown_text(figure.caption)}](figures/{figure.name}.svg)", ""]
-        for view in section.views:
-            lines += [_markdown_view(view), ""]
-        for table in section.tables:
-            lines += [f'<a id="{table.label}"></a>', "", markdown(table)]
-    return "\n".join(lines)
-
-
-def _markdown_view(view: View) -> str:
-    """Return a table of pictures: a row per method."""
-    heads = list(dict.fromkeys(shot.heading for shots in view.shots.values() for shot in shots))
-    lines = [f"**{markdown_text(view.title)}**", "", f"| | {GT} | {' | '.join(map(markdown_text, heads))} |"]
-    lines.append("|---" * (len(heads) + 2) + "|")
-    for method, shots in view.shots.items():
-        by_heading = {shot.heading: shot for shot in shots}
-        cells = ["--" if view.gt is None else f"![{GT}](images/{view.gt.name})"]
-        for head in heads:
-            shot = by_heading.get(head)
-            if shot is None or shot.picture is None:
-                cells.append("--")
-            else:
-                psnr = "equal" if shot.psnr is None else f"{shot.psnr:.2f} dB"
-                cells.append(f"![{markdown_text(head)}](images/{shot.picture.name})<br>{psnr}")
-        lines.append(f"| {markdown_text(method_title(method))} | {' | '.join(cells)} |")
-    return "\n".join(lines)
 
 
 def _images(view: View) -> dict[str, bytes]:

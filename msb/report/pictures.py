@@ -70,6 +70,11 @@ class View:
     """Method -> its renderings."""
 
     @property
+    def headings(self) -> list[str]:
+        """The headings of all renderings."""
+        return list(dict.fromkeys(shot.heading for shots in self.shots.values() for shot in shots))
+
+    @property
     def title(self) -> str:
         """The heading of the view."""
         return (
