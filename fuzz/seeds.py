@@ -289,7 +289,12 @@ def published() -> list[bytes]:
 def benchmarks() -> list[bytes]:
     from msb.cli.bench import SCHEMA
 
-    tables = {"device_ms": {"p50": 1.5}, "stages_ms": {"a": 1}, "memory_bytes": {"b": 2}}
+    tables = {
+        "device_ms": {"p50": 1.5},
+        "busy_ms": {"p50": 1.0},
+        "stages_ms": {"a": 1},
+        "memory_bytes": {"b": 2},
+    }
     return [json.dumps({"schema": SCHEMA, "fps": 10, **tables}).encode()]
 
 

@@ -100,19 +100,21 @@ def profile(
     ends = [start, *turns.ends]
     while turns.unseen:
         turns.draw(min(turns.unseen))
-    spans = np.array([one.span for one in drawn])
-    busy = np.array([sum(one.stages.values()) for one in drawn])
+    spans = [one.span for one in drawn]
+    p50, p95 = np.percentile(spans, (50, 95)).tolist()
+    busy_p50, busy_p95 = np.percentile([sum(one.stages.values()) for one in drawn], (50, 95)).tolist()
     queued = [one.since_queued for one in drawn if one.since_queued is not None]
+    queued_p50, queued_p95 = np.percentile(queued, (50, 95)).tolist() if queued else (None, None)
     names = dict.fromkeys(name for one in drawn for name in one.stages)
     return Profile(
         frames=len(drawn),
-        p50=float(np.percentile(spans, 50)),
-        p95=float(np.percentile(spans, 95)),
-        mean=float(spans.mean()),
-        busy_p50=float(np.percentile(busy, 50)),
-        busy_p95=float(np.percentile(busy, 95)),
-        queued_p50=float(np.percentile(queued, 50)) if queued else None,
-        queued_p95=float(np.percentile(queued, 95)) if queued else None,
+        p50=p50,
+        p95=p95,
+        mean=float(np.mean(spans)),
+        busy_p50=busy_p50,
+        busy_p95=busy_p95,
+        queued_p50=queued_p50,
+        queued_p95=queued_p95,
         stages={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
         fps=len(drawn) / elapsed,
         round_fps=_round_rates(ends),

@@ -156,7 +156,7 @@ def _read_old(path: Path) -> dict[str, Any]:
 
 
 def _is_record(data: dict[str, Any]) -> bool:
-    tables = [data.get(key) for key in ("device_ms", "stages_ms", "memory_bytes")]
+    tables = [data.get(key) for key in ("device_ms", "busy_ms", "stages_ms", "memory_bytes")]
     values = [value for table in tables if isinstance(table, dict) for value in table.values()]
     numbers = (*values, data.get("fps"), data.get("driver_memory_bytes") or 0)
     return all(isinstance(table, dict) for table in tables) and all(
@@ -188,7 +188,7 @@ def _rows(found: Profile, driver: int | None, everything: bool) -> Any:
     yield "frames per second", "", found.fps, lambda old: old["fps"]
     yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
     yield "device P95", "ms", found.p95, lambda old: old["device_ms"].get("p95")
-    yield "busy P50", "ms", found.busy_p50, lambda old: old.get("busy_ms", {}).get("p50")
+    yield "busy P50", "ms", found.busy_p50, lambda old: old["busy_ms"].get("p50")
     for name, value in found.stages.items():
         yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
     total = sum(found.memory.values())
