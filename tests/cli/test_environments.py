@@ -33,7 +33,7 @@ DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
 SMALL = ("--turntable", "1", "--size", "32x24", "-o")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
 EXTRAS += ("xatlas", "fast_simplification", "coacd", "dask", "distributed", "pynvml", "wgpu", "bpy")
-EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av")
+EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av", "trimesh")
 """What the extras bring."""
 DRIVER = """
 import json, os, sys
@@ -127,7 +127,6 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
     named = {words: extra for extra, group in missing.items() for words in group}
     whole = [
         ("audit", "--paper", ASSET),
-        ("trial", "--task", "solid,intersections", "--seconds", "600", ASSET),
         ("export", CHECKPOINT, "a.triasset"),
         ("convert", ASSET, "c.stl"),
         ("render", *SMALL, "s", ASSET),
