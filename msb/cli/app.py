@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from msb.cli.command import Command, epilog
 from msb.cli.help_pages import Context
-from msb.cli.options import Command, Version, epilog, with_shared
 
 GROUPS: dict[str, dict[str, str]] = {
     "Look at a mesh": {
@@ -101,13 +101,7 @@ def _made(name: str) -> Any:
 def single(module: ModuleType, name: str) -> typer.Typer:
     """Return the command of a module, by itself."""
     app = typer.Typer(**_PLAIN)
-    for each in vars(module).values():
-        if getattr(each, "name", "") == name:
-            _add(app, each)
-            return app
-    old = getattr(module, "evaluate" if name == "eval" else name)
-    settings = _SETTINGS | getattr(module, "CONTEXT", {})
-    app.command(name, cls=Command, epilog=module.EPILOG, context_settings=settings)(with_shared(old))
+    _add(app, next(each for each in vars(module).values() if getattr(each, "name", "") == name))
     return app
 
 
@@ -122,6 +116,34 @@ def _help_alone(context: typer.Context) -> None:
         from msb.cli.output import echo
 
         echo(context.get_help())
+
+
+def print_version() -> None:
+    """Print the versions of what computes."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    from msb.asset.manifest import FORMAT, VERSION
+    from msb.base.version import __version__
+    from msb.cli.output import echo
+
+    parts = [f"{FORMAT} {VERSION}"]
+    for package in ("numpy", "pyopencl"):
+        try:
+            parts.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            parts.append(f"{package} none")
+    echo(f"msb {__version__} ({', '.join(parts)})")
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        print_version()
+        raise typer.Exit
+
+
+Version = Annotated[
+    bool, typer.Option("--version", callback=_version, is_eager=True, help="Print versions and stop.")
+]
 
 
 app = typer.Typer(

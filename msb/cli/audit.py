@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.api.gates import GateOptions
 from msb.base.option import Argument, Option
 from msb.cli.command import Rule, command
-from msb.cli.failures import report_error
-from msb.cli.output import Output, echo
+from msb.cli.output import Output, echo, report_error
 from msb.errors import GateFailed
 
 if TYPE_CHECKING:
@@ -77,7 +76,7 @@ def audit(
     a technical artist can use it. Nothing is merged or repaired first. Several meshes end with one table.
     """
     if options.version:
-        from msb.cli.options import print_version
+        from msb.cli.app import print_version
 
         print_version()
         return 0

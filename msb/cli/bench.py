@@ -74,7 +74,7 @@ def bench(
     from msb.bench.machine import machine
     from msb.bench.nvml import driver_memory
     from msb.bench.profile import profile
-    from msb.cli.camera_options import parse_background, parse_size
+    from msb.cli.camera_options import parse_size
     from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import lean_options
@@ -88,7 +88,7 @@ def bench(
         cameras = views.read(output)
     else:
         cameras = around(asset, _TURNTABLE, *parse_size(views.size or "960x720"))
-    color = parse_background(views.background, asset)
+    color = views.color(asset)
     lean = lean_options(options.tier, drawing.renderer) | drawing.modes
     settings = drawing.settings(asset)
     with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
 from msb.base.option import Argument, Option
 from msb.base.paths import normal_form
 from msb.errors import UsageError, shorten
@@ -22,47 +20,6 @@ Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metav
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
 Tier = Literal["reference", "dedicated", "standard"]
-TierName = Annotated[Tier, typer.Option("--tier", help="How to draw; msb methods says what each tier keeps.")]
-Cameras = Annotated[
-    str | None,
-    typer.Option(
-        "--cameras", metavar="PATH", help="COLMAP folder, transforms_*.json, cameras.json, views.json."
-    ),
-]
-Chosen = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--camera", metavar="NAME|INDEX|all", help="Cameras to draw. May be given again. Default: all."
-    ),
-]
-Size = Annotated[str | None, typer.Option(metavar="WxH", help="Size of the images in pixels.")]
-Scale = Annotated[float | None, typer.Option(metavar="FACTOR", help="Size relative to the cameras' own.")]
-Background = Annotated[
-    str | None,
-    typer.Option(
-        metavar="COLOR",
-        help="black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; where the asset states "
-        "none, its method's, else black.",
-    ),
-]
-Assignments = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="Override a setting; msb methods lists them."),
-]
-Supersample = Annotated[
-    int, typer.Option(min=1, max=16, help="Samples along each side of a pixel, standard tier.")
-]
-RendererName = Annotated[
-    str | None, typer.Option("--renderer", metavar="NAME", help="Name of a renderer to use instead of ours.")
-]
-Ordering = Annotated[
-    Literal["tile", "global", "none"] | None,
-    typer.Option("--order", help="Order of blending: official tiles, by depth alone, or as stored."),
-]
-SamplingName = Annotated[
-    Literal["official", "engine"] | None,
-    typer.Option("--sampling", help="Sample as officially, or as an engine's hardware does."),
-]
 
 
 @dataclass(frozen=True)
@@ -115,7 +72,30 @@ class Views:
             return chosen
         if (match := _PIXELS.fullmatch(self.size.strip().lower())) is not None:
             return [camera.resized(int(match[1]), int(match[2])) for camera in chosen]
-        return [camera.scaled(parse_factor(self.size)) for camera in chosen]
+        try:
+            factor = float(self.size)
+        except ValueError:
+            text = f'--size is "{shorten(self.size, 40)}"; it must look like 1237x822, or be a factor'
+            raise UsageError("USAGE", text) from None
+        return [camera.scaled(factor) for camera in chosen]
+
+    def color(self, asset: Asset | None) -> tuple[float, float, float]:
+        """Return the background: by default the asset's own; "official" must be stated in the asset."""
+        from msb.scenes.colors import BLACK, parse_color
+        from msb.scenes.datasets import own_background
+
+        text = self.background
+        if text is None:
+            return BLACK if asset is None else own_background(asset.manifest)
+        official = "official, which only an asset has"
+        if asset is not None:
+            official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
+        color = parse_color(text, official)
+        if color is None:
+            shown = shorten(official if text.strip().lower() == "official" else text, 40)
+            text = f'--background is "{shown}"; it must be black, white, #rrggbb, r,g,b in 0..1, or official'
+            raise UsageError("USAGE", text)
+        return color
 
 
 @dataclass(frozen=True)
@@ -158,34 +138,8 @@ class Drawing:
     @property
     def modes(self) -> dict[str, str]:
         """Only the modes that were given, because some renderers refuse even the official ones."""
-        return chosen_modes(self.order, self.sampling)
-
-
-def cameras_at(
-    path: str, chosen: list[str] | None, size: str | None, scale: float | None, output: Output
-) -> list[Camera]:
-    """Return the cameras at `path` that are asked for; note where they are far larger than photographs."""
-    from msb.scenes import read_cameras
-    from msb.scenes.datasets import recorded_note
-
-    cameras = read_cameras(path)
-    if size is None and scale is None and (note := recorded_note(path, cameras)) is not None:
-        output.note(f"{path}: {note}")
-    return choose_cameras(cameras, chosen, size, scale)
-
-
-def choose_cameras(
-    cameras: list[Camera], chosen: list[str] | None, size: str | None, scale: float | None
-) -> list[Camera]:
-    """Return the cameras the user asked for, in the size asked for."""
-    if chosen and "all" not in chosen:
-        cameras = [_find(cameras, name) for name in chosen]
-    if size is not None and scale is not None:
-        raise UsageError("USAGE", "--size and --scale exclude each other")
-    if size is not None:
-        width, height = parse_size(size)
-        return [camera.resized(width, height) for camera in cameras]
-    return cameras if scale is None else [camera.scaled(scale) for camera in cameras]
+        modes = {"order": self.order, "sampling": self.sampling}
+        return {name: value for name, value in modes.items() if value is not None}
 
 
 def _find(cameras: list[Camera], name: str) -> Camera:
@@ -214,49 +168,9 @@ def _stem(name: str) -> str:
 _PIXELS = re.compile(r"(\d{1,6})[x,](\d{1,6})")
 
 
-def parse_factor(text: str) -> float:
-    """Return the factor of a size like 0.5."""
-    try:
-        return float(text)
-    except ValueError:
-        text = f'--size is "{shorten(text, 40)}"; it must look like 1237x822, or be a factor'
-        raise UsageError("USAGE", text) from None
-
-
 def parse_size(text: str) -> tuple[int, int]:
     """Return width and height of a text like 1237x822."""
     match = _PIXELS.fullmatch(text.strip().lower())
     if match is None:
         raise UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822')
     return int(match[1]), int(match[2])
-
-
-def parse_background(text: str | None, asset: Asset | None) -> tuple[float, float, float]:
-    """Return the colour that `text` names, None the asset's own; "official" must be stated in the asset."""
-    from msb.scenes.colors import BLACK, parse_color
-    from msb.scenes.datasets import own_background
-
-    if text is None:
-        return BLACK if asset is None else own_background(asset.manifest)
-    official = "official, which only an asset has"
-    if asset is not None:
-        official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
-    color = parse_color(text, official)
-    if color is None:
-        shown = shorten(official if text.strip().lower() == "official" else text, 40)
-        text = f'--background is "{shown}"; it must be black, white, #rrggbb, r,g,b in 0..1, or official'
-        raise UsageError("USAGE", text)
-    return color
-
-
-def chosen_modes(order: str | None, sampling: str | None) -> dict[str, str]:
-    """Return only the modes that were given, because some renderers refuse even the official ones."""
-    return {name: value for name, value in (("order", order), ("sampling", sampling)) if value is not None}
-
-
-def around(asset: Asset, count: int, size: str | None, up: str | None, elevation: float) -> list[Camera]:
-    """Return a turntable of `count` cameras that see all of the asset."""
-    from msb.scenes.around import around as turntable_around
-
-    width, height = parse_size(size) if size else (960, 720)
-    return turntable_around(asset, count, width, height, up, elevation)

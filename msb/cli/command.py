@@ -22,9 +22,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
 from msb.base.option import Argument, Option
-from msb.cli.options import epilog
+from msb.cli.help_pages import Context
 from msb.cli.output import Output, check_apart, open_log
 from msb.errors import UsageError
 
@@ -132,6 +133,54 @@ class _Group(NamedTuple):
         return self.kind(**{each.name: values.pop(each.name) for each in self.declared})
 
 
+class Command(TyperCommand):
+    """A command of ours: it refuses what the library takes in silence, before anything is opened or read.
+
+    These are an option of one value that is given twice, of which the last would count; and an empty path,
+    which would be the current folder.
+    """
+
+    context_class = Context
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse, and refuse repeated options and empty paths."""
+        if not ctx.resilient_parsing:  # at the Tab key nothing is complete
+            values, _, order = self.make_parser(ctx).parse_args(args=list(args))
+            param: Any
+            for param in self.params:
+                declared = self.callback.declared[param.name]  # type: ignore[union-attr]
+                many = param.param_type_name == "argument" or param.multiple or param.count or param.is_flag
+                if not many and order.count(param) > 1:
+                    ctx.fail(f"{declared.label} is given {order.count(param)} times; it takes one value")
+                given: Any = values.get(param.name)
+                if declared.is_path and "" in (given if isinstance(given, list | tuple) else [given]):
+                    ctx.fail(f"{declared.label} is empty, which names no file; . is the current folder")
+        return super().parse_args(ctx, args)
+
+    def get_help(self, ctx: Any) -> str:
+        """Return the help page, in which {mesh_suffixes} stands for those of the formats there are."""
+        if "{mesh_suffixes}" in (self.help or ""):
+            from msb.meshes import MESH_SUFFIXES
+
+            self.help = str(self.help).replace("{mesh_suffixes}", ", ".join(MESH_SUFFIXES))
+        return super().get_help(ctx)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words of the usage: arguments that may be left out in brackets."""
+        words = [(param, str(param.metavar)) for param in self._arguments(ctx)]
+        return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, which are hidden from the library, and the library's list of options."""
+        if arguments := self._arguments(ctx):
+            with formatter.section("Arguments"):
+                formatter.write_dl([(param.metavar, param.help) for param in arguments])
+        super().format_options(ctx, formatter)
+
+    def _arguments(self, ctx: Any) -> list[Any]:
+        return [param for param in self.get_params(ctx) if param.param_type_name == "argument"]
+
+
 def command(
     *examples: str, rules: Sequence[Rule] = (), name: str = "", **settings: Any
 ) -> Callable[..., Any]:
@@ -191,9 +240,6 @@ def _command(
     run.__signature__ = inspect.Signature([context, *(each.parameter for each in declared)])  # type: ignore[attr-defined]
     run.__annotations__ = {"context": typer.Context}
     run.declared = {each.name: each for each in declared}  # type: ignore[attr-defined]
-    run.paths = {  # type: ignore[attr-defined]
-        each.name: each.option.output in ("file", "own") for each in declared if each.is_path
-    }
     run.epilog, run.name, run.settings = end_of_help, name, settings  # type: ignore[attr-defined]
     return run
 
@@ -269,3 +315,18 @@ def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: O
             checked_ending(path, each.label, each.option.endings)
         if path is not None and each.option.output == "file":
             output.check_free(path)
+
+
+_EXIT_TABLE = (
+    "Exit status: 0 done, 1 a gate or validation failed, 2 wrong usage, 3 input\n"
+    "missing or not valid, 4 not supported, 5 no OpenCL device, 130 interrupted."
+)
+
+_DEMO_DATA = "The examples' files are there after: msb demo-data data_stubs"
+
+
+def epilog(*examples: str) -> str:
+    """Return the end of a help page: examples as they are, the exit statuses, and where data is from."""
+    lines = "\n".join(f"  {example}" for example in examples)
+    data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
+    return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

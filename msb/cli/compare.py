@@ -116,7 +116,6 @@ def _read(path: Path, wish: _Wish, output: Output) -> CompareState:
 
 def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output: Output) -> Comparison:
     from msb.asset.settings import effective_settings
-    from msb.cli.camera_options import parse_background
     from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
@@ -130,7 +129,7 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
         output.note(f"{path.name}: the reference is left out: {text}")
     settings = drawing.settings(asset)
     effective_settings(asset.manifest, settings)  # refuses what the asset cannot be drawn with
-    color = parse_background(wish.views.background, asset)
+    color = wish.views.color(asset)
     own = stated_background(asset.manifest)
     if own not in (None, color) and photographs:
         output.note(over_another(own, color).to_line(path))

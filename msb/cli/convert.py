@@ -71,7 +71,7 @@ def convert(
     what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
     """
     from msb.api.inputs import expand
-    from msb.cli.failures import report_error
+    from msb.cli.output import report_error
 
     inputs = expand(source)
     if inputs == [source]:

@@ -107,9 +107,9 @@ def read_defaults(commands: Commands) -> Defaults:
 
 def options(command: Any) -> Iterator[tuple[str, Any]]:
     """Yield the long name without its dashes, and the parameter, of every option that need not be typed."""
-    declared = getattr(command.callback, "declared", None)
+    declared = command.callback.declared
     for option in command.params:
-        if declared is None or (option.name in declared and not declared[option.name].option.only_typed):
+        if not declared[option.name].option.only_typed:
             for flag in option.opts:
                 if option.param_type_name == "option" and flag.startswith("--"):
                     yield flag[2:], option
@@ -117,8 +117,6 @@ def options(command: Any) -> Iterator[tuple[str, Any]]:
 
 def in_files(command: Any, option: Any) -> bool:
     """Return whether a file may set the option: it may name no files, nor allow to replace one."""
-    if not hasattr(command.callback, "declared"):
-        return option.name not in {"force", "debug", "explain", "version"} | set(command.callback.paths)
     return option.name != "force" and not command.callback.declared[option.name].is_path
 
 

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.base.extras import need_extra
 from msb.base.option import Argument, Option
 from msb.cli.command import command
-from msb.cli.failures import report_error
-from msb.cli.output import Cell, Output
+from msb.cli.output import Cell, Output, report_error
 from msb.errors import EXIT_STATUS, MsbError, UsageError, about, shorten
 
 if TYPE_CHECKING:

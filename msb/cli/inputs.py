@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.api.inputs import expand
-from msb.cli.failures import report_error
-from msb.cli.output import failure
+from msb.cli.output import failure, report_error
 from msb.errors import MsbError, UsageError
 
 if TYPE_CHECKING:

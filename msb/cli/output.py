@@ -17,14 +17,13 @@ from typing import IO, TYPE_CHECKING, Annotated, Any
 from msb.base.atomic import check_place, is_stream, new_file
 from msb.base.option import Option
 from msb.base.version import __version__
-from msb.errors import OutputError, UsageError, formula_safe, one_line
+from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
     from msb.asset.progress import Progress
-    from msb.errors import MsbError
 
 STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
@@ -227,11 +226,6 @@ class Output:
             raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
         self._checked.add(place)
 
-    def check_outputs(self) -> None:
-        """Refuse to overwrite what --json, --jsonl and --csv name; raises as `check_free`."""
-        for path in (self.json_file, self.json_lines, self.csv_file):
-            self.check_free(path)
-
     def write_json(self, data: Any) -> None:
         """Write `data`, a document or a list of them, where --json points to, if it was given."""
         if self.json_file is None:
@@ -333,6 +327,12 @@ def say(text: str) -> None:
     """Print an error on standard error, as one line that a log file gets too."""
     log(text, "ERROR")
     _print_aside(text)
+
+
+def report_error(error: MsbError) -> int:
+    """Print `error` as one line on standard error and return its exit status."""
+    say(str(error))
+    return EXIT_STATUS[type(error)]
 
 
 def _print_aside(text: str) -> None:

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.atomic import DISK_ERRORS
-from msb.cli.failures import report_error
-from msb.cli.output import log, say, silence
+from msb.cli.output import log, report_error, say, silence
 from msb.errors import (
     EXIT_INTERRUPTED,
     EXIT_OK,

@@ -13,7 +13,6 @@ from msb.base.option import Option
 from msb.cli.camera_options import Drawing, Source, Tier, Up, Views
 from msb.cli.command import Rule, Typed, command
 from msb.cli.output import JsonOutput, Output, echo
-from msb.cli.scene_options import about_scene, note_training, scene_for, views_of
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -22,8 +21,10 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.render import Frame, Renderer
     from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
 
 SCHEMA = "msb.render/1"
+Split = Literal["train", "test", "all"]
 _COUNTS = "does not go with --scene, which draws what counts, at the size that counts"
 RULES = (
     Rule("", "give --out FOLDER for images, --film FILE for a film, or both", needs="out film"),
@@ -114,22 +115,21 @@ def render(
     all images; it is the same on the same device with the same versions.
     """
     from msb.bench.machine import machine
-    from msb.cli.camera_options import parse_background
     from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import check_supported, lean_options
 
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
-    color = parse_background(views.background, asset)
+    color = views.color(asset)
     about: dict[str, Any] = {}
     if options.scene is not None:
-        scene = scene_for(asset, options.scene, options.image_folder, output)
+        scene = _scene(asset, options.scene, options.image_folder, output)
         if "background" not in typed:  # a default of a file is no wish to draw what does not count
             color = scene.background
-        note_training(asset, replace(scene, background=color), path, output)
-        split, cameras = views_of(scene, views)
-        about = {"scene": about_scene(scene, split)}
+        _note_training(asset, replace(scene, background=color), path, output)
+        split, cameras = _views_of(scene, views)
+        about = {"scene": _about_scene(scene, split)}
     else:
         cameras = _cameras(asset, options, views, output)
     images = _Images(options, output)
@@ -187,6 +187,61 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
         replace(camera, name=f"{index:05d}")
         for index, camera in enumerate(interpolated(cameras, options.flight))
     ]
+
+
+def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
+    """Return a scene as a run evaluates the asset on it, and print its warnings."""
+    from msb.base.paths import given_path
+    from msb.scenes.datasets import dataset_of, scaled_note, scene_at, stated_background
+
+    manifest = asset.manifest
+    own = stated_background(manifest)
+    dataset = dataset_of(path)
+    at = scene_at(given_path(path), dataset, manifest.method, own_background=own, image_folder=image_folder)
+    scene = at.read()
+    for warning in scene.warnings:
+        output.note(warning.to_line(warning.file or path))
+    if (note := scaled_note([scene])) is not None:
+        output.note(f"{path}: {note}")
+    return scene
+
+
+def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
+    """Print what the asset's training did otherwise, unless its reader has warned of it already."""
+    from msb.scenes.datasets import stated_background, trained_otherwise
+
+    said = {warning.message for warning in asset.warnings}
+    manifest = asset.manifest
+    for finding in trained_otherwise(manifest.training, stated_background(manifest), scene):
+        if finding.message not in said:
+            output.note(finding.to_line(path))
+
+
+def _views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
+    """Return the cameras that are asked for, and their split: the test views unless --camera names others.
+
+    ``train`` and ``all`` are the training views, and these before the test views. A number is that of a test
+    view, or after these of a training view.
+    """
+    train, test = list(scene.train), list(scene.test)
+    words = set(views.camera)
+    if words <= {"train", "test", "all"}:
+        split: Split = "test" if words <= {"test"} else "train" if words == {"train"} else "all"
+        return split, {"train": train, "test": test, "all": [*train, *test]}[split]
+    cameras = views.of([*test, *train])
+    known = {camera.name for camera in test}
+    return ("test" if all(camera.name in known for camera in cameras) else "all"), cameras
+
+
+def _about_scene(scene: Scene, split: Split) -> dict[str, Any]:
+    """Return what JSON says of the scene that was drawn."""
+    return {
+        "path": str(scene.root),
+        "dataset": scene.dataset,
+        "split": split,
+        "image_folder": scene.image_folder,
+        "camera_convention": scene.camera_convention,
+    }
 
 
 class _Images:

@@ -13,8 +13,7 @@ from msb.base.option import Argument, Option
 from msb.base.paths import shell_word
 from msb.cli.camera_options import Drawing, Source, Views
 from msb.cli.command import Rule, command
-from msb.cli.failures import report_error
-from msb.cli.output import JsonOutput, Output, echo
+from msb.cli.output import JsonOutput, Output, echo, report_error
 from msb.errors import UsageError, about, one_line
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ import typer
 
 from msb.base.option import Argument, Option
 from msb.cli.command import command
-from msb.cli.failures import report_error
-from msb.cli.output import ManyOutput, Output, echo
+from msb.cli.output import ManyOutput, Output, echo, report_error
 from msb.errors import MsbError, shorten
 
 if TYPE_CHECKING:

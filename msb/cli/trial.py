@@ -11,8 +11,7 @@ from msb.base.limits import Limits
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Views
 from msb.cli.command import Rule, command
-from msb.cli.failures import report_error
-from msb.cli.output import LinesOutput, Output, echo
+from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import GateFailed, UsageError, one_line
 
 if TYPE_CHECKING:

@@ -108,7 +108,6 @@ def web(
     to be dropped. That of the dedicated tier shows the method's own look by WebGPU, the mesh beside it, and
     says how many dB its pixels have to the reference renderer's.
     """
-    from msb.cli.camera_options import parse_background
 
     if options.verify is not None:
         from msb.cli.web_dedicated import verify_page
@@ -119,7 +118,7 @@ def web(
     if path is None:
         from msb.engines.webpage import write_web_page
 
-        write_web_page(target, background=parse_background(views.background, None))
+        write_web_page(target, background=views.color(None))
         _say(output, target)
         return
     from msb.asset.look import up_axis
@@ -135,7 +134,7 @@ def web(
         chosen = choose_views(asset)
         cameras, said = [] if chosen.origin == "turntable" else chosen.cameras, chosen.said
     axis = options.up or up_axis(asset)
-    color = parse_background(views.background, asset)
+    color = views.color(asset)
     shown = Shown(path.name, asset, drawing.settings(asset), cameras, axis, color)
     if options.up is None and asset.manifest.coordinate_frame.up == "unknown":
         output.note(f"{path}: what is up is not known and taken to be {axis}; --up says otherwise")

@@ -40,7 +40,7 @@ def why(
     the method's own look, what engine settings mend of that, and what only a bake could. Without --cameras
     it is seen by those of its training where they lie beside it, else from around.
     """
-    from msb.cli.camera_options import parse_background, parse_size
+    from msb.cli.camera_options import parse_size
     from msb.cli.inputs import open_asset
     from msb.errors import about
     from msb.views import choose_views
@@ -57,7 +57,7 @@ def why(
     device = drawing.device
     with about(path):
         seen = choose_views(asset, given, size=size, device=device).seeing(asset, device)
-    color = parse_background(views.background, asset)
+    color = views.color(asset)
     settings = drawing.settings(asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
         causes = find(asset, seen, background=color, settings=settings, device=device, step=step)

@@ -166,7 +166,8 @@ WRITTEN = {
 
 def test_what_is_written_is_marked_so() -> None:
     for command in COMMANDS.values():
-        marked = {key for key, written in command.callback.paths.items() if written}
+        declared = command.callback.declared.values()
+        marked = {each.name for each in declared if each.option.output in ("file", "own")}
         named = {param.name for param in command.params} & (WRITTEN - {"out", "target"})
         assert named <= marked <= WRITTEN
 
@@ -175,7 +176,7 @@ def test_what_is_written_is_marked_so() -> None:
 @pytest.mark.parametrize("name", COMMANDS)
 def test_an_empty_path_is_refused_by_name_and_is_not_the_current_folder(name: str, refused: Refused) -> None:
     for param in COMMANDS[name].params:
-        if param.name not in COMMANDS[name].callback.paths:
+        if not COMMANDS[name].callback.declared[param.name].is_path:
             continue
         if param.param_type_name == "option":
             shown, words = param.opts[0], [param.opts[0], "", "a"]
