@@ -35,15 +35,9 @@ def write_colmap(
     xyz: NDArray[Any],
     rgb: NDArray[Any],
 ) -> None:
-    """Write a model of one PINHOLE camera that took all images, and points without tracks.
+    """Write a model of one PINHOLE camera that took all images, and points (N, 3) without tracks.
 
-    Parameters
-    ----------
-    folder : Path
-        The scene's sparse/0.
-    cameras : sequence of Camera
-        Cameras with names and equal intrinsics.
-    xyz, rgb : (N, 3) float64 and uint8
+    The cameras have names and equal intrinsics; `folder` is the scene's sparse/0.
     """
     folder.mkdir(parents=True, exist_ok=True)
     one = cameras[0]

@@ -34,18 +34,7 @@ SPREAD = 0.03
 
 
 def write_models(folder: Path, surface: Surface, *, white: bool, layout: str) -> None:
-    """Write a model of every method below `folder`.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder that receives a folder for each method, with its name in the registry.
-    surface : Surface
-    white : bool
-        Whether the background of the training is white.
-    layout : {"colmap", "synthetic"}
-        The layout of DiffSoup's model.
-    """
+    """Write a model of every method below `folder`; `layout` is that of DiffSoup's, colmap or synthetic."""
     for method in TRAINED:
         (folder / method).mkdir(parents=True, exist_ok=True)
         _WRITERS[method](folder / method, surface, white, layout)

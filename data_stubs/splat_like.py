@@ -49,22 +49,10 @@ class Shape:
 def splat_like(
     n: int, *, seed: int = 0, shape: Shape | None = None, shuffle: bool = True
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return vertices and faces of a mesh on a lattice of n^3 cubes.
+    """Return vertices (V, 3) in the unit cube and faces (F, 3) of a mesh on a lattice of n^3 cubes.
 
-    Parameters
-    ----------
-    n : int
-        Number of cubes along each side: 36 gives about 35 thousand faces, 194 one million, 388 four million.
-    seed : int
-        The seed of the shuffle and the hash.
-    shape : Shape, optional
-    shuffle : bool
-        Whether vertices and faces are permuted and rows rotated at random, as training leaves them.
-
-    Returns
-    -------
-    vertices : (V, 3) float32, in the unit cube, every one used
-    faces : (F, 3) int32
+    36 cubes along each side give about 35 thousand faces, 194 one million, 388 four million. Vertices and
+    faces are permuted and rows rotated at random, as training leaves them, unless `shuffle` is false.
     """
     shape = shape or Shape()
     cubes = _cubes_near_surface(n, shape)

@@ -20,16 +20,7 @@ if TYPE_CHECKING:
 
 
 class Blended(NamedTuple):
-    """A raster of H x W samples, and the weight of every pair.
-
-    Attributes
-    ----------
-    color : (C, H W) Tensor
-        Without background.
-    transmittance : (H W,) Tensor
-    weight : (P,) array
-        In the order of `Pairs`; it has no derivative.
-    """
+    """A raster of H x W samples: colours (C, H W) without background, and the weight (P,) of every pair."""
 
     color: torch.Tensor
     transmittance: torch.Tensor
@@ -39,16 +30,10 @@ class Blended(NamedTuple):
 def composite(
     alpha: torch.Tensor, color: torch.Tensor, pairs: Pairs, *, blends_crossing: bool, least: float = 1 / 255
 ) -> Blended:
-    """Return pairs blended front to back.
+    """Return pairs blended front to back; those whose `alpha` (P,) is below `least` are skipped.
 
-    Parameters
-    ----------
-    alpha : (P,)
-        Pairs below `least` are skipped.
-    color : (C, G) or (C, P)
-        Of triangles or of pairs.
-    blends_crossing : bool
-        As `msb.reference.blend.Rule` has it.
+    `color` is (C, G) of triangles or (C, P) of pairs; `blends_crossing` is as `msb.reference.blend.Rule`
+    has it.
     """
     kept: dict[str, Any] = {}
     found, through = _Composite.apply(alpha, color, pairs, blends_crossing, least, kept)

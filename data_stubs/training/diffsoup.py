@@ -64,12 +64,7 @@ def draw(
 ) -> Drawn:
     """Return what `camera` sees of `parameters`, which are those of the official file.
 
-    Parameters
-    ----------
-    settings : mapping
-        `layout`, `z_near` and `z_far`.
-    photograph : (H, W, 3) Tensor, optional
-        If it is given, the result is an `Expected`, the photograph being what the L1 loss is towards.
+    With a photograph (H, W, 3) the result is an `Expected`: the L1 loss is towards it.
     """
     layout, up = settings["layout"], settings["layout"] != "colmap"
     mvp, inverse = diffsoup_projection(camera, layout, settings["z_near"], settings["z_far"], np.float64)

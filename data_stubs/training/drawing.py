@@ -19,19 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """An image with its derivatives, and which triangles it shows.
+    """An image (H, W, 3) over its background, not clamped, with derivatives, and the triangles it shows.
 
-    Attributes
-    ----------
-    image : (H, W, 3) Tensor
-        With the background in it, not clamped.
-    pairs : Pairs
-    weight : (P,) array
-        alpha T of each pair.
-    scale : int
-        Samples per pixel along each axis of what `pairs` are on.
-    flipped : bool
-        Whether the pairs' row 0 is the image's last.
+    `weight` (P,) is alpha T of each pair. Of `pairs`, `scale` samples are a pixel along each axis, and row
+    0 is the image's last if it is `flipped`.
     """
 
     image: torch.Tensor

@@ -55,13 +55,7 @@ class Training:
         self._seen = Statistics(model.faces)
 
     def resume(self) -> None:
-        """Take up what is in the folder.
-
-        Raises
-        ------
-        UsageError
-            USAGE: there is no state, or it is of another training.
-        """
+        """Take up what is in the folder."""
         arrays, about = read_state(self.folder / FILE)
         for name in ("method", "options"):
             if about.get(name) != self._about[name]:

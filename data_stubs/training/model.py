@@ -40,12 +40,8 @@ class Options:
 class Statistics:
     """What was seen of each triangle since the last change of structure.
 
-    Attributes
-    ----------
-    peak : (F,) float32
-        The largest weight it had at any sample.
-    error : (F,) float32
-        Its share of the images' absolute errors: weights times errors, summed.
+    `peak` (F,) is the largest weight it had at any sample, `error` (F,) its share of the images' absolute
+    errors: weights times errors, summed.
     """
 
     def __init__(self, faces: int) -> None:

@@ -28,18 +28,9 @@ _MARGIN = 1e-3
 class Pairs:
     """P pairs of G triangles and a raster of `width` x `height` samples.
 
-    Attributes
-    ----------
-    faces : (G,) int64
-        Numbers of the triangles that have pairs, in the order in which they are drawn.
-    starts, counts : (G,) int64
-        Where each one's pairs are.
-    x, y : (P,) float
-        The samples' columns and rows.
-    pixel : (P,) int32
-        y width + x.
-    key : (P,) float32, from 1 to 4, optional
-        By which a pixel's pairs are ordered, and equal ones by their number; else by number alone.
+    `faces` (G,) are the triangles that have pairs, as they are drawn; `starts` and `counts` (G,) say where
+    each one's are. `x`, `y` (P,) are the samples' columns and rows, `pixel` is y width + x. A pixel's pairs
+    are ordered by `key`, from 1 to 4, if there is one, and equal ones by their number.
     """
 
     width: int
@@ -93,16 +84,9 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """P pairs, rank by rank.
+    """P pairs, rank by rank: their numbers in `Pairs`, their pixels (Q,), and how many have each rank.
 
-    Attributes
-    ----------
-    pair : (P,) int64
-        Numbers of the pairs in `Pairs`.
-    pixels : (Q,) int64
-        The pixels that have pairs, longest lists first.
-    sizes : list of int
-        How many pixels have a pair of each rank.
+    Pixels with the longest lists come first.
     """
 
     pair: NDArray[np.int64]
@@ -180,17 +164,11 @@ def make_pairs(
     height: int,
     dtype: Any,
 ) -> Pairs:
-    """Return the pairs of `faces` and the samples inside three half-planes and a box.
+    """Return the pairs of `faces` (K,), in the order in which they are drawn, and the samples inside.
 
-    Parameters
-    ----------
-    faces : (K,) int64
-        In the order in which they are drawn.
-    planes : (F, 3, 3) float64
-        Rows (a, b, c) of each triangle: inside is where a x + b y + c >= 0. What they enclose may be a little
-        too wide, never too narrow.
-    box : two arrays (F, 2)
-        The first and last sample of each triangle, x and y.
+    A triangle's rows (a, b, c) of `planes` (F, 3, 3) have inside where a x + b y + c >= 0: what they
+    enclose may be a little too wide, never too narrow. `box` holds the first and last samples of each, (F,
+    2).
     """
     planes = planes[faces]
     first, last = box[0][faces], box[1][faces]

@@ -22,19 +22,10 @@ _RANDOM_POINTS = 4000
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """A scene's views and its points.
+    """A scene's views with their photographs (H, W, 3) over the background, in [0, 1], and its points.
 
-    Attributes
-    ----------
-    train, test : list of (Camera, (H, W, 3) float32)
-        Views with what they photographed, in [0, 1], over the background.
-    background : (3,) float64
-    points : (N, 3) float64
-    colors : (N, 3) float64, in [0, 1]
-    about : dict
-        What the official files say of the data.
-    synthetic : bool
-        Whether DiffSoup reads such a scene with its script for synthetic ones.
+    `about` is what the official files say of the data; of a `synthetic` scene DiffSoup has a script of its
+    own.
     """
 
     train: list[tuple[Camera, NDArray[np.float32]]]
@@ -63,10 +54,6 @@ def read_capture(
     """Read the scene at `path` as `msb run` evaluates `method` on it.
 
     `points` is the folder of another scene in the same frame, whose SfM points are taken in place of its own.
-
-    Raises
-    ------
-    SceneError, InputError
     """
     at = scene_at(Path(path), dataset_of(path), method, image_folder=image_folder, resolution=resolution)
     scene = at.read()

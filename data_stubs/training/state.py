@@ -25,13 +25,7 @@ def write_state(path: Path, arrays: dict[str, NDArray[Any]], about: dict[str, An
 
 
 def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return what `write_state` wrote.
-
-    Raises
-    ------
-    UsageError
-        USAGE: there is no such file, or it is none of ours.
-    """
+    """Return what `write_state` wrote."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             # Nothing is compressed, so what is larger than its file was not written here.
