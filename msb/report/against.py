@@ -79,15 +79,14 @@ def _gap(results: ResultSet, numbers: Numbers, key: Key, other: str) -> Gap:
     return gap_between(key.metric, records, wanted, key.method, other, one_asset=False)[0]
 
 
-def against_table(found: list[Comparison], numbers: Numbers, other: str) -> Table:
+def against_table(compared: list[Comparison], numbers: Numbers, other: str) -> Table:
     """Return a row per comparison."""
-    tested = [
-        n for n, one in enumerate(found) if one.gap.interval is not None and one.gap.interval.p is not None
-    ]
-    p = [
-        one.gap.interval.p for one in found if one.gap.interval is not None and one.gap.interval.p is not None
-    ]
-    adjusted = dict(zip(tested, _holm(p), strict=True))
+    p = {
+        n: interval.p
+        for n, one in enumerate(compared)
+        if (interval := one.gap.interval) is not None and interval.p is not None
+    }
+    adjusted = dict(zip(p, _holm(list(p.values())), strict=True))
     return Table(
         LABEL,
         f"Every method against {method_title(other)}, view by view, under the same condition.",
@@ -99,7 +98,7 @@ def against_table(found: list[Comparison], numbers: Numbers, other: str) -> Tabl
                 _cells(one, adjusted.get(n), numbers, other),
                 dataset_title(one.key.dataset),
             )
-            for n, one in enumerate(found)
+            for n, one in enumerate(compared)
         ),
         (
             *_NOTES,
@@ -109,9 +108,9 @@ def against_table(found: list[Comparison], numbers: Numbers, other: str) -> Tabl
     ).with_common_notes()
 
 
-def against_findings(found: list[Comparison], other: str) -> Iterator[Finding]:
+def against_findings(compared: list[Comparison], other: str) -> Iterator[Finding]:
     """Yield what the comparisons by PSNR say, a sentence per dataset, condition and what they are over."""
-    cases = (one for one in found if one.key.metric == "psnr" and one.gap.interval is not None)
+    cases = (one for one in compared if one.key.metric == "psnr" and one.gap.interval is not None)
     for (dataset, condition, over), own in groupby(cases, key=_where):
         where = (
             f"{method_title(other)} on {dataset_title(dataset)}, {condition_title(condition)}, over {over}"

@@ -276,10 +276,10 @@ def _other_renderings(results: ResultSet, shown: Iterable[View]) -> Iterator[str
 
 
 def _failures(results: ResultSet) -> list[str]:
-    found = []
+    notes = []
     for loaded in results:
         reason = loaded.result.reason
         if loaded.result.status == "failed":
             why = f": {reason.code}: {reason.message}" if reason else ""
-            found.append(f"failed: {'/'.join(loaded.result.cell.names)}{why}")
-    return found
+            notes.append(f"failed: {'/'.join(loaded.result.cell.names)}{why}")
+    return notes

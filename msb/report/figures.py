@@ -87,13 +87,13 @@ class Figure:
 
 def figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
     """Return every chart there are numbers for."""
-    found = []
+    charts = []
     for dataset in numbers.datasets():
-        found += [deployment_gap(numbers, dataset), quality_speed(numbers, dataset)]
+        charts += [deployment_gap(numbers, dataset), quality_speed(numbers, dataset)]
     if paper is not None:
         own = [pair for pair in pairs(numbers, paper) if pair.key.metric == "psnr"]
-        found += [differences(own, dataset) for dataset in numbers.datasets()]
-    return [figure for figure in found if figure is not None]
+        charts += [differences(own, dataset) for dataset in numbers.datasets()]
+    return [figure for figure in charts if figure is not None]
 
 
 def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
@@ -207,11 +207,11 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
     return _figure("quality_speed", dataset, caption, draw)
 
 
-def differences(found: Sequence[Pair], dataset: str) -> Figure | None:
+def differences(published: Sequence[Pair], dataset: str) -> Figure | None:
     """Return bars of ours - published PSNR, of scenes where those are published, else of the means."""
     own = [
         pair
-        for pair in found
+        for pair in published
         if pair.key.dataset == dataset
         and pair.key.condition == "non_engine"
         and pair.key.source != "meshsplatbench"
@@ -261,10 +261,10 @@ def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
     A method of ours looks as in every report; labels and methods of other packages take the places after it.
     """
     models = [method for dataset in numbers.datasets() for method in numbers.methods(dataset)]
-    found = {}
+    styles = {}
     for place, method in enumerate(dict.fromkeys([*METHODS, *models])):
         again, own = divmod(place, len(_COLORS))
-        found[method] = {
+        styles[method] = {
             "color": _COLORS[own],
             "marker": _MARKERS[(own + again) % len(_MARKERS)],
             "linestyle": _LINES[(own + 2 * again) % len(_LINES)],
@@ -273,7 +273,7 @@ def _styles(numbers: Numbers) -> dict[str, dict[str, Any]]:
             "linewidth": 1.8,
             "label": method_title(method),
         }
-    return found
+    return styles
 
 
 def _variant_markers(numbers: Numbers, dataset: str) -> dict[str, str]:

@@ -43,7 +43,7 @@ class Finding:
 
 
 class _Case(NamedTuple):
-    """A number of a method on a dataset, and how it is told; cases are in the order of their numbers."""
+    """A number of a method on a dataset, in a sentence its `detail`; cases sort by their numbers."""
 
     value: float
     dataset: str
@@ -73,18 +73,19 @@ def _mean_cases(
     ]
 
 
-def _sure(found: Interval | None) -> str:
+def _sure(difference: Interval | None) -> str:
     """Return what is said of a difference's significance, or why nothing is; nothing of bare numbers."""
-    if found is None:
+    if difference is None:
         return ""
-    if found.p is None:
-        return f", not tested: {found.reason}"
-    return f", {'' if excludes_zero(found) else 'not '}significant at 95 % (t interval over {found.over})"
+    if difference.p is None:
+        return f", not tested: {difference.reason}"
+    certain = "" if excludes_zero(difference) else "not "
+    return f", {certain}significant at 95 % (t interval over {difference.over})"
 
 
 def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
     """Return at most ten findings, those in `first` and then the most important. No numbers, no findings."""
-    found = [
+    findings = [
         *first,
         *_gap_findings(numbers),
         *_monotone_findings(numbers),
@@ -96,7 +97,7 @@ def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
         *_unsupported_findings(numbers),
     ]
     # What did not change, and what there is not, comes last; else the order is that above.
-    return sorted(found, key=lambda one: one.kind in _MINOR)[:_MOST]
+    return sorted(findings, key=lambda one: one.kind in _MINOR)[:_MOST]
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -241,7 +242,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield on which datasets another method leads by another metric: images against the surface, say."""
-    found: list[str] = []
+    sentences: list[str] = []
     table = ""
     for dataset in numbers.datasets():
         for condition in ("non_engine", "dedicated"):
@@ -251,12 +252,12 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
             each = ", ".join(
                 f"{method_title(method)} by {' and '.join(by)}" for method, by in leaders.items()
             )
-            found.append(f"on {dataset_title(dataset)} ({condition_title(condition)}) {each}")
+            sentences.append(f"on {dataset_title(dataset)} ({condition_title(condition)}) {each}")
             own = condition == "non_engine"
             table = table or ("native_summary" if own else f"renderer_comparison-{slug(dataset)}")
             break
-    if found:
-        yield Finding("leaders", f"No method leads by every metric: {'; '.join(found)}.", table)
+    if sentences:
+        yield Finding("leaders", f"No method leads by every metric: {'; '.join(sentences)}.", table)
 
 
 def _leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
@@ -272,13 +273,13 @@ def _leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[s
 
 def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tuple[str, float] | None:
     """Return the best of at least two methods with whole means, and its value; None where two are equal."""
-    found = {
+    means = {
         method: number.value
         for method in numbers.methods(dataset, condition)
         if (number := numbers.number(Key(dataset, MEAN, method, condition, metric))).value is not None
         and number.present == number.expected
     }
-    ranked = sorted(found.items(), key=lambda one: one[1], reverse=METRICS[metric].better == "higher")
+    ranked = sorted(means.items(), key=lambda one: one[1], reverse=METRICS[metric].better == "higher")
     if len(ranked) < 2 or abs(ranked[0][1] - ranked[1][1]) < SHOWN[metric].last_digit:
         return None
     return ranked[0]
@@ -297,12 +298,12 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list[tuple[str, float]]:
     """Return the methods that have whole means in both conditions, best in `condition` first."""
-    found = []
+    ranking = []
     for method in numbers.methods(dataset, condition):
         both = [numbers.number(Key(dataset, MEAN, method, c, "psnr")) for c in (condition, other)]
         if both[0].value is not None and all(n.value is not None and n.present == n.expected for n in both):
-            found.append((method, both[0].value))
-    return sorted(found, key=lambda pair: -pair[1])
+            ranking.append((method, both[0].value))
+    return sorted(ranking, key=lambda pair: -pair[1])
 
 
 def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> list[tuple[str, str]]:
@@ -317,7 +318,7 @@ def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) ->
 
 def _swap(numbers: Numbers, dataset: str, pair: tuple[str, str], conditions: tuple[str, str]) -> Interval:
     """Return the less certain of two methods' differences under two conditions: both must be there."""
-    found = []
+    intervals = []
     for condition in conditions:
         scenes = []
         for scene in numbers.scenes(dataset):
@@ -326,12 +327,12 @@ def _swap(numbers: Numbers, dataset: str, pair: tuple[str, str], conditions: tup
             )
             if common := [values[view] - others[view] for view in values if view in others]:
                 scenes.append(common)
-        found.append(interval(scenes))
-    return max(found, key=_p)
+        intervals.append(interval(scenes))
+    return max(intervals, key=_p)
 
 
-def _p(found: Interval) -> float:
-    return 2.0 if found.p is None else found.p
+def _p(difference: Interval) -> float:
+    return 2.0 if difference.p is None else difference.p
 
 
 def _order(ranking: list[tuple[str, float]]) -> str:

@@ -116,12 +116,12 @@ def _as_printed(cell: Cell) -> float:
 
 def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequence[str]) -> list[Row]:
     keys = [key for _, own in grid for key in own]
-    found = [numbers.number(key) for key in keys]
+    values = [numbers.number(key) for key in keys]
     groups = [
         tuple(getattr(key, field) for field in best_of) if best_of and not _is_of_cpu(number) else None
-        for key, number in zip(keys, found, strict=True)
+        for key, number in zip(keys, values, strict=True)
     ]
-    made = [number_cell(key.metric, number) for key, number in zip(keys, found, strict=True)]
+    made = [number_cell(key.metric, number) for key, number in zip(keys, values, strict=True)]
     cells = iter(mark_best(made, groups, alone=numbers.of_paper))  # as the paper does
     rows = []
     for line, own in grid:

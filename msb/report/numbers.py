@@ -128,8 +128,10 @@ class Numbers:
 
     def conditions(self, dataset: str) -> list[str]:
         """Return the conditions that hold images, each followed by its variants or engines."""
-        found = dict.fromkeys(key.condition for key in self._of(dataset) if key.condition != "exported_mesh")
-        return sorted(found, key=condition_order)
+        conditions = dict.fromkeys(
+            key.condition for key in self._of(dataset) if key.condition != "exported_mesh"
+        )
+        return sorted(conditions, key=condition_order)
 
     def in_place_of(self, dataset: str, condition: str) -> list[str]:
         """Return the variants or engines of a condition in a dataset."""

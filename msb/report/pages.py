@@ -195,5 +195,5 @@ def _template(name: str, **values: Any) -> str:
 
 
 def _images(view: View) -> dict[str, bytes]:
-    found = [view.gt, *(shot.picture for shots in view.shots.values() for shot in shots)]
-    return {picture.name: picture.data for picture in found if picture is not None}
+    pictures = [view.gt, *(shot.picture for shots in view.shots.values() for shot in shots)]
+    return {picture.name: picture.data for picture in pictures if picture is not None}

@@ -123,18 +123,18 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     Their `Key.source` is "paper" where the file names none.
     """
     cells = checked(_PaperTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
-    found = {}
+    numbers = {}
     for cell in cells:
         if cell.value is not None and (cell.metric in SHOWN or cell.metric in _OUR_METRICS):
             key, number = _entry(cell)
-            found[key._replace(source=key.source or "paper")] = number
-    return found
+            numbers[key._replace(source=key.source or "paper")] = number
+    return numbers
 
 
 def contradictions() -> dict[str, list[str]]:
     """Return label of a table of the paper's report -> notes on what in the paper contradicts it."""
-    found: dict[str, list[str]] = json.loads(_text("contradictions"))
-    return found
+    notes: dict[str, list[str]] = json.loads(_text("contradictions"))
+    return notes
 
 
 def _text(name: str) -> str:
@@ -178,27 +178,27 @@ def _means(values: dict[Key, Number], condition: str, metric: str) -> dict[tuple
 
 
 def _gaps(values: dict[Key, Number]) -> dict[GapKey, Gaps]:
-    found: dict[GapKey, Gaps] = {}
+    all_gaps: dict[GapKey, Gaps] = {}
     for metric in QUALITY:
         sides = [_means(values, condition, metric) for condition in DRAWN_CONDITIONS]
         for where in dict.fromkeys((*sides[0], *sides[1], *sides[2])):
             dataset, method = where
             gaps = value_gaps(metric, *(side.get(where) for side in sides))
             if any(gap.value is not None for gap in (gaps.adapt, gaps.port, gaps.deploy)):
-                found[GapKey(dataset, MEAN, method, metric)] = gaps
-    return found
+                all_gaps[GapKey(dataset, MEAN, method, metric)] = gaps
+    return all_gaps
 
 
 def _ratios(values: dict[Key, Number]) -> dict[RatioKey, Ratio]:
-    found = {}
+    ratios = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
         over, under = _means(values, above, "fps"), _means(values, below, "fps")
         for dataset, method in over:
             if (dataset, method) in under:
                 ratio = over[dataset, method] / under[dataset, method]
                 scenes = _scene_ratios(values, dataset, method, above, below)
-                found[RatioKey(dataset, method, above, below)] = Ratio(ratio, None, scenes, len(scenes))
-    return found
+                ratios[RatioKey(dataset, method, above, below)] = Ratio(ratio, None, scenes, len(scenes))
+    return ratios
 
 
 def _scene_ratios(

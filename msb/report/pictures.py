@@ -106,13 +106,13 @@ def views(results: ResultSet, places: Sequence[Place], chosen: Sequence[str] = (
     for scene, image in sorted(known):
         if f"{scene}/{image}" in chosen:
             picked.setdefault((scene, image), "chosen")
-    found = []
+    shown = []
     for (scene, image), why in picked.items():
         own = [place for place in places if place.scene == scene]
         view = _view(results, own, image, why)
         if view.gt is not None or any(shot.picture for shots in view.shots.values() for shot in shots):
-            found.append(view)
-    return found
+            shown.append(view)
+    return shown
 
 
 def view_names(results: ResultSet, place: Place) -> set[str]:
@@ -143,13 +143,13 @@ def _view(results: ResultSet, places: Sequence[Place], image: str, why: str) -> 
         for condition, loaded in sorted(
             results.places[place].items(), key=lambda one: condition_order(one[0])
         ):
-            found = next((one for one in loaded.images if one.name == image), None)
-            if found is None:
+            compared = next((one for one in loaded.images if one.name == image), None)
+            if compared is None:
                 continue
             if gt is None:
-                gt = _picture(loaded.file(found.gt), found, f"{stem}-gt.jpg")
+                gt = _picture(loaded.file(compared.gt), compared, f"{stem}-gt.jpg")
             name = f"{stem}-{slug(place.method)}-{slug(condition)}.jpg"
-            own.append(_shot(loaded, condition, found, name))
+            own.append(_shot(loaded, condition, compared, name))
         shots[place.method] = tuple(own)
     return View(dataset, scene, image, why, gt, shots)
 

@@ -76,8 +76,8 @@ class Verdict:
         """Return the uses under each mark, worst first; notes do not count, and "all" stands for all uses."""
         order: tuple[Mark, ...] = ("NO", "WITH CARE", "UNKNOWN", "YES")
         named = [(mark, [one.short for one in self.statements if one.mark == mark]) for mark in order]
-        found = [(mark, uses) for mark, uses in named if uses]
-        return [(found[0][0], ["all"])] if len(found) == 1 else found
+        marked = [(mark, uses) for mark, uses in named if uses]
+        return [(marked[0][0], ["all"])] if len(marked) == 1 else marked
 
 
 def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdict:
@@ -201,9 +201,9 @@ def _structure(records: Mapping[str, Result]) -> Iterator[Statement]:
 
 
 def _trained(records: Mapping[str, Result]) -> Iterator[Statement]:
-    found = dict.fromkeys(text for one in records.values() for text in one.trained)
-    if found:
-        yield Statement("NOTE", "Training", f"{_capital('; '.join(found))}.")
+    texts = dict.fromkeys(text for one in records.values() for text in one.trained)
+    if texts:
+        yield Statement("NOTE", "Training", f"{_capital('; '.join(texts))}.")
 
 
 def _notes(place: Place, numbers: Numbers) -> Iterator[Statement]:

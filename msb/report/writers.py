@@ -148,8 +148,8 @@ def _markdown_line(cells: list[str]) -> str:
 def _markdown_cell(cell: Cell, marks: dict[str, str]) -> str:
     text = markdown_text(cell.text)
     text = f"**{text}**" if cell.bold else text
-    found = ",".join(marks[note] for note in cell.footnotes)
-    return f"{text}<sup>{found}</sup>" if found else text
+    footnotes = ",".join(marks[note] for note in cell.footnotes)
+    return f"{text}<sup>{footnotes}</sup>" if footnotes else text
 
 
 def _without_empty_columns(table: Table) -> Table:
@@ -214,5 +214,5 @@ def _latex_cell(cell: Cell, marks: dict[str, str]) -> str:
     # Written as the paper writes them: a dash for what is not there, small capitals for what cannot be.
     text = {"--": "--", "N/A": r"\textsc{N/A}"}.get(cell.text) or latex_text(cell.text)
     text = rf"\textbf{{{text}}}" if cell.bold else text
-    found = ",".join(marks[note] for note in cell.footnotes)
-    return rf"{text}\textsuperscript{{{found}}}" if found else text
+    footnotes = ",".join(marks[note] for note in cell.footnotes)
+    return rf"{text}\textsuperscript{{{footnotes}}}" if footnotes else text

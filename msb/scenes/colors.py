@@ -36,11 +36,11 @@ def parse_color(text: str, official: object = None) -> Color | None:
 
 def check_background(background: object, official: object = None) -> Color:
     """Return the background that a renderer was given: finite numbers, or a text for `parse_color`."""
-    found = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
-    if found is None:
+    color = parse_color(background, official) if isinstance(background, str) else _three_numbers(background)
+    if color is None:
         text = f"background is {shorten(repr(background), 60)}; it must be three finite numbers, "
         raise UsageError("USAGE", text + "or black, white, #rrggbb, r,g,b in 0..1, or official as text")
-    return found
+    return color
 
 
 def _three_numbers(values: Any) -> Color | None:

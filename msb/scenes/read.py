@@ -73,10 +73,10 @@ def _read_folder(folder: Path) -> list[Camera]:
         check_set(cameras, Source(model, b""))
         return cameras
     for names in _IN_FOLDERS:
-        found = [folder / name for name in names if is_file(folder / name)]
-        if found:
-            cameras = [camera for file in found for camera in _read_json(Source.open(file))]
-            check_set(cameras, Source(found[0], b""))
+        files = [folder / name for name in names if is_file(folder / name)]
+        if files:
+            cameras = [camera for file in files for camera in _read_json(Source.open(file))]
+            check_set(cameras, Source(files[0], b""))
             return cameras
     looked = "sparse/0, sparse, " + ", ".join(name for names in _IN_FOLDERS for name in names)
     raise Source(folder, b"").error("CAMERA_SOURCE", f"the folder holds no cameras; looked for {looked}")

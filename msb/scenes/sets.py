@@ -19,10 +19,10 @@ HOLD = 8
 
 def given_cameras(cameras: Iterable[Camera]) -> list[Camera]:
     """Return the cameras of a caller."""
-    found = list(cameras) if isinstance(cameras, Iterable) else None
-    if found is None or not all(isinstance(camera, Camera) for camera in found):
+    listed = list(cameras) if isinstance(cameras, Iterable) else None
+    if listed is None or not all(isinstance(camera, Camera) for camera in listed):
         raise UsageError("USAGE", f"cameras is {shorten(repr(cameras), 40)}; it must be several msb.Camera")
-    return found
+    return listed
 
 
 def check_set(cameras: Sequence[Camera], source: Source) -> None:

@@ -41,5 +41,5 @@ class Source:
             if error.file is not None:
                 raise
             message = f"{what}: {error.message}" if what else error.message
-            found = self.error(error.code, message, pointer=pointer)
-            raise found from None
+            located = self.error(error.code, message, pointer=pointer)
+            raise located from None

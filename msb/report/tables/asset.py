@@ -25,10 +25,10 @@ _BYTES = ("geometry", "appearance", "scratch", "targets", "total")
 
 def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) -> dict[str, Table]:
     """Return the tables "conditions", "gaps", "memory" and "structure" of an asset that have numbers."""
-    found = {}
+    tables = {}
     known = {key.condition for key in numbers.values if key[:3] == place}
     if conditions := [name for name in numbers.conditions(place.dataset) if name in known]:
-        found["conditions"] = make_table(
+        tables["conditions"] = make_table(
             numbers,
             None,
             "conditions",
@@ -38,13 +38,13 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
             [Line((condition_title(condition),), {"condition": condition}) for condition in conditions],
             place._asdict(),
         )
-        found["gaps"] = scene_gaps_table(numbers, place)
+        tables["gaps"] = scene_gaps_table(numbers, place)
     if held := {name: record.memory for name, record in records.items() if record.memory is not None}:
-        found["memory"] = _memory_table(held)
+        tables["memory"] = _memory_table(held)
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     if audit is not None:
-        found["structure"] = _structure_table(vars(audit.metrics))
-    return found
+        tables["structure"] = _structure_table(vars(audit.metrics))
+    return tables
 
 
 def _memory_table(held: Mapping[str, Memory]) -> Table:
@@ -84,11 +84,11 @@ def _structure_table(metrics: Mapping[str, float | None]) -> Table:
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
     """Return what was measured and with what, as pairs of a name and a value."""
-    found: dict[str, dict[str, None]] = {}
+    facts: dict[str, dict[str, None]] = {}
 
     def add(name: str, value: str | None) -> None:
         if value:
-            found.setdefault(name, {})[value] = None
+            facts.setdefault(name, {})[value] = None
 
     for condition, record in records.items():
         for name, file in (("Asset", record.asset), ("Checkpoint", record.checkpoint)):
@@ -112,7 +112,7 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
         if record.quality is not None:
             add("Test views", str(len(record.quality.images)))
         add("Measured with", f"msb {record.tool_version}")
-    return [(name, "; ".join(values)) for name, values in found.items()]
+    return [(name, "; ".join(values)) for name, values in facts.items()]
 
 
 def _plain(value: object) -> str:

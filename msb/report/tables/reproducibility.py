@@ -70,15 +70,15 @@ def pairs(numbers: Numbers, paper: Numbers) -> list[Pair]:
     with the benchmark's paper, whatever it prints ("meshsplatbench"). A partial mean is compared with
     nothing.
     """
-    found = []
+    both = []
     for key, published in paper.values.items():
         if published.value is None or key.metric not in QUALITY or key.source == "meshsplatbench":
             continue
         ours = numbers.number(key._replace(source=""))
         if ours.value is not None and ours.present == ours.expected:
             source = key.source or "meshsplatbench"
-            found.append(Pair(key._replace(source=source), ours.value, published.value))
-    return found
+            both.append(Pair(key._replace(source=source), ours.value, published.value))
+    return both
 
 
 def reproducibility_statistics(numbers: Numbers, paper: Numbers) -> Table:

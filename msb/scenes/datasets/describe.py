@@ -142,14 +142,16 @@ def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
     if scene is not None:
         views = (*scene.train, *scene.test)
         used = {path for view in views if (path := view.image_path) is not None} | set(scene.masks.values())
-    found = []
+    holding = []
     for folder in folders(root):
         if images := images_in(folder):
             size: Size | None = None
             with contextlib.suppress(MsbError):  # what is evaluated is checked where it is read
                 size = image_size(images[0])
-            found.append(ImageFolder(folder.name, len(images), size, sum(image in used for image in images)))
-    return tuple(found)
+            holding.append(
+                ImageFolder(folder.name, len(images), size, sum(image in used for image in images))
+            )
+    return tuple(holding)
 
 
 def _points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
@@ -160,19 +162,21 @@ def _points(root: Path, layout: Layout) -> tuple[int | None, list[Finding]]:
     try:
         return len(read_points(model)[0]), []
     except MsbError as error:
-        found = error_finding(error)
-        return None, [finding(found.code, found.message, severity="warning", file=str(model))]
+        problem = error_finding(error)
+        return None, [finding(problem.code, problem.message, severity="warning", file=str(model))]
 
 
 def _view_count(scene: Scene) -> list[Finding]:
     """Return a warning if the scene is one of the benchmark and has not the views it must have."""
     dataset = DATASETS.get(scene.dataset)
-    found = len(scene.train), len(scene.test)
-    if dataset is None or dataset.views in (None, found) or scene.name not in dataset.scenes:
+    counts = len(scene.train), len(scene.test)
+    if dataset is None or dataset.views in (None, counts) or scene.name not in dataset.scenes:
         return []
-    wanted = dataset.views or found
-    text = f"it has {found[0]} training and {found[1]} test views; published are {wanted[0]} and {wanted[1]}"
-    return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=found)]
+    wanted = dataset.views or counts
+    text = (
+        f"it has {counts[0]} training and {counts[1]} test views; published are {wanted[0]} and {wanted[1]}"
+    )
+    return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
 def _unused(
@@ -180,34 +184,34 @@ def _unused(
 ) -> tuple[str, ...]:
     if scene is None:
         return ()
-    found = []
+    unused = []
     for folder in images:
         if not folder.used:
             size = "" if folder.size is None else f" of {folder.size[0]} x {folder.size[1]}"
-            found.append(f"{folder.name}: {folder.count} images{size}")
+            unused.append(f"{folder.name}: {folder.count} images{size}")
         elif folder.used < folder.count and folder.name != MASKS:
-            found.append(f"{folder.name}: {folder.count - folder.used} images that no camera names")
+            unused.append(f"{folder.name}: {folder.count - folder.used} images that no camera names")
     if layout == "colmap" and is_file(root / TRAIN):
-        found.append(f"{TRAIN}: the COLMAP model goes first")
+        unused.append(f"{TRAIN}: the COLMAP model goes first")
     if is_file(root / "transforms_val.json"):
-        found.append("transforms_val.json: validation views are neither trained on nor tested")
+        unused.append("transforms_val.json: validation views are neither trained on nor tested")
     if layout == "colmap" and is_file(root / MATRICES):
-        found.append(f"{MATRICES}: only to bring meshes to millimetres, the COLMAP model has the cameras")
-    return tuple(found)
+        unused.append(f"{MATRICES}: only to bring meshes to millimetres, the COLMAP model has the cameras")
+    return tuple(unused)
 
 
 def _deviations(root: Path, ours: Scene, options: dict[str, Any]) -> dict[str, tuple[str, ...]]:
     """Return for each method how its own code would read the scene differently."""
-    asked = {key: value for key, value in options.items() if key == "dataset"}
-    found: dict[str, tuple[str, ...]] = {}
+    given = {key: value for key, value in options.items() if key == "dataset"}
+    deviations: dict[str, tuple[str, ...]] = {}
     for name in RULES:
         if name in (OURS, ours.rules):
             continue
         try:
-            found[name] = tuple(_differences(ours, read_scene(root, rules=name, **asked)))
+            deviations[name] = tuple(_differences(ours, read_scene(root, rules=name, **given)))
         except MsbError as error:
-            found[name] = (_cannot(error, ours.dataset),)
-    return found
+            deviations[name] = (_cannot(error, ours.dataset),)
+    return deviations
 
 
 def _cannot(error: MsbError, dataset: str) -> str:
@@ -221,7 +225,7 @@ def _cannot(error: MsbError, dataset: str) -> str:
 
 def _differences(ours: Scene, theirs: Scene) -> list[str]:
     first, second = ours.test[0], theirs.test[0]
-    found = []
+    differences = []
     size = f"{second.width} x {second.height}"
     if theirs.image_folder != ours.image_folder or (first.width, first.height) != (
         second.width,
@@ -229,22 +233,22 @@ def _differences(ours: Scene, theirs: Scene) -> list[str]:
     ):
         how = f", resized ({theirs.resampling})" if theirs.gt_resized else ""
         place = "" if theirs.image_folder == "." else f"{theirs.image_folder} at "
-        found.append(f"{place}{size}{how}")
+        differences.append(f"{place}{size}{how}")
     elif theirs.gt_resized and theirs.resampling != ours.resampling:
-        found.append(f"resized {theirs.resampling}")
+        differences.append(f"resized {theirs.resampling}")
     if [view.name for view in theirs.test] != [view.name for view in ours.test]:
-        found.append("other test views")
+        differences.append("other test views")
     if _lens(first.resized(second.width, second.height)) != _lens(second):
-        found.append(
+        differences.append(
             "recorded principal point" if theirs.camera_convention == "full_K" else "other intrinsics"
         )
     if theirs.background != ours.background:
-        found.append(f"over {color_name(theirs.background)}")
+        differences.append(f"over {color_name(theirs.background)}")
     if ours.mask_source and theirs.mask_source is None:
-        found.append("mask ignored")
+        differences.append("mask ignored")
     if not theirs.quantized:
-        found.append("not rounded to 8 bits")
-    return found
+        differences.append("not rounded to 8 bits")
+    return differences
 
 
 def _lens(camera: Camera) -> tuple[float, ...]:

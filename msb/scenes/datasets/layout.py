@@ -46,14 +46,14 @@ def find_scenes(path: Path) -> list[Path]:
         raise InputError("FILE_NOT_FOUND", "there is no such folder", file=path)
     if find_layout(path) is not None:
         return [path]
-    found = [scene for child in folders(path) for scene in _scenes_below(child)]
-    if not found:
+    scenes = [scene for child in folders(path) for scene in _scenes_below(child)]
+    if not scenes:
         text = (
             f"it holds no scene: no sparse/0, {TRAIN} or {MATRICES} in it or in the folders below; "
             "docs/datasets.md shows the layouts"
         )
         raise SceneError("SCENE_LAYOUT", text, file=path)
-    return found
+    return scenes
 
 
 def _scenes_below(folder: Path) -> list[Path]:

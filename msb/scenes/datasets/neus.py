@@ -56,15 +56,15 @@ def _matrix(source: Source, archive: zipfile.ZipFile, name: str) -> NDArray[np.f
         info = archive.getinfo(f"{name}.npy")
     except KeyError:
         raise _bad(source, f"it holds no {name}") from None
-    found: NDArray[np.float64] | None = None
+    matrix: NDArray[np.float64] | None = None
     # Damage shows as any exception, and old headers as warnings.
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         if info.file_size <= _MAX_MEMBER:
-            found = _numbers(io.BytesIO(archive.read(info)))
-    if found is None or not np.isfinite(found).all():
+            matrix = _numbers(io.BytesIO(archive.read(info)))
+    if matrix is None or not np.isfinite(matrix).all():
         raise _bad(source, f"{name} is not 4 x 4 finite numbers")
-    return found
+    return matrix
 
 
 def _numbers(stream: io.BytesIO) -> NDArray[np.float64] | None:

@@ -35,12 +35,12 @@ def scaled_note(scenes: Iterable[Scene]) -> str | None:
 
     The first is described, the others are counted.
     """
-    found = {scene.root: text for scene in scenes if (text := _scaled(scene)) is not None}
-    if not found:
+    sentences = {scene.root: text for scene in scenes if (text := _scaled(scene)) is not None}
+    if not sentences:
         return None
-    more = len(found) - 1
+    more = len(sentences) - 1
     alike = f"; so it is in {more} more scene{'s' if more > 1 else ''}" if more else ""
-    return f"{next(iter(found.values()))}{alike}"
+    return f"{next(iter(sentences.values()))}{alike}"
 
 
 def _scaled(scene: Scene) -> str | None:
@@ -62,10 +62,10 @@ def recorded_note(path: str | os.PathLike[str], cameras: Sequence[Camera]) -> st
     `path` is where `read_cameras` found the cameras, which are as recorded.
     """
     view = cameras[0]
-    found = photographs_beside(path, cameras)
-    if found is None or view.width < _FAR * found[1][0]:
+    beside = photographs_beside(path, cameras)
+    if beside is None or view.width < _FAR * beside[1][0]:
         return None
-    folder, size = found
+    folder, size = beside
     return (
         f"the cameras are drawn as recorded, at {view.width} x {view.height} pixels; the photographs in "
         f"{shorten(folder.name, 40)} have {_text(size)}: --scale {size[0] / view.width:.4g} draws "

@@ -169,10 +169,10 @@ def _paired(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) 
     if len(number) != len(masks) or not number.keys() >= set(photographs.values()):
         text = f"there are {len(masks)} masks in it for {len(number)} photographs in {folder.name}"
         raise SceneError("SCENE_IMAGE", text, file=root / MASKS)
-    found = {name: masks[number[image]] for name, image in photographs.items()}
-    for name, mask in found.items():
+    paired = {name: masks[number[image]] for name, image in photographs.items()}
+    for name, mask in paired.items():
         size, wanted = image_size(mask), image_size(photographs[name])
         if size != wanted:
             text = f"it is {size[0]} x {size[1]} pixels, its photograph {wanted[0]} x {wanted[1]}"
             raise SceneError("SCENE_IMAGE", text, file=mask)
-    return found
+    return paired

@@ -142,9 +142,9 @@ def _layout(root: Path) -> Layout:
         raise InputError("FILE_NOT_FOUND", "there is no such folder", file=root)
     layout = find_layout(root)
     if layout is None:
-        found = find_scenes(root)  # refuses a folder without any
-        names = ", ".join(scene.relative_to(root).as_posix() for scene in found[:4])
-        text = f"it is no scene but holds {len(found)}: {shorten(names)}; give one of them"
+        scenes = find_scenes(root)  # refuses a folder without any
+        names = ", ".join(scene.relative_to(root).as_posix() for scene in scenes[:4])
+        text = f"it is no scene but holds {len(scenes)}: {shorten(names)}; give one of them"
         raise SceneError("SCENE_LAYOUT", text, file=root)
     return layout
 

@@ -34,10 +34,10 @@ class _EveryRules(Mapping[str, Rules]):
     """Our own rules and those that methods declare, looked up when one is asked for."""
 
     def __getitem__(self, name: str) -> Rules:
-        found = _OURS if name == OURS else METHODS[name].rules
-        if found is None:
+        rules = _OURS if name == OURS else METHODS[name].rules
+        if rules is None:
             raise KeyError(name)
-        return found
+        return rules
 
     def __iter__(self) -> Iterator[str]:
         yield OURS
