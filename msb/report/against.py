@@ -86,7 +86,7 @@ def against_table(compared: list[Comparison], numbers: Numbers, other: str) -> T
         for n, one in enumerate(compared)
         if (interval := one.gap.interval) is not None and interval.p is not None
     }
-    adjusted = dict(zip(p, _holm(list(p.values())), strict=True))
+    adjusted = dict(zip(p, holm(list(p.values())), strict=True))
     return Table(
         LABEL,
         f"Every method against {method_title(other)}, view by view, under the same condition.",
@@ -147,7 +147,7 @@ def _said(one: Comparison) -> str:
     return f"{said} ({', '.join(parts)})"
 
 
-def _cells(one: Comparison, holm: float | None, numbers: Numbers, other: str) -> tuple[Cell, ...]:
+def _cells(one: Comparison, adjusted: float | None, numbers: Numbers, other: str) -> tuple[Cell, ...]:
     key, gap, interval = one.key, one.gap, one.gap.interval
     if gap.signed is None or interval is None:
         return (Cell(NOT_THERE, reason=REASONS.get(gap.reason or "", gap.reason)),) + (Cell(NOT_THERE),) * 5
@@ -159,12 +159,12 @@ def _cells(one: Comparison, holm: float | None, numbers: Numbers, other: str) ->
             absent if end is None else difference_cell(key.metric, end)
             for end in interval.ends or (None, None)
         ),
-        *(absent if p is None else Cell(p_text(p), p) for p in (interval.p, holm)),
+        *(absent if p is None else Cell(p_text(p), p) for p in (interval.p, adjusted)),
         Cell(interval.over, interval.over),
     )
 
 
-def _holm(p: list[float]) -> list[float]:
+def holm(p: list[float]) -> list[float]:
     """Return p adjusted for their number n: the least times n, the next times n - 1, and never falling."""
     adjusted, least = dict.fromkeys(range(len(p)), 0.0), 0.0
     for rank, place in enumerate(sorted(adjusted, key=p.__getitem__)):

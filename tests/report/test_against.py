@@ -13,7 +13,7 @@ from scipy.stats import ttest_rel
 
 from msb.bench.records import Setup
 from msb.errors import UsageError
-from msb.report.against import _holm
+from msb.report.against import holm
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
@@ -129,6 +129,6 @@ def test_every_format_holds_it(tmp_path: Path) -> None:
 
 
 def test_p_for_all_tests_together_is_holms() -> None:
-    assert _holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
-    assert _holm([0.9, 0.8]) == [1.0, 1.0]
-    assert _holm([]) == []
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []
