@@ -74,7 +74,6 @@ def bench(
     from msb.bench.machine import machine
     from msb.bench.nvml import driver_memory
     from msb.bench.profile import profile
-    from msb.cli.camera_options import parse_size
     from msb.cli.inputs import open_asset
     from msb.render import Renderer
     from msb.render.backend import lean_options
@@ -87,7 +86,7 @@ def bench(
     if views.cameras is not None:
         cameras = views.read(output)
     else:
-        cameras = around(asset, _TURNTABLE, *parse_size(views.size or "960x720"))
+        cameras = around(asset, _TURNTABLE, *views.pixels(960, 720))
     color = views.color(asset)
     lean = lean_options(options.tier, drawing.renderer) | drawing.modes
     settings = drawing.settings(asset)

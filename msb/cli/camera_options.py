@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
+MOST_PIXELS = 16384
+"""The largest width or height of a picture, in pixels; GL draws no more."""
 Tier = Literal["reference", "dedicated", "standard"]
 
 
@@ -70,14 +73,27 @@ class Views:
         )
         if self.size is None:
             return chosen
-        if (match := _PIXELS.fullmatch(self.size.strip().lower())) is not None:
+        if (match := PIXELS.fullmatch(self.size)) is not None:
             return [camera.resized(int(match[1]), int(match[2])) for camera in chosen]
+        return [camera.scaled(self._factor) for camera in chosen]
+
+    def pixels(self, width: int, height: int) -> tuple[int, int]:
+        """Return the size of pictures without cameras, which is `width` times `height` by default."""
+        if self.size is None:
+            return width, height
+        if (match := PIXELS.fullmatch(self.size)) is not None:
+            return int(match[1]), int(match[2])
+        return round(width * self._factor), round(height * self._factor)
+
+    @property
+    def _factor(self) -> float:
         try:
-            factor = float(self.size)
+            factor = float(str(self.size))
         except ValueError:
-            text = f'--size is "{shorten(self.size, 40)}"; it must look like 1237x822, or be a factor'
-            raise UsageError("USAGE", text) from None
-        return [camera.scaled(factor) for camera in chosen]
+            factor = math.nan
+        if not 0 < factor <= MOST_PIXELS:
+            raise not_a_size(str(self.size), ", or be a factor above 0")
+        return factor
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
         """Return the background: by default the asset's own; "official" must be stated in the asset."""
@@ -165,12 +181,9 @@ def _stem(name: str) -> str:
     return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
 
 
-_PIXELS = re.compile(r"(\d{1,6})[x,](\d{1,6})")
+PIXELS = re.compile(r"\s*(\d{1,6})[x,](\d{1,6})\s*", re.IGNORECASE)
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """Return width and height of a text like 1237x822."""
-    match = _PIXELS.fullmatch(text.strip().lower())
-    if match is None:
-        raise UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822')
-    return int(match[1]), int(match[2])
+def not_a_size(text: str, more: str = "") -> UsageError:
+    """Return the error about what is no size."""
+    return UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822{more}')

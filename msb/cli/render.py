@@ -168,7 +168,6 @@ def render(
 
 def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output) -> list[Camera]:
     """Return the cameras of --cameras, or of a path through them, or of a turntable."""
-    from msb.cli.camera_options import parse_size
     from msb.scenes import interpolated
     from msb.scenes.around import ELEVATION, around
 
@@ -178,7 +177,7 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
             raise UsageError(
                 "USAGE", f'--turntable is "{shorten(options.turntable, 40)}"; it must look like 8 or 8,45'
             )
-        width, height = parse_size(views.size or "960x720")
+        width, height = views.pixels(960, 720)
         return around(asset, int(match[1]), width, height, options.up, float(match[2] or ELEVATION))
     cameras = views.read(output)
     if options.flight is None:

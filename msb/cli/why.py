@@ -40,7 +40,6 @@ def why(
     the method's own look, what engine settings mend of that, and what only a bake could. Without --cameras
     it is seen by those of its training where they lie beside it, else from around.
     """
-    from msb.cli.camera_options import parse_size
     from msb.cli.inputs import open_asset
     from msb.errors import about
     from msb.views import choose_views
@@ -50,7 +49,7 @@ def why(
     if save is not None:
         for known in CAUSES:
             output.check_free(save / f"{known.name}.png")
-    size = parse_size(views.size or "640x480") if views.cameras is None else (640, 480)
+    size = views.pixels(640, 480) if views.cameras is None else (640, 480)
     with output.progress(f"reading {path.name}"):
         asset = open_asset(path, output)
     given = None if views.cameras is None else views.read(output)

@@ -7,14 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from msb.base.option import Option
-from msb.cli.camera_options import Up
+from msb.cli.camera_options import MOST_PIXELS, PIXELS, Up, not_a_size
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
     from msb_viewers.gl import GlProbe
-
-MOST_PIXELS = 16384
-"""The largest width or height of a picture, in pixels; GL draws no more."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +56,9 @@ class Window:
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height."""
-        from msb.cli.camera_options import parse_size
-
-        width, height = parse_size(self.size)
+        if (match := PIXELS.fullmatch(self.size)) is None:
+            raise not_a_size(self.size)
+        width, height = int(match[1]), int(match[2])
         if not (64 <= width <= MOST_PIXELS and 64 <= height <= MOST_PIXELS):
             text = f"--size is {width}x{height}; it must be from 64 to {MOST_PIXELS} each way"
             raise UsageError("USAGE", text)

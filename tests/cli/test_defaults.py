@@ -178,6 +178,9 @@ def test_commands_take_what_is_set_and_options_are_stronger(
     data = msb("config", "show", "--all", "--json", "-", cwd=tmp_path, **home).json
     assert {"key": "audit.quiet", "value": True, "from": str(path)} in data["settings"]
     assert {"key": "render.tier", "value": "standard", "from": "default"} in data["settings"]
+    path.write_text("scale = 0.5\n")  # which needs --cameras where it is typed
+    assert msb("web", "-o", "a.html", demo_asset, cwd=tmp_path, **home).status == 0
+    assert msb("web", "-f", "-o", "a.html", "--scale", "0.5", demo_asset, cwd=tmp_path, **home).status == 2
     path.write_text('[audit]\nprofile = "gmae"\n')
     result = msb("audit", demo_asset, cwd=tmp_path, **home)
     assert (result.status, len(result.err.splitlines())) == (2, 1)

@@ -77,4 +77,4 @@ def test_the_command_prints_the_list_and_writes_json_and_pictures(msb: Msb, tmp_
     result = msb("why", "--size", "48x36", "--json", "-", MODELS / "two_dts")
     assert result.json["schema"] == "msb.why/1"
     assert {"name", "db", "applies", "how_to_see"} <= result.json["causes"][0].keys()
-    assert msb("why", "--scale", "0.5", MODELS / "two_dts").status == 2
+    assert msb("why", "--camera", "0", MODELS / "two_dts").status == 2
