@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -75,20 +75,21 @@ def collect(results: ResultSet) -> Numbers:
                 _add_condition(values, views, dataset, method, condition, of_scenes)
             _add_gaps(gaps, dataset, method, conditions, of_scenes)
             expected = expected_scenes(dataset, scenes)
-            for above, below in _ratios(conditions):
-                ratios[RatioKey(dataset, method, above, below)] = slowdown(of_scenes, expected, above, below)
+            for dedicated in ("dedicated", *in_place_of(conditions, "dedicated")):
+                for pair in (("standard", dedicated), (dedicated, "non_engine")):
+                    ratios[RatioKey(dataset, method, *pair)] = slowdown(of_scenes, expected, *pair)
     return Numbers(with_setups(values, records), gaps, ratios, views)
 
 
 def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
     """Return the values of every view, of image metrics that all views of a record have."""
-    found = {
-        Key(*place, condition, metric): view_values(result, metric)
+    return {
+        Key(*place, condition, metric): values
         for place, conditions in records.items()
         for condition, result in conditions.items()
         for metric in QUALITY
+        if (values := view_values(result, metric))
     }
-    return {key: values for key, values in found.items() if values}
 
 
 def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
@@ -104,21 +105,9 @@ def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
 
 def _conditions(records: Mapping[Place, Mapping[str, Result]], dataset: str, method: str) -> list[str]:
     """Return the conditions a method has records of, and the dataset's others that it does not support."""
-    of_dataset: dict[str, None] = {}
-    own: set[str] = set()
-    for place, conditions in records.items():
-        if place.dataset == dataset:
-            of_dataset.update(dict.fromkeys(conditions))
-            own |= set(conditions) if place.method == method else set()
-    shown = [c for c in of_dataset if c in own or _unsupported(method, c)]
-    return sorted(shown, key=condition_order)
-
-
-def _ratios(conditions: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of conditions whose frame rates are held against each other."""
-    for dedicated in ("dedicated", *in_place_of(conditions, "dedicated")):
-        yield "standard", dedicated
-        yield dedicated, "non_engine"
+    there = [(place.method, name) for place in records if place.dataset == dataset for name in records[place]]
+    shown = {name for other, name in there if other == method or _unsupported(method, name)}
+    return sorted(dict.fromkeys(name for _, name in there if name in shown), key=condition_order)
 
 
 def _unsupported(method: str, condition: str) -> str | None:

@@ -91,13 +91,9 @@ class ResultSet:
 def read_results(*folders: str | os.PathLike[str], allow_mixed: bool = False) -> ResultSet:
     """Return the records below ``FOLDER/cells`` of every results folder.
 
-    Parameters
-    ----------
-    *folders : path-like
-        Results folders. If two hold the same cell, and measured the same, the later folder's counts.
-    allow_mixed : bool
-        Take records that differ in what must be equal, and note it, instead of refusing. Models whose records
-        in two folders differ are kept apart, under the folders' names.
+    If two folders hold the same cell, and measured the same, the later one's counts. With `allow_mixed`
+    records that differ in what must be equal are taken, and noted, instead of refused; models whose records
+    in two folders differ are kept apart, under the folders' names.
     """
     records = [loaded for folder in folders for loaded in _read_folder(given_path(folder))]
     return result_set(records, allow_mixed=allow_mixed)
