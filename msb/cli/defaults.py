@@ -65,7 +65,7 @@ def _has_our_table(path: Path) -> bool:
         tool = parse_toml(data.decode()).get("tool")
     except ValueError:
         return b"tool.msb" in data  # then it is said what is wrong
-    return "msb" in tool if isinstance(tool, dict) else False
+    return "msb" in tool if isinstance(tool, dict) else tool is not None
 
 
 def anything_set() -> bool:
