@@ -157,9 +157,10 @@ class _Task:
 
     def open_window(self, path: Path, mesh: StoredMesh, result: Audit, analysis: Analysis) -> None:
         """Show the mesh that was audited."""
-        from msb.cli.view import ViewOptions, present
+        from msb.cli.view import present
         from msb.cli.window import Window
         from msb_viewers.model import build_model
+        from msb_viewers.options import ViewOptions
         from msb_viewers.viewed_mesh import viewed_mesh
 
         if self.probe is not None:

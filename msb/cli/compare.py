@@ -15,7 +15,6 @@ from msb.errors import about
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.scenes import Camera
     from msb_viewers.deployment.shots import Comparison
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
@@ -141,11 +140,12 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
 def _chosen(asset: Asset, wish: _Wish) -> tuple[list[View], str]:
     """Return the views of the training or from inside, none where it is to be turned, and their words."""
     from msb.views import choose_views
+    from msb_viewers.deployment.views import views_at
 
     chosen = choose_views(asset, device=wish.drawing.device)
     if chosen.origin == "turntable":
         return [], chosen.said
-    views = _with_photographs(chosen.cameras, chosen.place or Path(), None, None)
+    views = views_at(chosen.cameras, chosen.place or Path(), None, None)
     sizes = [min(1.0, max(TURNTABLE[1:]) / max(one.camera.width, one.camera.height)) for one in views]
     return [
         replace(one, camera=one.camera.scaled(size)) for one, size in zip(views, sizes, strict=True)
@@ -154,26 +154,11 @@ def _chosen(asset: Asset, wish: _Wish) -> tuple[list[View], str]:
 
 def _given(wish: _Wish) -> list[View]:
     from msb.scenes import read_cameras
+    from msb_viewers.deployment.views import views_at
 
     place = wish.views.cameras or Path()
     cameras = wish.views.of(read_cameras(place))
-    return _with_photographs(cameras, place, wish.options.image_folder, wish.options.scale)
-
-
-def _with_photographs(
-    cameras: list[Camera], place: Path, images: Path | None, scale: float | None
-) -> list[View]:
-    """Return views of cameras that were read at `place`, with the photographs there or in `images`."""
-    from msb.scenes.datasets import photographs_beside
-    from msb_viewers.deployment.views import dataset_views
-
-    beside = place if place.is_dir() else place.parent
-    if images is not None:
-        images = beside / images if (beside / images).is_dir() else images
-    elif not any(camera.image_path and camera.image_path.is_file() for camera in cameras):
-        beside_them = photographs_beside(place, cameras)
-        images = None if beside_them is None else beside_them[0]
-    return dataset_views(cameras, images, scale, beside=beside)
+    return views_at(cameras, place, wish.options.image_folder, wish.options.scale)
 
 
 def _write(state: CompareState, wish: _Wish, output: Output) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from msb.base.option import Option
 from msb.cli.camera_options import Source
@@ -12,34 +11,11 @@ from msb.cli.command import Rule, command
 from msb.cli.output import Output, PlainOutput, echo
 from msb.cli.window import Window, open_probe
 from msb.errors import UsageError, about
+from msb_viewers.options import ViewOptions
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
-    from msb_viewers.state import ViewState
     from msb_viewers.viewed_mesh import ViewedMesh
-
-
-@dataclass(frozen=True)
-class ViewOptions:
-    """What to show at first."""
-
-    show: Annotated[
-        tuple[str, ...],
-        Option("Layers that are on: names, all or none. May be given again.", metavar="LAYERS"),
-    ] = ()
-    at: Annotated[
-        str | None,
-        Option(
-            "Fly to the N-th element of a layer, or to vertex V, whose fans are drawn apart.",
-            ("--at", "--vertex"),
-            metavar="LAYER:N|V",
-        ),
-    ] = None
-    component: Annotated[int | None, Option("Show only the N-th largest component.", least=1)] = None
-    colors: Annotated[
-        Literal["own", "components", "grey"] | None,
-        Option("How the mesh is coloured. Default: its own colours."),
-    ] = None
 
 
 @command(
@@ -84,7 +60,9 @@ def view(
 
 def present(model: ViewModel, options: ViewOptions, window: Window, output: Output) -> None:
     """Write what is asked for, or open the window and return when it is closed."""
-    state = initial_state(model, options)
+    from msb_viewers.state import ViewState
+
+    state = ViewState.of(model, options)
     for note in model.notes:
         output.note(f"{model.name}: {note}")
     if window.html is not None:
@@ -119,33 +97,6 @@ def present(model: ViewModel, options: ViewOptions, window: Window, output: Outp
             viewer.close()
     if window.written and not output.quiet:
         echo("\n".join(map(str, window.written)))
-
-
-def initial_state(model: ViewModel, options: ViewOptions) -> ViewState:
-    """Return the state the options describe."""
-    from msb_viewers.state import ViewState, parse_element, parse_kinds
-
-    state = ViewState.first(model)
-    if options.show:
-        state.visible = parse_kinds(model, options.show)
-        state.active = next((kind for kind in model.layers if kind in state.visible), state.active)
-    if options.colors is not None:
-        if options.colors == "own" and model.colors is None:
-            raise UsageError("NAME_UNKNOWN", "--colors own: the mesh has no colours of its own")
-        state.coloring = options.colors
-    if options.component is not None:
-        if options.component > len(model.sizes):
-            text = f"--component {options.component}: there are {len(model.sizes)}"
-            raise UsageError("NAME_UNKNOWN", text)
-        state.isolate(options.component - 1)
-    if options.at is not None and options.at.isascii() and options.at.isdigit():
-        last = len(model.points) - 1
-        if len(options.at) > 12 or int(options.at) > last:
-            raise UsageError("NAME_UNKNOWN", f"--at {options.at[:12]}: the last vertex is {last}")
-        state.choose_vertex(int(options.at))
-    elif options.at is not None:
-        state.choose(*parse_element(model, options.at))
-    return state
 
 
 def _read(path: Path, output: Output) -> ViewModel:

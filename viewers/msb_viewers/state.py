@@ -13,6 +13,7 @@ from msb_viewers.model import SOUP_NOTE
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
+    from msb_viewers.options import ViewOptions
 
 Coloring = Literal["own", "components", "grey"]
 COLORINGS: tuple[Coloring, ...] = ("own", "components", "grey")
@@ -71,6 +72,31 @@ class ViewState:
             state.active = (shown or list(model.layers))[0]
         state.message = "H: help" if not model.notes else model.notes[0]
         state.message += " 1: draw them" if SOUP_NOTE in model.notes[:1] else ""
+        return state
+
+    @classmethod
+    def of(cls, model: ViewModel, options: ViewOptions) -> ViewState:
+        """Return the state that `options` describe."""
+        state = cls.first(model)
+        if options.show:
+            state.visible = parse_kinds(model, options.show)
+            state.active = next((kind for kind in model.layers if kind in state.visible), state.active)
+        if options.colors is not None:
+            if options.colors == "own" and model.colors is None:
+                raise UsageError("NAME_UNKNOWN", "--colors own: the mesh has no colours of its own")
+            state.coloring = options.colors
+        if options.component is not None:
+            if options.component > len(model.sizes):
+                text = f"--component {options.component}: there are {len(model.sizes)}"
+                raise UsageError("NAME_UNKNOWN", text)
+            state.isolate(options.component - 1)
+        if options.at is not None and options.at.isascii() and options.at.isdigit():
+            last = len(model.points) - 1
+            if len(options.at) > 12 or int(options.at) > last:
+                raise UsageError("NAME_UNKNOWN", f"--at {options.at[:12]}: the last vertex is {last}")
+            state.choose_vertex(int(options.at))
+        elif options.at is not None:
+            state.choose(*parse_element(model, options.at))
         return state
 
     def toggle(self, kind: str) -> None:
