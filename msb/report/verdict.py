@@ -15,6 +15,7 @@ from msb.metrics.likeness import ALIKE, NEARLY
 from msb.report.collect import REFERENCE
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
+from msb.report.table import NOT_SUPPORTED
 from msb.report.trials import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
@@ -32,8 +33,12 @@ _ALIKE: tuple[tuple[float, Mark, str], ...] = (
     (0.0, "NO", "Looks different from"),
 )
 """The least PSNR in dB between two renderings, its mark, and how it is said."""
-SMALL_LOSS, LARGE_LOSS = 1.0, 3.0
-"""Losses of PSNR in dB: a smaller one than the first is hard to see, one of the second is obvious."""
+_LOSSES: tuple[tuple[float, Mark, str], ...] = (
+    (1.0, "YES", "Looks as in"),
+    (3.0, "WITH CARE", "Visibly worse than in"),
+    (math.inf, "NO", "Looks different from"),
+)
+"""The loss of PSNR in dB, its mark and how it is said: less than 1 is hard to see, 3 is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
 """The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second."""
 _MOST = 8
@@ -120,10 +125,10 @@ def _looks(
     """
     number = numbers.number(Key(*place, condition, "psnr"))
     if number.value is None:
-        mark: Mark = "NO" if number.absent == "N/A" else "UNKNOWN"
-        return Statement(
-            mark, use, f"{'Not supported' if mark == 'NO' else 'Not known'}: {number.reason or 'not run'}."
-        )
+        reason = number.reason or "not run"
+        if number.absent == NOT_SUPPORTED:
+            return Statement("NO", use, f"Not supported: {reason}.")
+        return Statement("UNKNOWN", use, f"Not known: {reason}.")
     tier = "standard" if condition == "standard" else "dedicated"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
@@ -137,29 +142,26 @@ def _looks(
         start, gap = "dedicated", gaps["port"]
         why = f" Held against the dedicated tier of this run, as {lacks}."
     if gap is None or gap.signed is None:
-        return Statement(
-            "UNKNOWN", use, f"PSNR {number.value:.2f} dB; {lacks}, so there is nothing to judge it by."
-        )
+        unknown = f"PSNR {number.value:.2f} dB; {lacks}, so there is nothing to judge it by."
+        return Statement("UNKNOWN", use, unknown)
     before = numbers.number(Key(*place, start, "psnr"))
     own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
     own = "the dedicated tier" if start == "dedicated" else own
     values = f"{abs(gap.signed):.2f} dB (PSNR {before.value:.2f} to {number.value:.2f} dB)"
+    change = "loses" if gap.signed >= 0 else "gains"
     if before.value is not None and before.value < SHOWS_NOTHING:
         far = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
         return Statement("UNKNOWN", use, f"{far} (PSNR here {number.value:.2f} dB).{why}")
     alike = likeness(loaded[start], loaded[condition])
-    if alike is not None:
+    if alike is None:
+        mark, how = next((mark, how) for least, mark, how in _LOSSES if gap.signed < least)
+        said = f"{change} {values}"
+    else:
         part = f" of {alike.views} of {alike.of} views" if alike.views < alike.of else ""
         mark, how = next((mark, how) for least, mark, how in _ALIKE if alike.psnr >= least)
-        change = "loses" if gap.signed >= 0 else "gains"
         between = f"{alike.psnr:.1f} dB between the two renderings{part}"
-        return Statement(mark, use, f"{how} {own}: {between}; to the photographs it {change} {values}.{why}")
-    if gap.signed < SMALL_LOSS:
-        how = "loses" if gap.signed >= 0 else "gains"
-        return Statement("YES", use, f"Looks as in {own}: {how} {values}.{why}")
-    if gap.signed < LARGE_LOSS:
-        return Statement("WITH CARE", use, f"Visibly worse than in {own}: loses {values}.{why}")
-    return Statement("NO", use, f"Looks different from {own}: loses {values}.{why}")
+        said = f"{between}; to the photographs it {change} {values}"
+    return Statement(mark, use, f"{how} {own}: {said}.{why}")
 
 
 def _could_run(record: Result | None) -> bool:
@@ -189,12 +191,9 @@ def _structure(records: Mapping[str, Result]) -> Iterator[Statement]:
     use = "Editing: subdivision, collision, UV unwrapping, printing"
     record = records.get("exported_mesh")
     if record is None or record.audit is None:
-        reason = (
-            record.reason.message
-            if record is not None and record.reason is not None
-            else "the mesh was not audited"
-        )
-        yield Statement("UNKNOWN", use, f"Not known: {reason}.")
+        reason = None if record is None else record.reason
+        why = "the mesh was not audited" if reason is None else reason.message
+        yield Statement("UNKNOWN", use, f"Not known: {why}.")
         return
     verdict = record.audit.verdict
     yield Statement(_LEVELS[verdict.level], use, f"{_capital(verdict.sentence)}.")

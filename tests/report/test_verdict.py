@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from msb.report.build import build_report
-from msb.report.results import Place, read_results
+from msb.report.results import Place
 from tests.report.factory import (
     VIEWS,
     make_result,
@@ -92,8 +91,7 @@ def test_looks_are_those_of_the_two_renderings(
             changed = picture + random.integers(-change, change + 1, picture.shape)
             Image.fromarray(changed.astype(np.uint8)).save(place)
         note_hashes(file)
-    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
-    dedicated = {one.use: one for one in verdict.statements}["A model with its own shaders (Dedicated)"]
+    dedicated = verdict_of(tmp_path)["A model with its own shaders (Dedicated)"]
     assert (dedicated.mark, said in dedicated.why) == (mark, True), dedicated
 
 
@@ -103,8 +101,7 @@ def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: P
         made = make_result("capture", "desk", "two_dts", condition)
         made = made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, None)})
         write(tmp_path, made, images=pictures)
-    (verdict,) = build_report(read_results(tmp_path), pictures=False).verdicts
-    said = {one.use: one for one in verdict.statements}
+    said = verdict_of(tmp_path)
     plain = said["A plain mesh in any engine (Standard)"]
     assert plain.mark == "WITH CARE"
     assert "in the dedicated tier: " in plain.why
