@@ -27,10 +27,9 @@ SCENES = ("desk", "chair", "room", "hall")
 
 def measure(root: Path, method: str, scene: str, psnr: float, **changes: Any) -> list[float]:
     """Write a record of three views around `psnr`, and return their values."""
-    made = make_result("capture", scene, method, "standard")
-    random = np.random.default_rng(len(method + scene) + round(psnr))
-    shifts = random.normal(0, 0.3, 3)
+    shifts = np.random.default_rng(len(method + scene) + round(psnr)).normal(0, 0.3, 3)
     shifts -= shifts.mean()
+    made = make_result("capture", scene, method, "standard")
     changes |= {"quality": quality(made.cell, psnr, 0.5, None, tuple(shifts))}
     write(root, made.model_copy(update=changes))
     return list(psnr + shifts)

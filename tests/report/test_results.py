@@ -9,20 +9,19 @@ from typing import Any
 
 import pytest
 
-from msb.bench.records import File, RendererInfo
+from msb.bench.records import File
 from msb.errors import InputError, UsageError
 from msb.report.results import Place, read_results
 from tests.report.documents import AUDIT, chamfer
-from tests.report.factory import METRICS, make_result, write
+from tests.report.factory import METRICS, make_result, measure, write
 
 HERE = Place("capture", "desk", "two_dts")
 
 
 def two(root: Path, **changes: Any) -> Path:
     """Write two conditions of one asset, the second with parts replaced."""
-    write(root, make_result(*HERE, "non_engine"))
-    made = make_result(*HERE, "dedicated")
-    write(root, made.model_copy(update=changes))
+    measure(root, "non_engine")
+    measure(root, "dedicated", **changes)
     return root
 
 
@@ -66,37 +65,30 @@ def test_a_broken_record_is_named(tmp_path: Path) -> None:
         read_results(tmp_path)
 
 
-def other_asset() -> dict[str, Any]:
-    return {"asset": File(path="x", bytes=1, sha256="0" * 64)}
-
-
-def other_setup() -> dict[str, Any]:
-    setup = make_result(*HERE, "dedicated").setup
-    return {"setup": setup.model_copy(update={"background": (1.0, 1.0, 1.0)})}
-
-
-def other_metric() -> dict[str, Any]:
-    quality = make_result(*HERE, "dedicated").quality
-    changed = ({**METRICS[0], "data_range": 255.0}, METRICS[1])
-    return {"quality": quality.model_copy(update={"metrics": changed})}
+OTHER_ASSET = {"asset": File(path="x", bytes=1, sha256="0" * 64)}
+OTHER_SETUP = {"setup": {"background": (1.0, 1.0, 1.0)}}
+OTHER_METRIC = {"quality": {"metrics": ({**METRICS[0], "data_range": 255.0}, METRICS[1])}}
+OTHER_SETTINGS = {"renderer": {"name": "msb-dedicated", "settings": {"supersample": 4}}}
+OTHER_VERSION = {"renderer": {"version": "0"}}
 
 
 def other_images() -> dict[str, Any]:
     quality = make_result(*HERE, "dedicated").quality
-    return {"quality": quality.model_copy(update={"images": quality.images[1:2]})}
+    assert quality is not None
+    return {"quality": {"images": quality.images[1:2]}}
 
 
 MIXED = [
-    (other_asset, "differ in the asset's bytes"),
-    (other_setup, "differ in their setup"),
-    (other_metric, "define psnr differently"),
-    (other_images, "differ in their test images"),
+    (OTHER_ASSET, "differ in the asset's bytes"),
+    (OTHER_SETUP, "differ in their setup"),
+    (OTHER_METRIC, "define psnr differently"),
+    (other_images(), "differ in their test images"),
 ]
 
 
 @pytest.mark.parametrize(("changes", "why"), MIXED)
 def test_what_must_not_be_compared_is_refused(tmp_path: Path, changes: Any, why: str) -> None:
-    two(tmp_path, **changes())
+    two(tmp_path, **changes)
     with pytest.raises(UsageError, match=f"RESULTS_MIXED: .*{why}.*--allow-mixed"):
         read_results(tmp_path)
     found = read_results(tmp_path, allow_mixed=True)
@@ -105,55 +97,33 @@ def test_what_must_not_be_compared_is_refused(tmp_path: Path, changes: Any, why:
 
 
 def test_libraries_may_differ_and_methods_may_have_their_own_setup(tmp_path: Path) -> None:
-    quality = make_result(*HERE, "dedicated").quality
-    libraries = ({**METRICS[0], "libraries": {"numpy": "1"}}, METRICS[1])
-    two(tmp_path, quality=quality.model_copy(update={"metrics": libraries}))
-    made = make_result("capture", "desk", "diffsoup", "dedicated")
-    write(tmp_path, made.model_copy(update=other_setup()))
+    two(tmp_path, quality={"metrics": ({**METRICS[0], "libraries": {"numpy": "1"}}, METRICS[1])})
+    measure(tmp_path, "dedicated", method="diffsoup", **OTHER_SETUP)
     assert read_results(tmp_path).notes == ()
 
 
 def test_of_the_same_cell_in_two_folders_the_later_counts(tmp_path: Path) -> None:
     for name, seconds in (("old", 1.0), ("new", 2.0)):
-        made = make_result(*HERE, "dedicated")
-        write(tmp_path / name, made.model_copy(update={"seconds": seconds}))
+        measure(tmp_path / name, "dedicated", seconds=seconds)
     found = read_results(tmp_path / "old", tmp_path / "new")
     assert found.places[HERE]["dedicated"].result.seconds == 2.0
     assert len(found) == 1
-    made = make_result(*HERE, "dedicated")
-    write(tmp_path / "new", made.model_copy(update=other_asset()))
-    with pytest.raises(
-        UsageError, match="RESULTS_MIXED: old and new hold capture/desk/two_dts/ded"
-    ) as caught:
+    measure(tmp_path / "new", "dedicated", **OTHER_ASSET)
+    mixed = "RESULTS_MIXED: old and new hold capture/desk/two_dts/ded"
+    with pytest.raises(UsageError, match=mixed) as caught:
         read_results(tmp_path / "old", tmp_path / "new")
     assert "more)" not in caught.value.message  # what differs is counted once
 
 
-def other_settings() -> dict[str, Any]:
-    return {
-        "renderer": RendererInfo(name="msb-dedicated", version="1", kind="msb", settings={"supersample": 4})
-    }
-
-
-def other_version() -> dict[str, Any]:
-    renderer = make_result(*HERE, "dedicated").renderer
-    return {"renderer": renderer.model_copy(update={"version": "0"})}
-
-
 @pytest.mark.parametrize(
     ("changes", "what"),
-    [
-        (other_asset, "bytes of"),
-        (other_settings, "renderer and settings"),
-        (other_version, "renderer"),
-    ],
+    [(OTHER_ASSET, "bytes of"), (OTHER_SETTINGS, "renderer and settings"), (OTHER_VERSION, "renderer")],
 )
 def test_two_measurements_of_one_cell_are_never_merged(tmp_path: Path, changes: Any, what: str) -> None:
     folders = tmp_path / "a" / "results", tmp_path / "b" / "results"
     for folder in folders:
         two(folder)
-    made = make_result(*HERE, "dedicated")
-    write(folders[1], made.model_copy(update=changes()))
+    measure(folders[1], "dedicated", **changes)
     with pytest.raises(UsageError, match=f'a/results and b/results hold .*{what}.*"ours"') as caught:
         read_results(*folders)
     assert (caught.value.code, caught.value.exit_status) == ("RESULTS_MIXED", 2)
@@ -163,10 +133,8 @@ def test_two_measurements_of_one_cell_are_never_merged(tmp_path: Path, changes: 
 
 
 def test_a_labelled_model_stands_beside_the_other_of_its_method(tmp_path: Path) -> None:
-    write(tmp_path, make_result(*HERE, "dedicated"))
-    made = make_result(*HERE, "dedicated")
-    cell = made.cell.model_copy(update={"label": "ours"})
-    write(tmp_path, made.model_copy(update={"cell": cell, **other_asset()}))
+    measure(tmp_path, "dedicated")
+    measure(tmp_path, "dedicated", cell={"label": "ours"}, **OTHER_ASSET)
     assert [place.method for place in read_results(tmp_path).places] == ["ours", "two_dts"]
 
 
@@ -181,13 +149,6 @@ def test_files_outside_the_results_folder_are_not_read(tmp_path: Path) -> None:
     assert loaded.file("images/x.png") == inside.resolve()
     (inside.parent / "link.png").symlink_to(secret)
     outside = os.path.relpath(secret, loaded.path.parent)
-    for name in (
-        outside,
-        str(secret),
-        "images/link.png",
-        "images/absent.png",
-        "images",
-        "a\0b",
-        "x" * 5000,
-    ):
+    inside_names = ("images/link.png", "images/absent.png", "images", "a\0b", "x" * 5000)
+    for name in (outside, str(secret), *inside_names):
         assert loaded.file(name) is None
