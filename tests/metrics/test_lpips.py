@@ -14,7 +14,7 @@ import pytest
 from msb import metrics
 from msb.errors import InputError, MetricError
 from msb.metrics import vgg
-from msb.metrics.vgg import HEADS_SHA256, LAYERS, VGG_FILE, VGG_SHA256, read_heads, read_vgg, weights_source
+from msb.metrics.vgg import HEADS_SHA256, VGG_FILE, VGG_SHA256, read_heads, read_vgg, weights_source
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
 from tests.metrics.synthetic_vgg import synthetic_vgg
 
@@ -157,27 +157,27 @@ def test_a_line_says_whether_the_weights_are_the_published_ones() -> None:
     assert f"vgg16-{VGG_SHA256[:8]}.pth" == VGG_FILE
 
 
+BIAS = "features.0.bias"
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["missing", "shape", "nan", "integers"])
-def test_bad_weights_are_refused(tmp_path: Path, kind: str) -> None:
-    weights: dict[str, Any] = {}
-    for number, inputs, outputs in LAYERS:
-        weights[f"features.{number}.weight"] = np.zeros((outputs, inputs, 3, 3), np.float32)
-        weights[f"features.{number}.bias"] = np.zeros(outputs, np.float32)
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"features.5.bias": None},
+        {BIAS: np.zeros(32, np.float32)},
+        {BIAS: np.full(64, np.nan, np.float32)},
+        {BIAS: np.zeros(64, int)},
+    ],
+    ids=["missing", "shape", "nan", "integers"],
+)
+def test_bad_weights_are_refused(tmp_path: Path, change: dict[str, Any]) -> None:
     path = tmp_path / "vgg.npz"
-    if kind == "missing":
-        del weights["features.5.bias"]
-    elif kind == "shape":
-        weights["features.0.weight"] = weights["features.0.weight"][:, :2]
-    elif kind == "nan":
-        weights["features.0.bias"][3] = np.nan
-    elif kind == "integers":
-        weights["features.0.bias"] = np.zeros(64, int)
-    np.savez(path, **weights)
+    weights = {**synthetic_vgg(), **change}
+    np.savez(path, **{key: value for key, value in weights.items() if value is not None})
     with pytest.raises(MetricError) as caught:
         read_vgg(path)
-    assert caught.value.code == "METRIC_WEIGHTS"
-    assert caught.value.file == str(path)
+    assert (caught.value.code, caught.value.file) == ("METRIC_WEIGHTS", str(path))
 
 
 def test_a_missing_file_is_an_input_error(tmp_path: Path) -> None:
