@@ -28,8 +28,6 @@ from msb.bench.records import (
     Reason,
     RendererInfo,
     Result,
-    Setup,
-    Timing,
     Training,
 )
 from msb.registry import METHODS
@@ -38,6 +36,7 @@ from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import read_results
+from tests.bench.records import SETUP, timing
 from tests.report.documents import AUDIT, chamfer
 
 if TYPE_CHECKING:
@@ -201,32 +200,15 @@ def _drawn(cell: Cell) -> dict[str, Any]:
     values = {metric: _value(cell, metric) for metric in ("psnr", "ssim", "lpips", "fps", "p50_ms", "p95_ms")}
     lpips = values["lpips"] if cell.dataset != "dtu" else None
     found: dict[str, Any] = {
-        "setup": Setup(
-            camera_convention="gs_fov",
-            image_folder="images_4",
-            gt_resized=False,
-            background=(0.0, 0.0, 0.0),
-        ),
+        "setup": SETUP,
         "quality": quality(cell, values["psnr"], values["ssim"], lpips),
         "device": {"device": {"name": "Made-up GPU", "platform": "none"}},
     }
     kind: Any = "upstream" if cell.condition == "non_engine" else "msb"
     found["renderer"] = RendererInfo(name=cell.condition, version="1", kind=kind)
-    found["timing"] = Timing(
-        frames=100,
-        seconds=100 / values["fps"],
-        fps=values["fps"],
-        p50_ms=values["p50_ms"],
-        p95_ms=values["p95_ms"],
-        mean_ms=values["p50_ms"],
-        busy_p50_ms=values["p50_ms"],
-        busy_p95_ms=values["p95_ms"],
-        queued_p50_ms=None,
-        queued_p95_ms=None,
-        round_fps=(),
-        stages_ms={},
-        device_kind="gpu",
-    )
+    p50, p95 = ({f"{kind}{name}": values[name] for kind in ("", "busy_")} for name in ("p50_ms", "p95_ms"))
+    of_gpu = {**p50, **p95, "round_fps": (), "device_kind": "gpu"}
+    found["timing"] = timing(values["fps"]).model_copy(update=of_gpu)
     memory = int(_value(cell, "memory"))
     found["memory"] = Memory(geometry=memory, appearance=0, scratch=0, targets=0, uses={"all": memory})
     if cell.condition == "non_engine":
