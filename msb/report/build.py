@@ -153,11 +153,12 @@ def _sections(
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
     def section(
-        name: str, title: str, intro: str, *own: Table, figure: str = "-", views: tuple[View, ...] = ()
+        name: str, title: str, intro: str, *own: Table, charts_of: str = "", views: tuple[View, ...] = ()
     ) -> Section:
-        """Return a section of the tables that are not empty and the charts called `figure`-DATASET."""
+        """Return a section of the tables that are not empty and the charts of one kind."""
         held = tuple(table for table in own if table.rows and table.columns)
-        return Section(name, title, intro, held, tuple(c for c in charts if c.name.startswith(figure)), views)
+        drawn = tuple(chart for chart in charts if chart.name.partition("-")[0] == charts_of)
+        return Section(name, title, intro, held, drawn, views)
 
     runtime = [tables.slowdown_table(numbers, paper)] if deployed else []
     runtime += [tables.runtime_resources(numbers, dataset, paper) for dataset in few]
@@ -177,7 +178,7 @@ def _sections(
             "What each tier and engine makes of the same models, and what is lost on the way.",
             *(tables.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
             *(tables.scene_comparison(numbers, dataset, paper) for dataset in few),
-            figure="deployment_gap",
+            charts_of="deployment_gap",
         ),
         section(
             "gaps",
@@ -192,7 +193,7 @@ def _sections(
             "The methods before any deployment.",
             *([tables.native_summary(numbers, paper)] if native else []),
         ),
-        section("runtime", "Speed and memory", "What drawing costs.", *runtime, figure="quality_speed"),
+        section("runtime", "Speed and memory", "What drawing costs.", *runtime, charts_of="quality_speed"),
         section(
             "structure",
             "Structure of the meshes",
@@ -204,7 +205,7 @@ def _sections(
             "Against published results",
             "How near this run comes to what was published.",
             *published,
-            figure="reproducibility",
+            charts_of="reproducibility",
         ),
         section(
             "features",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -64,20 +65,19 @@ def _scenes_below(folder: Path) -> list[Path]:
 
 def folders(path: Path) -> Iterator[Path]:
     """Yield the folders in `path`, sorted by name, hidden ones left out."""
-    try:
-        children = sorted(path.iterdir())
-    except OSError:
-        return
-    yield from (child for child in children if not child.name.startswith(".") and is_folder(child))
+    yield from (child for child in _children(path) if not child.name.startswith(".") and is_folder(child))
 
 
 def images_in(folder: Path) -> list[Path]:
     """Return the PNG and JPEG files in `folder`, sorted by name; none if there is no such folder."""
-    try:
-        children = sorted(folder.iterdir())
-    except OSError:
-        return []
-    return [child for child in children if child.suffix.lower() in IMAGE_SUFFIXES and is_file(child)]
+    images = (child for child in _children(folder) if child.suffix.lower() in IMAGE_SUFFIXES)
+    return [image for image in images if is_file(image)]
+
+
+def _children(folder: Path) -> list[Path]:
+    with contextlib.suppress(OSError):
+        return sorted(folder.iterdir())
+    return []
 
 
 def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> list[Camera]:
