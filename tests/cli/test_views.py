@@ -30,6 +30,7 @@ def test_commands_say_which_views_judge_and_where_none_sees_it(
     assert "dB" not in result.out.replace("Cause", "").splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_the_cameras_of_the_training_judge_trial_and_why(msb: Msb) -> None:
     said = "12 of 57 cameras of the training (pebble)"
     result = msb("trial", "--task", "decimate_50", "--json", "-", CAPTURE)

@@ -52,6 +52,15 @@ def square(size: float, depth: float, *, left: float = 0.0) -> list[list[float]]
     return [[left + x, y, depth] for x, y in ((-half, -half), (half, -half), (half, half), (-half, half))]
 
 
+def mouse(viewer: Any, x: float, y: float, *events: str) -> None:
+    """Put the mouse on a pixel, from the top left, and have the window told of events."""
+    interactor = viewer.plotter.iren.interactor
+    interactor.SetEventInformation(int(x), viewer.size[1] - 1 - int(y), 0, 0, "\0", 0, None)
+    for event in events:
+        interactor.InvokeEvent(event)
+
+
+PRESS, RELEASE, MOVE = "LeftButtonPressEvent", "LeftButtonReleaseEvent", "MouseMoveEvent"
 RED, GREEN = (200, 30, 30), (30, 160, 60)
 
 

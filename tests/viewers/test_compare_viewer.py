@@ -26,6 +26,7 @@ from tests.viewers.compare import (
     photographs,
     small_cameras,
 )
+from tests.viewers.conftest import MOVE, PRESS, RELEASE, mouse
 
 if TYPE_CHECKING:
     from msb_viewers.deployment.viewer import CompareViewer
@@ -70,23 +71,20 @@ def test_dragging_turns_the_asset_in_every_path(opened: Any, monkeypatch: pytest
     viewer.controls.attach()
     before = dict(viewer.shots)
     full = before["standard"].image.shape
-    interactor = viewer.plotter.iren.interactor
-    interactor.SetEventInformation(200, 240, 0, 0, "\0", 0, None)
-    interactor.InvokeEvent("LeftButtonPressEvent")
+    mouse(viewer, 200, 240, PRESS)
     for x in range(210, 300, 10):
-        interactor.SetEventInformation(x, 240, 0, 0, "\0", 0, None)
-        interactor.InvokeEvent("MouseMoveEvent")
+        mouse(viewer, x, 240, MOVE)
     end = time.monotonic() + 30
     while viewer.shots["standard"].image.shape == full and time.monotonic() < end:
-        interactor.InvokeEvent("TimerEvent")
+        mouse(viewer, 290, 240, "TimerEvent")
         time.sleep(0.01)
     moving = viewer.shots["standard"].image
     assert moving.shape[0] < full[0]
     assert viewer.shots["dedicated"].image.shape == moving.shape  # both of one moment
     angle = viewer.pose
-    interactor.InvokeEvent("TimerEvent")
+    mouse(viewer, 290, 240, "TimerEvent")
     assert (viewer.pose.eye == angle.eye).all()  # VTK's style does not go on by itself
-    interactor.InvokeEvent("LeftButtonReleaseEvent")
+    mouse(viewer, 290, 240, RELEASE)
     viewer.settle(60)
     for tier in FAST:
         assert viewer.shots[tier].image.shape == full
@@ -155,15 +153,10 @@ def test_stepping_shows_each_camera_with_its_photograph(opened: Any, tmp_path: P
 def test_the_divider_is_dragged_and_moved_by_keys(opened: Any) -> None:
     viewer = opened(free_state(layout="wipe"))
     viewer.controls.attach()
-    interactor = viewer.plotter.iren.interactor
     box, grip = viewer.composition.pictures["wipe"], viewer.composition.divider
-    pose = viewer.pose
-    y = viewer.size[1] - 1 - (box.top + box.height // 2)
-    interactor.SetEventInformation(grip.left + grip.width // 2, y, 0, 0, "\0", 0, None)
-    interactor.InvokeEvent("LeftButtonPressEvent")
-    interactor.SetEventInformation(box.left + box.width // 4, y, 0, 0, "\0", 0, None)
-    interactor.InvokeEvent("MouseMoveEvent")
-    interactor.InvokeEvent("LeftButtonReleaseEvent")
+    pose, y = viewer.pose, box.top + box.height // 2
+    mouse(viewer, grip.left + grip.width // 2, y, PRESS)
+    mouse(viewer, box.left + box.width // 4, y, MOVE, RELEASE)
     assert viewer.state.divider == pytest.approx(0.25, abs=0.01)
     assert (viewer.pose.eye == pose.eye).all()
     viewer.controls.key("Right")

@@ -11,7 +11,7 @@ import pytest
 from msb_viewers.camera import Pose
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, STYLES
 from msb_viewers.viewed_mesh import Colors
-from tests.viewers.conftest import GREEN, RED, model_of, square
+from tests.viewers.conftest import GREEN, MOVE, PRESS, RED, RELEASE, model_of, mouse, square
 
 if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
@@ -266,17 +266,14 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
     interactor.InvokeEvent("KeyPressEvent")
     interactor.InvokeEvent("CharEvent")
     assert ("multifan_vertices" in viewer.state.visible) != on
-    x, y = viewer.project(faults.points[[10, 11, 12]].mean(axis=0)[None])[0]
-    interactor.SetEventInformation(int(x), 479 - int(y), 0, 0, "\0", 0, None)
-    interactor.InvokeEvent("LeftButtonPressEvent")
-    interactor.InvokeEvent("LeftButtonReleaseEvent")
+    x, y = middle(viewer, [10, 11, 12])
+    mouse(viewer, x, y, PRESS, RELEASE)
     assert viewer.state.vertex in (10, 11, 12)
     before = viewer.pose
-    interactor.InvokeEvent("LeftButtonPressEvent")
-    interactor.SetEventInformation(int(x) - 40, 479 - int(y), 0, 0, "\0", 0, None)
-    interactor.InvokeEvent("MouseMoveEvent")
+    mouse(viewer, x, y, PRESS)
+    mouse(viewer, x - 40, y, MOVE)
     assert viewer.stage.moving
-    interactor.InvokeEvent("LeftButtonReleaseEvent")
+    mouse(viewer, x - 40, y, RELEASE)
     assert not viewer.stage.moving
     assert np.linalg.norm(viewer.pose.eye - before.eye) > 0.05
 
