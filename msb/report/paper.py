@@ -190,24 +190,21 @@ def _gaps(values: dict[Key, Number]) -> dict[GapKey, Gaps]:
 
 
 def _ratios(values: dict[Key, Number]) -> dict[RatioKey, Ratio]:
-    ratios = {}
+    rates = {
+        key: number.value
+        for key, number in values.items()
+        if (key.metric, key.source) == ("fps", "") and number.value is not None
+    }
+    found = {}
     for above, below in (("standard", "dedicated"), ("dedicated", "non_engine")):
-        over, under = _means(values, above, "fps"), _means(values, below, "fps")
-        for dataset, method in over:
-            if (dataset, method) in under:
-                ratio = over[dataset, method] / under[dataset, method]
-                scenes = _scene_ratios(values, dataset, method, above, below)
-                ratios[RatioKey(dataset, method, above, below)] = Ratio(ratio, None, scenes, len(scenes))
-    return ratios
-
-
-def _scene_ratios(
-    values: dict[Key, Number], dataset: str, method: str, above: str, below: str
-) -> dict[str, float]:
-    scenes = {}
-    for key, number in values.items():
-        if key[:1] + key[2:] == (dataset, method, above, "fps", "") and key.scene != MEAN:
-            other = values.get(key._replace(condition=below))
-            if number.value is not None and other is not None and other.value:
-                scenes[key.scene] = number.value / other.value
-    return scenes
+        ratios = {
+            key: rate / under
+            for key, rate in rates.items()
+            if key.condition == above and (under := rates.get(key._replace(condition=below)))
+        }
+        for key, ratio in ratios.items():
+            if key.scene == MEAN:
+                own = {k.scene: r for k, r in ratios.items() if k._replace(scene=MEAN) == key != k}
+                where = RatioKey(key.dataset, key.method, above, below)
+                found[where] = Ratio(ratio, None, own, len(own))
+    return found
