@@ -206,7 +206,7 @@ class _Task:
         without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
         reason = f"{without} --: {self.reason}; " if self.reason else f"{without}: "
         used = next((one.weights for one in self.measures.identities if one.name == "lpips_vgg"), None)
-        self.output.line(f"{reason}{weights_source(used)}")
+        self.output.console().print(f"{reason}{weights_source(used)}", markup=False)
 
     def _cells(self, row: dict[str, Any]) -> list[str]:
         return [
