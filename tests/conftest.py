@@ -134,8 +134,8 @@ def unknown(tmp_path: Path) -> dict[str, str]:
 
     if not any(mend.is_wheel(handle) for _, handle in found_devices(loader.opencl())):
         pytest.skip("the PoCL wheel is not here")
-    if mend.why_not():
-        pytest.skip(f"the wheel cannot be mended on this machine: {mend.why_not()}")
+    if mend.hindrance():
+        pytest.skip(f"the wheel cannot be mended on this machine: {mend.hindrance()}")
     return {
         "PYTHONPATH": f"{UNKNOWN_CPU}{os.pathsep}{ROOT}",
         "POCL_CACHE_DIR": str(tmp_path / "pocl"),

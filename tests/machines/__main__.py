@@ -122,7 +122,7 @@ def run(name: str) -> bool:
     library = library_of(machine)
     if library is None:
         return skip(f"{name}: {machine.package} is not installed")
-    if name == "unknown" and (lacks := mend.why_not()):
+    if name == "unknown" and (lacks := mend.hindrance()):
         return skip(f"{name}: {lacks}")
     with tempfile.TemporaryDirectory(prefix="msb-machine-") as folder:
         environment = {**os.environ, "OCL_ICD_VENDORS": folder, "MSB_DEVICE": machine.device}
