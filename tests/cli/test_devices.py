@@ -65,7 +65,8 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
     assert result.err.count("\n") == 1
     data = msb("devices", "--json", "-", "--device", "pocl", **off).json
     broken = next(device for device in data["devices"] if device["selector"] == "pocl:0")
-    assert (broken["builds"], broken["why"]) == (False, "unknown target CPU 'generic'")
+    assert not broken["builds"]
+    assert broken["why"].startswith("unknown target CPU 'generic'")
     drawing = {renderer["name"]: renderer["missing"] for renderer in data["renderers"]}
     assert drawing["dedicated"] == drawing["standard"] == "no OpenCL device that builds kernels"
     assert drawing["reference"] is None
