@@ -89,21 +89,21 @@ class Looks(Record):
     dedicated: Look
 
 
-class FailedStrategy(Record):
-    """A way to repair that failed, and why."""
-
+class _Way(Record):
     strategy: str
     plan: tuple[str, ...]
     peer: str | None
+
+
+class FailedStrategy(_Way):
+    """A way to repair that failed, and why."""
+
     why: str
 
 
-class Strategy(Record):
+class Strategy(_Way):
     """What a way to repair makes of the asset (`msb.trial.repairs.Row.to_dict`)."""
 
-    strategy: str
-    plan: tuple[str, ...]
-    peer: str | None
     why: None
     faces_kept: Count
     faces_added: Count

@@ -35,105 +35,65 @@ class _Table(BaseModel):
 
 
 class SceneOptions(_Table):
-    """Options of a scene, set by its dataset; where a method sets one too, the method counts.
-
-    Attributes
-    ----------
-    image_folder : str, optional
-        The folder below the scene, such as "images_4"; the dataset's folder if not given.
-    resolution : int, optional
-        The resolution, with the meaning of ``-r`` in the 3DGS family.
-    background : (3,) floats in [0, 1], optional
-    camera_convention : {"gs_fov", "full_K"}, optional
-        The camera that the method was trained with; by default "full_K" for DiffSoup, "gs_fov" for all
-        others.
-    """
+    """Options of a scene, set by its dataset; where a method sets one too, the method counts."""
 
     image_folder: Annotated[str, Field(min_length=1)] | None = None
+    """The folder below the scene, such as "images_4"; the dataset's folder if not given."""
     resolution: int | None = None
+    """With the meaning of ``-r`` in the 3DGS family."""
     background: Color | None = None
     camera_convention: Literal["gs_fov", "full_K"] | None = None
+    """That of the method's training; by default "full_K" for DiffSoup, "gs_fov" for all others."""
 
 
 class DatasetTable(SceneOptions):
-    """``[[datasets]]``: scenes of one dataset in one folder.
-
-    Attributes
-    ----------
-    name : str
-        "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other for a capture of your own.
-    path : str
-        The folder that holds the scenes' folders.
-    scenes : tuple of str
-        The names of the scenes; all scenes in the folder, if not given.
-    """
+    """``[[datasets]]``: scenes of one dataset in one folder."""
 
     name: FolderName
+    """"mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other for a capture of your own."""
     path: Annotated[str, Field(min_length=1)]
+    """The folder that holds the scenes' folders."""
     scenes: tuple[FolderName, ...] = ()
+    """All scenes in the folder, if not given."""
 
 
 class MethodTable(SceneOptions):
-    """``[[methods]]``: where one method's models are, and what belongs to them.
-
-    Attributes
-    ----------
-    name : str
-        A name that `msb methods` lists, or "auto", which takes the method found from the model.
-    label : str, optional
-        Names the model's columns and folders, and tells it from others of its method. It may be no method's
-        name.
-    model : str, optional
-        The template of the checkpoint, .triasset or mesh of each scene. Without it there are official
-        renderings only.
-    datasets : tuple of str
-        The names of the datasets that the method is evaluated on; all, if not given.
-    settings : mapping
-        Values that replace settings, as ``--set`` takes them.
-    conditions : tuple of Condition, optional
-        The conditions; those of the protocol, if not given.
-    non_engine : str, optional
-        The template of the folder of official renderings, or "reference". Without it there is no such cell.
-    non_engine_timing : str, optional
-        The template of the file that says how fast the method's own renderer is (`msb.renderer_timing/1`).
-    training : str, optional
-        The template of the file that `msb track` wrote.
-    mesh : str, optional
-        The template of the mesh whose Chamfer distance is measured; the asset's own triangles if not given.
-    """
+    """``[[methods]]``: where one method's models are, and what belongs to them."""
 
     name: str = AUTO
+    """A name that `msb methods` lists, or "auto", which takes the method found from the model."""
     label: FolderName | None = None
+    """Names the model's columns and folders, and tells it from others of its method. Not the name of a method."""
     model: Template | None = None
+    """The checkpoint, .triasset or mesh of each scene. Without it there are official renderings only."""
     datasets: tuple[FolderName, ...] = ()
+    """Those that the method is evaluated on; all, if not given."""
     settings: dict[str, Setting] = {}
+    """Values that replace settings, as ``--set`` takes them."""
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
+    """Those of the protocol, if not given."""
     non_engine: Template | None = None
+    """The folder of official renderings, or "reference". Without it there is no such cell."""
     non_engine_timing: Template | None = None
+    """The file that says how fast the method's own renderer is (`msb.renderer_timing/1`)."""
     training: Template | None = None
+    """The file that `msb track` wrote."""
     mesh: Template | None = None
+    """The mesh whose Chamfer distance is measured; the asset's own triangles if not given."""
 
 
 class VariantTable(_Table):
-    """``[[variants]]``: a condition of its own, drawn on the dedicated tier in another way than officially.
-
-    Attributes
-    ----------
-    label : str
-        Names the condition. It may be no condition's, no engine's and no other variant's name.
-    order, sampling : str, optional
-        As ``--order`` and ``--sampling`` of `msb render` take them; official if not given.
-    renderer : str, optional
-        A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given.
-    settings : mapping
-        Overrides, as ``--set`` takes them, on top of the method's.
-    """
+    """``[[variants]]``: a condition of its own, drawn on the dedicated tier, but not as officially."""
 
     label: FolderName
+    """Names the condition. It is no condition's, no engine's and no other variant's name."""
     order: Order | None = None
+    """As ``--order`` of `msb render` takes it; official if not given."""
     sampling: Sampling | None = None
     renderer: Annotated[str, Field(min_length=1)] | None = None
+    """A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given."""
     settings: dict[str, Setting] = {}
+    """Overrides, as ``--set`` takes them, on top of the method's."""
 
     @property
     def options(self) -> dict[str, str]:
@@ -175,24 +135,16 @@ class VideosTable(_Table):
 
 
 class TrialTable(_Table):
-    """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library for each task.
-
-    Attributes
-    ----------
-    tasks : tuple of str
-        Names of tasks as `msb trial --task` takes them; all, if not given.
-    compare : bool
-        Whether ways to repair the mesh are compared, as `msb repair --compare` does, and tried by the `tasks`
-        given, else by those of that command.
-    seconds : float
-    memory : float
-        GiB.
-    """
+    """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library."""
 
     tasks: tuple[str, ...] = ()
+    """Names of tasks as `msb trial --task` takes them; all, if not given."""
     compare: bool = False
+    """Whether ways to repair the mesh are compared, as `msb repair --compare` does, and tried by the `tasks`
+    given, else by those of that command."""
     seconds: Annotated[float, Field(gt=0)] = 60.0
     memory: Annotated[float, Field(gt=0)] = 4.0
+    """GiB."""
 
 
 class Protocol(_Table):

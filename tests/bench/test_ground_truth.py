@@ -71,8 +71,7 @@ def test_masked_photographs_are_the_loaders_to_its_truncation(name: str, backgro
 
 def masked_scene(tmp_path: Path, pixels: Any, **options: Any) -> tuple[Scene, Any]:
     """Return a scene whose every photograph is `pixels`, and its first test camera."""
-    root = tmp_path / "nerf_synthetic" / "toy"
-    shutil.copytree(STUBS / "nerf_synthetic/pebble", root)
+    root = shutil.copytree(STUBS / "nerf_synthetic/pebble", tmp_path / "nerf_synthetic/toy")
     for path in (*(root / "test").iterdir(), *(root / "train").iterdir()):
         Image.fromarray(pixels).save(path)
     scene = read_scene(root, **options)
@@ -125,8 +124,7 @@ def test_synthetic_photographs_are_composited_before_they_are_resized(tmp_path: 
 
 
 def test_dtu_photographs_are_resized_before_they_are_composited(tmp_path: Path) -> None:
-    root = tmp_path / "dtu" / "scan1"
-    shutil.copytree(STUBS / "dtu/scan1", root)
+    root = shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
     scene = read_scene(root)
     assert (scene.compositing, scene.mask_source) == ("after_resize", "png_alpha")
     camera = scene.test[0]
@@ -142,8 +140,7 @@ def test_dtu_photographs_are_resized_before_they_are_composited(tmp_path: Path) 
 
 
 def test_masks_of_a_folder_do_as_alpha_does(tmp_path: Path) -> None:
-    root = tmp_path / "dtu" / "scan1"
-    shutil.copytree(STUBS / "dtu/scan1", root)
+    root = shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
     by_alpha = read_scene(root, resolution=1)
     expected = [ground_truth(by_alpha, camera) for camera in by_alpha.test]
     masks = sorted((root / "mask").iterdir())
@@ -197,8 +194,7 @@ def test_a_photograph_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 def test_a_mask_that_changed_size_since_the_scene_was_read(tmp_path: Path) -> None:
-    root = tmp_path / "dtu" / "scan1"
-    shutil.copytree(STUBS / "dtu/scan1", root)
+    root = shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
     for path in (root / "images").iterdir():
         with Image.open(path) as image:
             color = image.convert("RGB")

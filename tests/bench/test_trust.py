@@ -35,7 +35,7 @@ def invert(path: Path) -> None:
 
 
 def edit(path: Path, **changes: Any) -> None:
-    """Replace keys of a JSON file; "a.b" is b in a."""
+    """Replace keys of a JSON file; a__b is b in a."""
     data = json.loads(path.read_text())
     for key, value in changes.items():
         *above, last = key.split("__")
