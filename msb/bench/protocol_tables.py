@@ -63,7 +63,7 @@ class MethodTable(SceneOptions):
     name: str = AUTO
     """A name that `msb methods` lists, or "auto", which takes the method found from the model."""
     label: FolderName | None = None
-    """Names the model's columns and folders, and tells it from others of its method. Not the name of a method."""
+    """Names the model's columns and folders, and tells it from others of its method; no method's name."""
     model: Template | None = None
     """The checkpoint, .triasset or mesh of each scene. Without it there are official renderings only."""
     datasets: tuple[FolderName, ...] = ()
