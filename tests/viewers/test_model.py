@@ -47,7 +47,7 @@ def test_positions_are_the_stored_ones_moved_and_scaled() -> None:
     far = np.array([1e7, -2e7, 5e6])
     model = model_of(TETRAHEDRON[0].astype(np.float64) * 0.01 + far, TETRAHEDRON[1])
     assert np.linalg.norm(model.points, axis=1).max() == pytest.approx(1, abs=1e-6)
-    back = model.stored_position(model.points)
+    back = model.center + model.scale * model.points.astype(np.float64)
     assert np.abs(back - model.analysis.vertices).max() < 1e-8
 
 

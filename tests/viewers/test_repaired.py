@@ -34,7 +34,7 @@ def test_deleted_faces_are_red_added_ones_green_and_all_are_layers_of_the_mesh_a
     assert model.audit.counts.faces == 4
     assert [tuple(row) for row in model.colors.values[[0, 4]].tolist()] == [DELETED, ADDED]
     assert counts(model) == {"deleted_faces": 1, "added_faces": 1, "cut_edges": 0}
-    corners = model.stored_position(model.positions("added_faces")[0])
+    corners = model.center + model.scale * model.positions("added_faces")[0].astype(np.float64)
     assert np.allclose(corners, points[[0, 1, 4]], atol=1e-6)
     assert model.notes[0].startswith("b.ply: faces deleted: 1, added: 1; edges cut: 0; it is ")
 

@@ -173,10 +173,6 @@ class ViewModel:
                 classes.append(SizeClass(low, high, color, len(chosen)))
         return classes
 
-    def stored_position(self, point: NDArray[Any]) -> NDArray[np.float64]:
-        """Return a drawn position (..., 3) in the mesh's own units."""
-        return np.asarray(self.center + self.scale * np.asarray(point, np.float64))
-
 
 def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel:
     """Return what is to be shown of `mesh`, of which `audit_arrays` made `audit` and `analysis`.

@@ -125,8 +125,3 @@ def size_label(low: int, high: int | None) -> str:
 def unit(color: Color) -> tuple[float, float, float]:
     """Return a colour as three numbers in [0, 1]."""
     return color[0] / 255, color[1] / 255, color[2] / 255
-
-
-def css(color: Color) -> str:
-    """Return a colour as #rrggbb."""
-    return "#{:02x}{:02x}{:02x}".format(*color)

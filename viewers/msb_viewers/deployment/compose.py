@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.metrics import psnr
 from msb_viewers.deployment.arrange import Box
 from msb_viewers.deployment.canvas import Canvas
 from msb_viewers.deployment.difference import (
     colorize,
     decibel_text,
-    decibels,
     fitted,
     scale_colors,
-    shrunk,
     squared_error,
 )
 from msb_viewers.deployment.shots import LABELS
@@ -72,7 +71,7 @@ class Composer:
             return None
         if a.image.shape != b.image.shape:
             return None
-        return float(self.once(("dB", a, b), partial(decibels, a.image, b.image)))
+        return float(self.once(("dB", a, b), partial(psnr, a.image, b.image)))
 
     def once(self, key: Any, make: Callable[[], Any]) -> Any:
         """Return what `make` made for this key the last time, or makes now."""
@@ -164,7 +163,7 @@ class _Sheet:
         squared = self.composer.once(("squared", *key), lambda: squared_error(first, second))
         box = cell.fitting(first.shape[1], first.shape[0])
         size = box.width, box.height
-        small = self.composer.once(("shrunk", *key, size), lambda: shrunk(squared, *size))
+        small = self.composer.once(("shrunk", *key, size), lambda: fitted(squared, *size))
         self.canvas.paste(colorize(small, self.state.top), box)
         return box
 

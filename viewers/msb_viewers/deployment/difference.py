@@ -44,13 +44,6 @@ def scale_colors() -> NDArray[np.uint8]:
     return np.round(np.stack(channels, axis=1)).astype(np.uint8)
 
 
-def decibels(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
-    """Return the PSNR of two pictures of one size: `msb.metrics.psnr`."""
-    from msb.metrics import psnr
-
-    return psnr(a, b)
-
-
 def decibel_text(value: float) -> str:
     """Return a PSNR in words.
 
@@ -60,25 +53,13 @@ def decibel_text(value: float) -> str:
     return "identical" if math.isinf(value) else f"{value:.2f} dB"
 
 
-def shrunk(squared: NDArray[np.float32], width: int, height: int) -> NDArray[Any]:
-    """Return squared differences at another size: averaged where it is smaller, repeated where larger."""
-    from PIL import Image
-
-    return np.asarray(Image.fromarray(squared).resize((width, height), _filter(squared.shape, width, height)))
-
-
-def fitted(image: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
-    """Return a picture (H, W, 3) at another size: averaged where it is smaller, repeated where larger."""
+def fitted(image: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+    """Return a picture, or squared differences, at another size: averaged or repeated."""
     from PIL import Image
 
     if image.shape[:2] == (height, width):
         return image
-    return np.asarray(Image.fromarray(image).resize((width, height), _filter(image.shape, width, height)))
-
-
-def _filter(shape: tuple[int, ...], width: int, height: int) -> Any:
-    from PIL import Image
-
     # What is smoothed is what was computed; what is enlarged shows its pixels.
-    smaller = width < shape[1] or height < shape[0]
-    return Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
+    smaller = width < image.shape[1] or height < image.shape[0]
+    filtering = Image.Resampling.BOX if smaller else Image.Resampling.NEAREST
+    return np.asarray(Image.fromarray(image).resize((width, height), filtering))

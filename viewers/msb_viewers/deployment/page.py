@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.metrics import psnr
 from msb_viewers.deployment.compose import caption_lines
-from msb_viewers.deployment.difference import ERROR_SCALE, TOPS, decibels
+from msb_viewers.deployment.difference import ERROR_SCALE, TOPS
 from msb_viewers.deployment.shots import LABELS
 from msb_viewers.template import filled
 
@@ -68,18 +69,18 @@ def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
 
 def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
     """Return what the page has of one camera: pictures as data, captions, PSNRs of all pairs."""
-    found: dict[str, float | str] = {}
+    psnrs: dict[str, float | str] = {}
     for a in sorted(shots):
         for b in sorted(shots):
             first, second = shots[a].image, shots[b].image
             if a < b and first is not None and second is not None:
-                value = decibels(first, second)
-                found[f"{a} {b}"] = "identical" if math.isinf(value) else value
+                value = psnr(first, second)
+                psnrs[f"{a} {b}"] = "identical" if math.isinf(value) else value
     return {
         "name": view.name,
         "width": view.camera.width,
         "height": view.camera.height,
-        "decibels": found,
+        "decibels": psnrs,
         "shots": {
             tier: {
                 "image": None if shot.image is None else _data(shot.image),
