@@ -21,7 +21,6 @@ from benchmarks.dedicated_scenes import BLENDED, camera, capture, psnr
 from benchmarks.garden import surface_of
 from data_stubs.made_models import write_models
 from msb.engines.engine import WALL_CLOCK
-from msb.errors import MsbError, Unsupported
 from msb.registry import METHODS
 from msb.render.backend import SETTLED_AT, what_is_missing
 
@@ -79,9 +78,9 @@ def compare(asset: Asset, cameras: list[Camera], rounds: int) -> list[dict[str, 
                 renderer = running[title] = msb.Renderer(asset, tier, **options)  # type: ignore[arg-type]
                 for _ in range(SETTLED_AT):
                     images = [renderer.render(seen, BLACK).image for seen in cameras]
-            except MsbError as error:
+            except msb.MsbError as error:
                 row["error"] = str(error)
-                if title == OURS or not isinstance(error, Unsupported):
+                if title == OURS or not isinstance(error, msb.Unsupported):
                     raise
                 continue
             official = official or images

@@ -15,7 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -28,9 +28,6 @@ from msb.topology.shown import structure_text
 from msb.trial.repairs import compare
 from msb.trial.run import try_asset
 from msb.views import choose_views
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 HERE = Path(__file__).parent
 STUBS = HERE.parent / "data_stubs"
@@ -66,7 +63,7 @@ def paths() -> dict[str, Path]:
     return {**known, "splat_like": STUBS / "splat_like.triasset"}
 
 
-def torus(around_it: int = 48, through: int = 24) -> Asset:
+def torus(around_it: int = 48, through: int = 24) -> msb.Asset:
     """Return a closed mesh of 2,304 faces, coloured by its direction."""
     u, v = np.meshgrid(np.arange(around_it), np.arange(through), indexing="ij")
     a, b = 2 * np.pi * u / around_it, 2 * np.pi * v / through
@@ -81,7 +78,7 @@ def torus(around_it: int = 48, through: int = 24) -> Asset:
     return asset_from_mesh(Mesh(points, faces, (0.5 + points / 3).astype(np.float32)))
 
 
-def measure(asset: Asset, name: str, pictures: Path) -> dict[str, Any]:
+def measure(asset: msb.Asset, name: str, pictures: Path) -> dict[str, Any]:
     """Return the audit's verdict, the trials, and the repairs where they are compared; write pictures."""
     pictures.mkdir()
     found: dict[str, Any] = {"faces": asset.manifest.face_count, "verdict": msb.audit(asset).verdict}
