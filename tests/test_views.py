@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +22,7 @@ from msb.views import MOST, choose_views
 from msb.why import why
 from tests.conftest import ROOT
 
-if TYPE_CHECKING:
-    Mesh = tuple[NDArray[Any], NDArray[Any]]
+Mesh = tuple[NDArray[Any], NDArray[Any]]
 
 MODELS = ROOT / "data_stubs" / "models"
 CAPTURE = MODELS / "walled" / "mesh_splatting"

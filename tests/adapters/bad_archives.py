@@ -7,7 +7,7 @@ import struct
 import tarfile
 import zipfile
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.adapters.checkpoint.archive import MAX_MEMBERS
 from tests.adapters.assemble import (
@@ -27,10 +27,7 @@ from tests.adapters.assemble import (
     text,
     torch_entry,
 )
-from tests.corpus.forge import Entry, extra, forge, local_header, zip64
-
-if TYPE_CHECKING:
-    from tests.corpus.forge import Fields
+from tests.corpus.forge import Entry, Fields, extra, forge, local_header, zip64
 
 
 def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tests.adapters import bad_archives, bad_pickles, bad_results, bad_tensors
-
-if TYPE_CHECKING:
-    from tests.adapters.assemble import Case
+from tests.adapters.assemble import Case
 
 CASES: tuple[Case, ...] = (*bad_archives.CASES, *bad_pickles.CASES, *bad_results.CASES, *bad_tensors.CASES)
 

@@ -9,20 +9,16 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 import msb
 from msb.asset import load, validate
-from msb.errors import AssetError, InputError
+from msb.errors import AssetError, InputError, MsbError
 from tests.corpus.bad_assets import CASES, write_case
+from tests.corpus.case import Case
 from tests.corpus.good import decoder, mesh, parts, soup
 from tests.corpus.refusals import kept, of_case, own_words
-
-if TYPE_CHECKING:
-    from msb.errors import MsbError
-    from tests.corpus.case import Case
 
 TRIASSET_CODES = AssetError.codes
 ROW = ["code", "severity", "message", "pointer", "file", "value", "limit"]

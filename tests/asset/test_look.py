@@ -6,14 +6,13 @@ import io
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from msb.adapters import export
 from msb.adapters.official import write_official
-from msb.asset import Description, build_asset, write_asset
+from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.engines.engine import engine_mesh
@@ -26,9 +25,6 @@ from msb.render.splat.model import make_model
 from msb_viewers.viewed_mesh import color_bytes, read_viewed_mesh
 from tests.conftest import ROOT
 from tests.reference.soups import random_triangles, soup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 WILD = np.array([[2, -1, 0.5], [1.5, 0.25, -0.25], [-3, 0, 1]], np.float32)
 TAME = np.array([[1, 0, 0.5], [1, 0.25, 0], [0, 0, 1]], np.float32)
@@ -48,11 +44,9 @@ def test_colours_are_written_and_shown_as_clamped_as_they_are_drawn(tmp_path: Pa
     assert np.array_equal(engine_mesh(asset, {}).colors, np.broadcast_to(expected, (3, 3)))
     mesh = mesh_from_asset(asset)
     colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
-    assert colors is not None
     assert np.array_equal(colors, np.broadcast_to(expected, colors.shape))
     write_asset(asset, tmp_path / "a.triasset")
     shown = read_viewed_mesh(tmp_path / "a.triasset").colors
-    assert shown is not None
     assert np.array_equal(shown.values, color_bytes(expected))
 
 
@@ -71,7 +65,6 @@ def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
     opacity = opacity.reshape(asset.buffers["opacity"].shape)
     asset = replace(asset, buffers=MappingProxyType({**asset.buffers, "opacity": opacity}))
     shown = shown_faces(asset, stored_threshold(asset))
-    assert shown is not None
     assert 0 < len(shown) < asset.manifest.face_count
     assert len(mesh_from_asset(asset).faces) == len(shown)
     assert np.array_equal(engine_mesh(asset, {}).numbers, shown)

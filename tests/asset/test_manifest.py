@@ -6,7 +6,6 @@ import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,10 +16,8 @@ from msb.asset.check import check_manifest
 from msb.errors import AssetError
 from tests.corpus import bad_buffers, bad_fields, bad_values
 from tests.corpus.bad_assets import write_case
+from tests.corpus.case import Case
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
-
-if TYPE_CHECKING:
-    from tests.corpus.case import Case
 
 ROOT = Path(msb.__file__).parents[1]
 SHIPPED = sorted(ROOT.glob("data_stubs/**/*.triasset"))

@@ -11,7 +11,7 @@ import subprocess
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,12 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from msb.asset import build_asset, load, validate, write_asset
+from msb.asset import Asset, build_asset, load, validate, write_asset
 from tests.corpus.forge import forge
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 MAKERS = [mesh, soup, decoder]
 FORMS = ["packed", "folder"]

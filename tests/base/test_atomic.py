@@ -18,12 +18,11 @@ import pytest
 from msb.base.atomic import check_place, is_leftover, new_file, new_folder, remove_leftovers
 from msb.errors import OutputError, UsageError
 from tests.conftest import ROOT
-from tests.robustness.conftest import bound, disk, read_only
+from tests.robustness.conftest import Bound, Disk, bound, disk, read_only
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tests.robustness.conftest import Bound, Disk
 
 __all__ = ["bound", "disk", "read_only"]
 

@@ -7,18 +7,15 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 import msb
 from msb.base.packages import PackageError, PackageWarning, contained, load
 from msb.render.backend import BUILT_IN, ENGINES, renderers, what_is_missing
+from tests.cli.conftest import Msb
 from tests.cli.conftest import msb as msb_command
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 __all__ = ["msb_command"]
 CAMERA = msb.Camera.look_at((0, 0, 3), (0, 0, 0), up=(0, 1, 0), width=8, height=6, fov_y=0.9)

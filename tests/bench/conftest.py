@@ -5,15 +5,12 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
-
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
 
 REFERENCE = 'non_engine = "reference"'
 VARIANT = '[[variants]]\nlabel = "engine"\norder = "global"\nsampling = "engine"'

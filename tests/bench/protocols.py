@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.bench.machine import OF_THE_MOMENT
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import read_result
+from msb.bench.run import Report
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.bench.run import Report
 
 STUBS = ROOT / "tests" / "tiny"
 PEBBLE = STUBS / "models" / "pebble"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,19 +15,16 @@ from msb.bench import parts
 from msb.bench.cell import compute
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
+from msb.bench.job import Done, Job
 from msb.bench.models import prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
-from msb.bench.plan import Planner, pairs_of
+from msb.bench.plan import Planned, Planner, pairs_of
+from msb.bench.protocol import ProtocolFile
 from msb.bench.records import read_result
 from msb.metrics import registry
 from msb.render.backend import renderers
 from msb.render.frame import Frame
 from tests.bench.protocols import protocol
-
-if TYPE_CHECKING:
-    from msb.bench.job import Done, Job
-    from msb.bench.plan import Planned
-    from msb.bench.protocol import ProtocolFile
 
 
 class Bench:

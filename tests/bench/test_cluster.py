@@ -12,19 +12,16 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from msb.bench.folder import check_run
+from msb.bench.progress import Stage
+from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import MsbError
 from tests.bench.protocols import differences, images, records
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.bench.progress import Stage
-    from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
 

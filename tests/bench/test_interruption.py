@@ -12,18 +12,15 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from tests.bench.protocols import differences, images, records
 from tests.conftest import ROOT
 
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
-
-    Start = Callable[[], subprocess.Popen[bytes]]
+Start = Callable[[], subprocess.Popen[bytes]]
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
 
@@ -55,13 +52,11 @@ def start(whole: ProtocolFile, tmp_path: Path) -> Iterator[Start]:
     for process in started:
         process.kill()
         process.wait()
-        assert process.stderr is not None
         process.stderr.close()
 
 
 def wait_for(process: subprocess.Popen[bytes], stage: bytes) -> None:
     """Wait until a task of the stage is reported."""
-    assert process.stderr is not None
     for line in process.stderr:
         if line.startswith(stage):
             return
@@ -99,7 +94,6 @@ def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: S
     process = start()
     wait_for(process, b"cells")
     process.send_signal(signal.SIGINT)
-    assert process.stderr is not None
     rest = process.stderr.read().decode()
     assert process.wait(30) == 130
     *lines, last = rest.splitlines()
@@ -118,13 +112,11 @@ def test_of_two_runs_at_once_one_refuses_and_the_other_ends_well(
     wait_for(first, b"cells")
     first.send_signal(signal.SIGSTOP)  # so that it is still there, however long the other takes to start
     second = start()
-    assert second.stderr is not None
     said = second.stderr.read().decode()
     first.send_signal(signal.SIGCONT)
     assert second.wait(30) == 2
     assert said.startswith("RESULTS_BUSY: ")
     assert f"process {first.pid} on" in said
-    assert first.stderr is not None
     first.stderr.read()
     assert first.wait(120) == 0
     assert differences(records(tmp_path / "results"), records(whole.results)) == []

@@ -6,24 +6,19 @@ import json
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from PIL import Image
 
 from msb.adapters import export
 from msb.asset import write_asset
+from msb.bench.missing import Missing
 from msb.bench.models import method_of
-from msb.bench.protocol import example, parse_protocol
-from msb.bench.run import run_protocol
+from msb.bench.protocol import ProtocolFile, example, parse_protocol
+from msb.bench.run import Report, run_protocol
 from msb.errors import UsageError
 from msb.scenes import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, protocol
-
-if TYPE_CHECKING:
-    from msb.bench.missing import Missing
-    from msb.bench.protocol import ProtocolFile
-    from msb.bench.run import Report
 
 
 def told(report: Report, word: str) -> Missing:

@@ -6,15 +6,12 @@ import hashlib
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from tests.bench.protocols import cell, planned
-
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
 

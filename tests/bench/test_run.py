@@ -8,7 +8,7 @@ import shutil
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,15 +18,13 @@ from msb import metrics
 from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
 from msb.bench.ground_truth import ground_truth
+from msb.bench.protocol import ProtocolFile
 from msb.bench.records import CONDITIONS, read_result
 from msb.bench.run import _Nobody, run_protocol
 from msb.errors import MsbError
 from msb.scenes.datasets import read_scene
 from msb.views import choose_views
 from tests.bench.protocols import PEBBLE, STUBS, cell, images, planned, protocol, records
-
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
 
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 

@@ -7,22 +7,20 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from PIL import Image
 
 from msb.bench.folder import exclusive
 from msb.bench.photographs import HASHES, PhotographTask, views_of, write_photographs
+from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import InputError, MsbError
 from msb.report.build import build_report
 from msb.report.results import read_results
 from msb.scenes.datasets import SceneAt
 from tests.bench.protocols import STUBS, cell, planned
-
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
 
 CELLS = "cells/nerf_synthetic/pebble"
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 import msb
 from msb import metrics
-from msb.bench.protocol import parse_protocol
+from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import read_result
 from msb.bench.run import run_protocol
 from msb.render.images import to_bytes
@@ -23,9 +22,6 @@ from msb.report.results import read_results
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, planned, protocol
-
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
 

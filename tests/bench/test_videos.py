@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from msb import metrics
+from msb.bench.protocol import ProtocolFile
 from msb.bench.protocol_tables import VideosTable
 from msb.bench.run import run_protocol
 from tests.bench.protocols import planned
-
-if TYPE_CHECKING:
-    from msb.bench.protocol import ProtocolFile
 
 pytestmark = pytest.mark.slow
 

@@ -7,16 +7,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import pytest
 
-from msb.cl import open_device
+from msb.cl import Device, open_device
 from msb.cl.devices import choose_device
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 KERNELS = "tests.cl.kernels"
 SELECTOR = os.environ.get("MSB_DEVICE") or "pocl"

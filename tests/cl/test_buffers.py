@@ -5,16 +5,13 @@ from __future__ import annotations
 import dataclasses
 import gc
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from msb.cl import Device
 from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 
 @pytest.mark.parametrize(

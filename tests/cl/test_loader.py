@@ -6,17 +6,13 @@ import os
 import sys
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from msb.cl import list_devices, loader, open_device
 from msb.cl.loader import INTEL_LIBRARY, INTEL_PACKAGE
 from msb.errors import DeviceError
-from tests.cl.conftest import answer
-
-if TYPE_CHECKING:
-    from tests.cl.conftest import Child
+from tests.cl.conftest import Child, answer
 
 LIST = """
 import os

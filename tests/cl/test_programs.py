@@ -8,21 +8,18 @@ import sys
 import threading
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
-from msb.cl import LocalMemory
+from msb.cl import Device, LocalMemory
 from msb.cl.kernel_text import define_lines, resolve
 from msb.cl.programs import _ERROR_LINE, build_options
 from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
 from tests.cl.test_devices import POCL, other
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 
 def scaled(device: Device, **defines: Any) -> list[float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from msb.cl import Device
 from msb.cl.scan import MOST, exclusive_scan
 from msb.cl.sort import sort_pairs
 from tests.cl.conftest import KERNELS, open_styled
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 TILE = 2048
 EDGES = [0, 1, 2, 255, 256, 257, TILE - 1, TILE, TILE + 1, 4095, 4096, 4097, 2 * 4096 + 1, 50_000]

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
-if TYPE_CHECKING:
-    from msb.cl import Device
+from msb.cl import Device
 
 
 def test_commands_count_to_their_stage(device: Device) -> None:

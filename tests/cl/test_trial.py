@@ -9,21 +9,17 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from msb.base.children import Reply, run_apart
-from msb.cl import devices, loader, mend, trial
+from msb.cl import DeviceRecord, devices, loader, mend, trial
 from msb.cl.devices import choose_device, found_devices, open_device, shared_device
 from msb.cl.trial import Trial, try_device
 from msb.errors import DeviceError, OutputError
-from tests.cl.conftest import SELECTOR, answer
+from tests.cl.conftest import SELECTOR, Child, answer
 from tests.cl.test_devices import INTEL, NVIDIA, other
-
-if TYPE_CHECKING:
-    from msb.cl import DeviceRecord
-    from tests.cl.conftest import Child
 
 UNKNOWN = "unknown target CPU 'generic'"
 SYSTEM = other(selector="pocl:0", driver="3.1", platform_index=0)

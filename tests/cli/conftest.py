@@ -11,19 +11,16 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import pytest
 from typer.main import get_command
 
-from msb.cl.devices import try_devices
+from msb.cl.devices import Tried, try_devices
 from msb.cli.app import app
 from msb.cli.process import run as run_here
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.cl.devices import Tried
 
 
 @dataclass(frozen=True)

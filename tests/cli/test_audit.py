@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,10 +14,8 @@ from msb.api.gates import PROFILES, parse_gate
 from msb.meshes import Mesh, write_mesh
 from msb.report import paper_row
 from msb.topology.verdict import MERGED
+from tests.cli.conftest import Msb
 from tests.conftest import BOOK, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 COUNT_KEYS = {
     "vertices", "referenced_vertices", "unreferenced_vertices", "faces", "repeated_index_faces",

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 import msb as library
 from msb.asset import build_asset
+from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT, TETRAHEDRON
-
-if TYPE_CHECKING:
-    import pytest
-
-    from tests.cli.conftest import Here, Msb
 
 
 def test_value_errors_name_the_asset(msb: Msb, tmp_path: Path) -> None:

@@ -6,15 +6,13 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from msb.scenes import turntable, write_cameras
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "triangle_splatting"
 SCENE = ROOT / "tests" / "tiny" / "scenes" / "mipnerf360" / "pebble"

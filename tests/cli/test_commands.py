@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,10 +14,8 @@ import msb as library
 from msb.cli.app import GROUPS
 from msb.errors import explained_codes
 from msb.meshes import read_mesh
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 COMMANDS = (*(name for entries in GROUPS.values() for name in entries), "config show")
 
@@ -178,7 +175,6 @@ def test_convert_keeps_rows_order_and_colours(
         assert "colours, which .stl has no place for" in result.err
         return
     assert np.array_equal(mesh.faces, asset.buffers["indices"])
-    assert mesh.vertex_colors is not None
     colors = mesh.vertex_colors / (255 if mesh.vertex_colors.dtype == np.uint8 else 1)
     expected = np.clip(0.28209479177387814 * asset.buffers["f_dc"] + 0.5, 0, 1)
     assert np.abs(colors[:, :3] - expected).max() <= 0.5 / 255 + 1e-6
@@ -291,7 +287,6 @@ def test_convert_linear_colours(msb: Msb, tmp_path: Path) -> None:
     )
     assert msb("convert", "--color", "linear", tmp_path / "in.off", tmp_path / "out.glb").status == 0
     colors = read_mesh(tmp_path / "out.glb").vertex_colors
-    assert colors is not None
     assert colors[0, :3] == pytest.approx([1.0, 0.2158605, 0.0], abs=1e-6)
 
 

@@ -8,15 +8,11 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.conftest import on_terminal
+from tests.cli.conftest import Msb, on_terminal
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 ASSET = "data_stubs/splat_like.triasset"
 

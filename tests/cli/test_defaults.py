@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from typer.main import get_command
@@ -11,10 +11,8 @@ from typer.main import get_command
 from msb.cli import defaults
 from msb.cli.app import app
 from msb.errors import UsageError
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 COMMANDS = defaults.single_commands(get_command(app))
 USER = """

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.api.demo import CONTENTS
 from msb.bench.protocol import read_protocol
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 STUBS = ROOT / "data_stubs"
 

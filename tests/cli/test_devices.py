@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import pytest
 
 from msb.base.version import __version__
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Here, Msb
+from tests.cli.conftest import Here, Msb
 
 
 @pytest.mark.slow

@@ -13,17 +13,14 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cli.conftest import Msb
 from tests.cli.forks import SECONDS
 from tests.cli.test_commands import COMMANDS
 from tests.conftest import ROOT, SHORT
 from tests.tiny import link_demo
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 ASSET = "data_stubs/splat_like.triasset"
 CHECKPOINT = "data_stubs/checkpoint"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,11 +13,8 @@ from msb.meshes import read_mesh
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, write_model
 from tests.adapters.test_bad_models import gaussians
-from tests.cli.conftest import on_terminal
+from tests.cli.conftest import Msb, on_terminal
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 RING = GOLDEN / "two_dts" / "ring_solid" / "checkpoint"
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from msb.registry import METHODS, PASSES, TIERS, Method
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 BY_PAPER_NAME = {method.paper_name: method for method in METHODS.values() if method.paper_name}
 
@@ -25,7 +23,6 @@ def cells(table: str) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("cell", cells("method_attributes"), ids=lambda c: f"{c['method']}-{c['attribute']}")
 def test_native_attributes_are_the_papers(cell: dict[str, Any]) -> None:
     native = BY_PAPER_NAME[cell["method"]].native
-    assert native is not None
     assert getattr(native, cell["attribute"]) is cell["value"]
 
 

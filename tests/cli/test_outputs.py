@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from typer.main import get_command
@@ -18,10 +18,8 @@ from msb.base.atomic import new_folder
 from msb.cli.app import app
 from msb.cli.defaults import single_commands
 from msb.errors import OutputError
+from tests.cli.conftest import Msb, Refused
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb, Refused
 
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")

@@ -7,21 +7,18 @@ import json
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import msb as library
+from msb.registry import Tier
 from msb.scenes import read_scene, turntable, write_cameras
 from msb.scenes.around import around
 from tests.adapters.models import GOLDEN
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.registry import Tier
-    from tests.cli.conftest import Msb
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 SCENE = ROOT / "tests" / "tiny" / "scenes" / "mipnerf360" / "pebble"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,10 +13,8 @@ import msb as library
 from msb.cli.repair_compare import print_table
 from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import Mesh, read_mesh, write_mesh
+from tests.cli.conftest import Msb, Refused
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb, Refused
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 

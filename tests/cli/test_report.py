@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.browser import Browser
+from tests.cli.conftest import Msb
 from tests.report.factory import make_result, write, write_results
-
-if TYPE_CHECKING:
-    from tests.browser import Browser
-    from tests.cli.conftest import Msb
 
 
 @pytest.fixture(scope="module")

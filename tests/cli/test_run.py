@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from msb.bench.protocol import example, parse_protocol
 from msb.scenes.datasets import DATASETS
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 STUBS = ROOT / "tests" / "tiny"
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"

@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 STUBS = ROOT / "tests" / "tiny" / "scenes"
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
+from tests.cli.conftest import Msb
 
 ECHO = "import sys; print(sys.argv[1:]); sys.exit(3)"
 

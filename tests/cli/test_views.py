@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from PIL import Image
 
 from msb.scenes import write_cameras
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT
 from tests.test_views import CAPTURE, MODELS, elsewhere
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 
 @pytest.mark.parametrize("command", ["trial --task decimate_50", "why", "repair --compare --task none"])

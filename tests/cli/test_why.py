@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
@@ -12,10 +10,8 @@ from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.scenes.around import around
 from msb.why import CAUSES, why
+from tests.cli.conftest import Msb
 from tests.conftest import ROOT, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 MODELS = ROOT / "data_stubs" / "models" / "pebble"
 
@@ -34,14 +30,12 @@ def test_a_blended_soup_loses_by_every_mistake() -> None:
     assert not found["supersampling"][0]
     for name in ("view_dependence", "shading", "linear_colors", "opacity", "engine_order"):
         db = found[name][1]
-        assert db is not None
         assert 5 < db < 60, name
 
 
 @pytest.mark.slow
 def test_a_supersampled_method_loses_by_one_sample_and_a_decoder_has_no_static_colour() -> None:
     db = measured("mesh_splatting")["supersampling"][1]
-    assert db is not None
     assert 10 < db < 60
     neural = measured("diffsoup")
     assert neural["engine_order"] == (True, float("inf"))
@@ -64,7 +58,6 @@ def test_a_plain_closed_mesh_has_no_causes_of_training_and_keeps_its_back_faces(
     assert found["back_faces"].to_dict()["equal"] is True
     turned = asset_from_mesh(Mesh(vertices, faces[:, ::-1].astype(np.int64), colors))
     (culled,) = [cause for cause in why(turned, around(turned, 2, 48, 48)) if cause.name == "back_faces"]
-    assert culled.db is not None
     assert culled.db < 30
 
 

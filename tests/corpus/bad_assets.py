@@ -7,7 +7,6 @@ same release writes the same bytes.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tests.corpus import (
     bad_buffers,
@@ -19,9 +18,7 @@ from tests.corpus import (
     bad_zip_members,
     bad_zips,
 )
-
-if TYPE_CHECKING:
-    from tests.corpus.case import Case
+from tests.corpus.case import Case
 
 CASES: tuple[Case, ...] = tuple(
     case

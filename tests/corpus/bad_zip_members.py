@@ -5,13 +5,11 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tests.corpus.bad_zips import added, forged, good_entries, member, zip_case
+from tests.corpus.case import Case
 from tests.corpus.forge import Entry, extra, forge, zip64
-
-if TYPE_CHECKING:
-    from tests.corpus.case import Case
 
 _FULL16, _FULL32 = 0xFFFF, 0xFFFFFFFF
 

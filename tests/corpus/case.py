@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from msb.errors import Severity
-    from tests.corpus.good import Parts
+from msb.errors import Severity
+from tests.corpus.good import Parts
 
-    Writer = Callable[[Path], None]
+Writer = Callable[[Path], None]
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,12 +10,9 @@ import pytest
 from msb.engines.blender import VARIABLE as BLENDER
 from msb.engines.browser import VARIABLE as BROWSER
 from msb.render.backend import ENGINES
-from tests.cli.conftest import devices, here, msb, tried
+from tests.cli.conftest import Here, Msb, devices, here, msb, tried
 from tests.conftest import ROOT
 from tests.engines.conftest import need
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Here, Msb
 
 pytestmark = pytest.mark.slow
 

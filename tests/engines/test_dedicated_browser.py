@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,21 +14,17 @@ from benchmarks.dedicated_scenes import camera, model
 from msb.engines.browser import VARIABLE
 from msb.engines.dedicated_page import page as page_module
 from msb.engines.dedicated_page.measure import FAITHFUL, byte_psnr, measure_page
-from msb.engines.dedicated_page.page import MODES, STOPS, CheckView, make_page
+from msb.engines.dedicated_page.page import MODES, STOPS, CheckView, DedicatedPage, make_page
 from msb.engines.dedicated_page.smaller import quantised
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.renderer import HardwareRenderer
 from msb.reference import render_reference
 from msb.render.images import to_bytes
-from tests.cli.conftest import msb
+from tests.cli.conftest import Msb, msb
 from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views
 
-if TYPE_CHECKING:
-    from msb.engines.dedicated_page.page import DedicatedPage
-    from tests.cli.conftest import Msb
-
-    InBrowser = Callable[..., Any]
+InBrowser = Callable[..., Any]
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 

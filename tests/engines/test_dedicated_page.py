@@ -6,14 +6,15 @@ import json
 import re
 import zlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from msb import metrics
+from msb.asset import Asset
 from msb.engines.dedicated_page.measure import Measured, byte_psnr
-from msb.engines.dedicated_page.page import CheckView, Cost, make_page, read_page
+from msb.engines.dedicated_page.page import CheckView, Cost, DedicatedPage, make_page, read_page
 from msb.engines.dedicated_page.smaller import quantised, with_faces
 from msb.engines.dedicated_page.stored import restore, store
 from msb.engines.hardware.packing import VIEW, pack
@@ -21,10 +22,6 @@ from msb.errors import InputError, Unsupported
 from msb.reference import render_reference
 from tests.reference.golden import exported, golden_views, psnr
 from tests.render.standard_scenes import mesh_asset, scene
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.engines.dedicated_page.page import DedicatedPage
 
 METHODS = ("triangle_splatting", "two_dts", "mesh_splatting", "diffsoup")
 RANDOM = np.random.default_rng(5)
@@ -110,7 +107,6 @@ def test_faces_without_a_contribution_are_not_missed(method: str) -> None:
     view = golden_views(method)[0]
     asset = golden(method)
     frame = render_reference(asset, view.camera, view.background)
-    assert frame.contribution is not None
     assert frame.contribution.shape == (asset.manifest.face_count,)
     assert frame.contribution.sum() == pytest.approx(frame.alpha.sum(dtype=np.float64), rel=1e-5)
     kept = np.flatnonzero(frame.contribution)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msb
 from benchmarks.dedicated_scenes import camera, grid_mesh
+from msb.asset import Asset
 from msb.engines.hardware import renderer as hardware
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.plan import Limits
@@ -18,14 +19,11 @@ from msb.engines.hardware.renderer import HardwareRenderer
 from msb.errors import MsbError
 from msb.methods.diffsoup.look import Pipeline
 from msb.methods.diffsoup.reference import pixel_boxes
+from msb.render import Frame
 from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views, names
 from tests.render.random_cases import draw_case
 from tests.render.test_diffsoup_scenes import model as diffsoup_model
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.render import Frame
 
 VIEWS = golden_views("diffsoup")
 ROOMY = Limits(1 << 27, 1 << 31, 8192)

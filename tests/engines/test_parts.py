@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -20,12 +19,10 @@ from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
+from msb.render import Frame
 from msb.render.backend import what_is_missing
 from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
-
-if TYPE_CHECKING:
-    from msb.render import Frame
 
 EYE = np.eye(4)
 
@@ -61,7 +58,6 @@ def test_what_is_given_to_an_engine_is_what_convert_writes(tmp_path: Path) -> No
         back = read_mesh(path)
         np.testing.assert_array_equal(back.vertices, mesh[0])
         np.testing.assert_array_equal(back.faces, mesh[1])
-        assert back.vertex_colors is not None
         np.testing.assert_allclose(back.vertex_colors, np.clip(asset.buffers["color"], 0, 1), atol=1e-7)
 
 

@@ -10,13 +10,14 @@ import tomllib
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import msb
+from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.engines import webpage
 from msb.engines.engine import engine_mesh
@@ -27,10 +28,7 @@ from tests.engines.conftest import need
 from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
-    InBrowser = Callable[..., Any]
+InBrowser = Callable[..., Any]
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +59,6 @@ def test_names_cannot_leave_their_place() -> None:
     text = webpage.page(name=name).decode()
     assert "alert(1)</script>" not in text
     found = re.search(r'<script type="application/json" id="scene">(.*?)</script>', text)
-    assert found is not None
     assert json.loads(found[1])["name"] == name
     assert text.count("THREE.GLTFLoader = GLTFLoader") == 1
 

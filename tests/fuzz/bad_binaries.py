@@ -8,14 +8,13 @@ import json
 import struct
 import zipfile
 import zlib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import Image
 from scipy.io import savemat
 
-if TYPE_CHECKING:
-    from tests.fuzz.bad_texts import Bad
+from tests.fuzz.bad_texts import Bad
 
 GRID: dict[str, Any] = {
     "ObsMask": np.ones((3, 3, 3), np.uint8),

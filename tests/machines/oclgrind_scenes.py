@@ -9,21 +9,18 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
-from msb.cl import exclusive_scan, sort_pairs
+from msb.cl import Device, exclusive_scan, sort_pairs
 from msb.reference import render_reference
 from msb.render.dedicated import dedicated_renderer
 from msb.render.splat.pipeline import SplattingPipeline
 from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import KERNELS, WITHOUT_ATOMICS, open_styled
 from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 pytestmark = pytest.mark.skipif(
     "OCLGRIND_DATA_RACES" not in os.environ, reason="python -m tests.machines oclgrind runs this"

@@ -5,15 +5,14 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from msb.meshes import Mesh
+from msb.meshes import Mesh
 
-    Read = Callable[[bytes, str], Mesh]
-    """The fixture `read`: from content and suffix to a mesh."""
+Read = Callable[[bytes, str], Mesh]
+"""The fixture `read`: from content and suffix to a mesh."""
 
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
 """Four vertices; with `SQUARE_FACES` they are a square of two triangles."""

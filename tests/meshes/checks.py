@@ -12,7 +12,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +20,7 @@ from numpy.typing import NDArray
 
 from msb.errors import MeshError, MeshFileError, OutputError
 from msb.meshes import Mesh, read_mesh, write_mesh
-
-if TYPE_CHECKING:
-    from msb.meshes.formats import Format
+from msb.meshes.formats import Format
 
 BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
 """Only zeros and ones: the hardest bytes to tell from decimals in a text file."""

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
-from msb.meshes import read_mesh
-
-if TYPE_CHECKING:
-    from msb.meshes import Mesh
+from msb.meshes import Mesh, read_mesh
 
 
 @pytest.fixture

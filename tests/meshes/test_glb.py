@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
-from .builders import SQUARE, SQUARE_FACES, Glb, assert_colors, glb_square
-
-if TYPE_CHECKING:
-    from .builders import Read
+from .builders import SQUARE, SQUARE_FACES, Glb, Read, assert_colors, glb_square
 
 MOVED = [[x + 10, y, z] for x, y, z in SQUARE]
 SECOND = [[a + 4, b + 4, c + 4] for a, b, c in SQUARE_FACES]

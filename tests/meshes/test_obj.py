@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from msb.meshes import text
 
-from .builders import OBJ_SQUARE, SQUARE, SQUARE_FACES, assert_colors
-
-if TYPE_CHECKING:
-    from .builders import Read
+from .builders import OBJ_SQUARE, SQUARE, SQUARE_FACES, Read, assert_colors
 
 
 @pytest.mark.parametrize(

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
 from msb.meshes import text
 
-from .builders import OFF_SQUARE, SQUARE, SQUARE_FACES, assert_colors, off
-
-if TYPE_CHECKING:
-    from .builders import Read
+from .builders import OFF_SQUARE, SQUARE, SQUARE_FACES, Read, assert_colors, off
 
 FACES = b"3 0 1 2\n3 0 2 3\n"
 

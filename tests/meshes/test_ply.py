@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from .builders import (
     SQUARE,
     SQUARE_FACES,
     XYZ,
+    Read,
     assert_colors,
     ply,
     ply_faces,
@@ -21,9 +21,6 @@ from .builders import (
     ply_square,
     ply_text,
 )
-
-if TYPE_CHECKING:
-    from .builders import Read
 
 LITTLE = "binary_little_endian"
 

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
 from msb.meshes import text
 
-from .builders import SQUARE, stl_binary, stl_facet, stl_text
-
-if TYPE_CHECKING:
-    from .builders import Read
+from .builders import SQUARE, Read, stl_binary, stl_facet, stl_text
 
 TRIANGLES = [SQUARE[:3], [SQUARE[1]] * 3, SQUARE[:3]]
 """A face, one that is a point, and the first again: none may be merged or dropped."""

@@ -12,14 +12,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.metrics import ImageMetric
+from msb.metrics import ImageMetric
 
 Bytes = NDArray[np.uint8]
 KINDS = ("noise", "extremes", "flat", "a level apart", "smooth")

@@ -6,18 +6,14 @@ import csv
 import json
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from msb.metrics.vgg import weights_source
-from tests.cli.conftest import msb
+from tests.cli.conftest import Msb, msb
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 __all__ = ["msb"]  # the fixture
 PRED, GT = GOLDEN / "pred", GOLDEN / "gt"

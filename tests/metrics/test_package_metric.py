@@ -9,7 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,13 +21,10 @@ from msb.errors import InputError
 from msb.metrics import IMAGE_METRICS, METRICS, Measures, registry
 from msb.report.results import read_results
 from tests.bench.protocols import protocol
-from tests.cli.conftest import msb
+from tests.cli.conftest import Msb, msb
 from tests.conftest import ROOT
 from tests.report.factory import make_result, write
 from tests.test_docs_commands import installed
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Msb
 
 __all__ = ["msb"]
 GOLDEN = ROOT / "tests" / "golden" / "metrics"

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import pytest
 
-from msb.cl import open_device
+from msb.cl import Device, open_device
 from tests.cl.conftest import SELECTOR, fresh, styled
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 __all__ = ["fresh", "styled"]
 

@@ -10,27 +10,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset
 from msb.asset.look import drawn_colors
+from msb.cl import Device
 from msb.reference import ReferenceFrame, render_reference
 from msb.reference.arithmetic import sigmoid
 from msb.reference.standard import UNITS, render_standard
+from msb.render import Frame
 from msb.render.dedicated import dedicated_renderer
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_filter, enlarged
+from msb.scenes import Camera
 from tests.render.frames import frame_of
-from tests.render.random_cases import STANDARD
-
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.render import Frame
-    from msb.scenes import Camera
-    from tests.render.random_cases import Case
+from tests.render.random_cases import STANDARD, Case
 
 OFF = 2e-3
 """What is farther from the reference is off; of large numbers, this share of the largest. Rounding explains

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Device
-    from msb.render import Frame
-    from msb.scenes import Camera
+from msb.asset import Asset
+from msb.cl import Device
+from msb.render import Frame
+from msb.scenes import Camera
 
 FIELDS = ("image", "alpha", "depth", "normal", "depth_median")
 

@@ -7,11 +7,12 @@ off the middle, fields of view from 1 to 170 degrees, faces that coincide, have 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.registry import METHODS, ORDERS, SAMPLINGS
 from msb.render.frame import EXTRAS
 from msb.scenes import Camera
@@ -19,12 +20,9 @@ from tests.reference.soups import SPLATTING, soup, weld
 from tests.render.standard_scenes import mesh_asset, random_colors, unshared
 from tests.render.test_diffsoup_scenes import model as diffsoup_model
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
-    Random = np.random.Generator
-    Triangles = NDArray[np.float64]
-    Floats = NDArray[np.float32]
+Random = np.random.Generator
+Triangles = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 KINDS = (
     "mixed",

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
+from msb.cl import Device
+from msb.reference import ReferenceFrame
 from msb.reference.standard import render_standard
+from msb.render import Frame
 from msb.render.standard.renderer import StandardRenderer
 from msb.scenes import Camera
 from tests.render.frames import frame_of
 
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.reference import ReferenceFrame
-    from msb.render import Frame
-
-    Arrays = tuple[NDArray[np.float32], NDArray[np.uint32]]
+Arrays = tuple[NDArray[np.float32], NDArray[np.uint32]]
 
 BACKGROUND = (0.1, 0.2, 0.3)
 KINDS = ("small", "tiny", "large", "needles", "through the camera", "far and wide", "everything")

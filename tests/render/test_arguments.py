@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msb
+from msb.asset import Asset
+from msb.cl import Device
 from msb.errors import InputError, UsageError
 from msb.scenes.colors import check_background
 from tests.reference.soups import front_camera, random_triangles, soup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Device
 
 TIERS = ("reference", "dedicated", "standard")
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.cl import Device
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
+from msb.render import Frame
 from tests.cl.conftest import STYLES, WITHOUT_ATOMICS, open_styled
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names
 from tests.render.frames import assert_same, frame_of
-
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.render import Frame
-
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +16,10 @@ from msb.cl import Device, open_device
 from msb.errors import AssetError, UsageError
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
+from msb.render import Frame
 from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR, STYLES, open_styled
 from tests.render.frames import frame_of
-
-if TYPE_CHECKING:
-    from msb.render import Frame
 
 BLACK = (0.0, 0.0, 0.0)
 

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.asset import Asset
+from msb.cl import Device
 from msb.errors import DeviceError
 from msb.render.dedicated import dedicated_renderer
 from msb.render.splat import pipeline as splatting
 from tests.cl.conftest import open_styled
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Device
 
 CAMERA = front_camera(90, 60)
 BLACK = (0.0, 0.0, 0.0)
@@ -69,7 +67,6 @@ def test_whatever_does_not_fit_is_named(method: str, device: Device) -> None:
     for step in np.linspace(0, 0.98 * sum(frame.values()), 14, dtype=int).tolist():
         limit(device, global_memory=step)
         error, use = refused(asset, device)
-        assert error is not None
         assert error.code == "DEVICE_MEMORY"
         assert f" has {step / 2**20:,.1f} MiB, " in error.message
         uses.add(use)
@@ -91,7 +88,6 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
     largest = max(frame.values())
     limit(device, max_allocation=largest // 2)
     error, use = refused(asset, device)
-    assert error is not None
     assert f"and takes at most {largest / 2**21:,.1f} at once" in error.message
     assert (use in own) == (faces == 20_000)
 

@@ -5,11 +5,12 @@ Kept below are the mistakes that the sweep has found.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.cl import Device
 from msb.reference import render_reference
 from msb.registry import METHODS as METHOD_TABLE
 from msb.registry import ORDERS, SAMPLINGS
@@ -19,9 +20,6 @@ from tests.reference.soups import METHODS, SPLATTING, front_camera, random_trian
 from tests.render import standard_scenes
 from tests.render.differential import OFF, apart, difference, draw, own_look
 from tests.render.random_cases import KINDS, STANDARD, draw_case, draw_settings
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 pytestmark = pytest.mark.slow
 

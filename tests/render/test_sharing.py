@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 import msb
+from msb.asset import Asset
 from msb.cl import shared_device
 from msb.errors import DeviceError
 from tests.cl.conftest import SELECTOR
 from tests.reference.soups import front_camera, random_triangles, soup
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 THREADS, FRAMES = 8, 48
 SMALL, LARGE = front_camera(40, 30), front_camera(160, 120)

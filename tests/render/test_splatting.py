@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.asset import Asset
+from msb.cl import Device
 from msb.errors import AssetError, DeviceError, UsageError
 from msb.reference import render_reference
 from msb.reference.camera_matrices import splatting_camera
 from msb.reference.edge_window import FAR, NEAR, project_windows
+from msb.render.frame import Frame
 from msb.render.splat import pipeline as splatting
 from msb.render.splat import view as splat_view
 from msb.render.splat.pipeline import SplattingPipeline
@@ -18,11 +21,6 @@ from msb.scenes import Camera
 from tests.cl.conftest import SELECTOR, open_styled
 from tests.reference.soups import SPLATTING, channel_major, front_camera, random_triangles, soup
 from tests.render.frames import assert_near, frame_of
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Device
-    from msb.render.frame import Frame
 
 VARIANTS: list[tuple[str, dict[str, Any]]] = [
     ("two_dts", {}),
@@ -92,7 +90,6 @@ def test_equals_the_reference(
         assert_near(frame, wanted)
         assert (frame.normal is None) == (wanted.normal is None)
         if wanted.face_id is not None:
-            assert frame.face_id is not None
             assert (frame.face_id != wanted.face_id).mean() <= 2e-3
 
 
@@ -109,7 +106,6 @@ def test_an_empty_view_is_background(method: str, cpu: Device, gpu: Device) -> N
     away = Camera(37, 23, 40, 40, 18.5, 11.5, np.diag([-1.0, 1, -1, 1]))
     for device in (cpu, gpu):
         frame = draw(soup(method, random_triangles(2)), device, away, outputs="all")
-        assert frame.visible is not None
         assert not frame.visible.any()
         np.testing.assert_array_equal(
             frame.image, np.broadcast_to(np.float32([0.2, 0.7, 0.4]), frame.image.shape)
@@ -246,7 +242,6 @@ def test_bounding_spheres_drop_nothing_that_is_kept(
     monkeypatch.setattr(splat_view, "_limits", lambda *_: no_limits)
     for frame, camera in zip(found, cameras, strict=True):
         everything = draw(asset, cpu, camera, settings, sampling=sampling)
-        assert frame.visible is not None
         assert 20 < frame.visible.sum() < 0.5 * count
         np.testing.assert_array_equal(frame.visible, everything.visible)
         np.testing.assert_array_equal(frame.image, everything.image)

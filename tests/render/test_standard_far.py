@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from data_stubs.surface import icosphere
+from msb.cl import Device
 from msb.engines.agreement import interior
-from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, twin, unshared
-
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.scenes import Camera
-    from tests.render.standard_scenes import Arrays
+from msb.scenes import Camera
+from tests.render.standard_scenes import (
+    BACKGROUND,
+    Arrays,
+    camera,
+    draw,
+    mesh_asset,
+    random_colors,
+    twin,
+    unshared,
+)
 
 pytestmark = pytest.mark.slow
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from msb.cl import Device
 from msb.reference.standard import UNITS, inside
 from msb.render.standard.renderer import StandardRenderer
+from msb.scenes import Camera
 from tests.render.standard_scenes import camera, mesh_asset
-
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.scenes import Camera
 
 VIEW = camera(72, 56, 60.0)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +10,11 @@ import pytest
 import msb
 from msb.asset import Asset
 from msb.asset.sh import SH_C0
+from msb.cl import Device
 from msb.errors import AssetError, Unsupported, UsageError
 from msb.render.standard.renderer import StandardRenderer
 from tests.reference.soups import random_triangles, soup
 from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, scene, twin
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 
 def with_buffer(asset: Asset, **buffers: Any) -> Asset:

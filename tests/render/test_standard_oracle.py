@@ -5,17 +5,14 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.cl import Device
 from msb.engines.agreement import interior
-from tests.render.standard_scenes import camera, draw, mesh_asset, random_colors, scene, unshared
-
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from tests.render.standard_scenes import Arrays
+from tests.render.standard_scenes import Arrays, camera, draw, mesh_asset, random_colors, scene, unshared
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]
 

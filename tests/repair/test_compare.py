@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pytest
 
-from msb.asset import build_asset
+from msb.asset import Asset, build_asset
 from msb.repair.plan import Options
 from msb.scenes import Camera
 from msb.trial import repairs as module
 from msb.trial.repairs import STORED, compare
 from tests.conftest import BOOK
-
-if TYPE_CHECKING:
-    import pytest
-
-    from msb.asset import Asset
 
 
 def test_every_row_has_the_trials_before_and_after_and_equal_results_are_tried_once(

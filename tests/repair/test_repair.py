@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +13,12 @@ import msb
 from msb.asset import Asset, Description, build_asset
 from msb.errors import MeshError, MsbError
 from msb.meshes import Mesh
+from msb.repair import Repaired
 from msb.repair.assets import repair_asset, repair_mesh
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
 from msb.trial import Limits
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from msb.repair import Repaired
 
 MODELS = ROOT / "tests" / "tiny" / "models" / "pebble"
 
@@ -193,9 +191,7 @@ def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
     made, done = repair_mesh(Mesh(points, BOOK[1], colors, shades), Options())
     assert made.vertices.dtype == np.float64
     assert np.array_equal(made.vertices, points[done.vertex_map])
-    assert made.vertex_colors is not None
     assert np.array_equal(made.vertex_colors, colors[done.vertex_map])
-    assert made.face_colors is not None
     assert np.array_equal(made.face_colors, shades)
 
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from msb.report.build import build_report
 from msb.report.collect import collect
+from msb.report.numbers import Numbers
+from msb.report.report import Report
 from msb.report.results import read_results
 from tests.report.factory import write_results
-
-if TYPE_CHECKING:
-    from msb.report.numbers import Numbers
-    from msb.report.report import Report
 
 
 @pytest.fixture(scope="session")

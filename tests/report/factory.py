@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageFilter
@@ -36,11 +36,9 @@ from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import read_results
+from msb.report.verdict import Statement
 from tests.bench.records import SETUP, timing
 from tests.report.documents import AUDIT, chamfer
-
-if TYPE_CHECKING:
-    from msb.report.verdict import Statement
 
 METHODS_OF_PAPER = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 CONDITIONS = ("non_engine", "dedicated", "standard", "exported_mesh")
@@ -177,7 +175,6 @@ def write_images(folder: Path, found: Quality) -> None:
         path = folder / str(image.gt)
         path.parent.mkdir(parents=True, exist_ok=True)
         picture.save(path)
-        assert image.psnr is not None
         blurred = picture.filter(ImageFilter.GaussianBlur(max(0.0, (32 - image.psnr) / 4)))
         path = folder / str(image.file)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +16,9 @@ from msb.errors import UsageError
 from msb.report.against import holm
 from msb.report.build import build_report
 from msb.report.pages import report_files
+from msb.report.report import Report
 from msb.report.results import read_results
 from tests.report.factory import make_result, quality, write
-
-if TYPE_CHECKING:
-    from msb.report.report import Report
 
 SCENES = ("desk", "chair", "room", "hall")
 

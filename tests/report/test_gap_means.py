@@ -48,7 +48,6 @@ def test_the_chart_of_gaps_joins_means_of_the_same_scenes(
         Axes, "plot", lambda self, *data, **style: (drawn.append(data), plot(self, *data, **style))[1]
     )
     figure = deployment_gap(gap_with_a_scene_missing, "mipnerf360")
-    assert figure is not None
     assert figure.svg
     assert drawn == [((1, 2), (20.0, 15.0))]
 

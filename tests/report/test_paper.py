@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -16,10 +16,8 @@ from msb.report.layout import number_cell
 from msb.report.metric_format import SHOWN
 from msb.report.numbers import MEAN, MEANS, GapKey, Key
 from msb.report.paper import PAPER_TABLES, contradictions, paper_numbers, paper_row, published_numbers
+from msb.report.table import Cell, Table
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.report.table import Cell, Table
 
 FOLDER = ROOT / "msb" / "report" / "paper_tables"
 OURS = {method.paper_name: name for name, method in METHODS.items()}

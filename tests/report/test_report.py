@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 from PIL import Image
@@ -22,6 +22,7 @@ from msb.report.findings import find
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.paper import paper_numbers
+from msb.report.report import Report
 from msb.report.results import Loaded, Place, read_results, result_set
 from tests.report.documents import AUDIT
 from tests.report.factory import (
@@ -32,9 +33,6 @@ from tests.report.factory import (
     write_results,
 )
 from tests.report.test_writers import HOSTILE
-
-if TYPE_CHECKING:
-    from msb.report.report import Report
 
 
 class Page(HTMLParser):
@@ -126,7 +124,6 @@ def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     headings = [[shot.heading for shot in shots] for shots in view.shots.values()]
     assert headings == [["Non-Engine", "Dedicated", "Standard"]] * 3 + [["Non-Engine", "Dedicated"]]
     picture = view.shots["two_dts"][2].picture
-    assert picture is not None
     assert picture.data[:3] == b"\xff\xd8\xff"
 
 

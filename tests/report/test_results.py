@@ -74,7 +74,6 @@ OTHER_VERSION = {"renderer": {"version": "0"}}
 
 def other_images() -> dict[str, Any]:
     quality = make_result(*HERE, "dedicated").quality
-    assert quality is not None
     return {"quality": {"images": quality.images[1:2]}}
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from msb.report.report import Report
 from msb.report.results import Place
 from tests.report.factory import (
     VIEWS,
@@ -19,9 +19,6 @@ from tests.report.factory import (
     verdict_of,
     write,
 )
-
-if TYPE_CHECKING:
-    from msb.report.report import Report
 
 
 def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:

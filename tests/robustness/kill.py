@@ -170,7 +170,6 @@ class Killer:
     def run(self, place: Path, *, force: bool = False) -> tuple[int, str]:
         """Let the command run to its end; return its status and what it said."""
         with self.start(place, force=force) as process:
-            assert process.stderr is not None
             said = process.stderr.read().decode()
         return process.returncode, said
 

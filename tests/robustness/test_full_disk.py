@@ -8,17 +8,15 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
+from tests.cli.conftest import Here
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Here
-    from tests.robustness.conftest import Disk
+from tests.robustness.conftest import Disk
 
 pytestmark = pytest.mark.slow
 POSIX = pytest.mark.skipif(os.name == "nt", reason="limits are POSIX")

@@ -8,18 +8,15 @@ import stat
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
+from tests.robustness.conftest import Bound
 
-if TYPE_CHECKING:
-    from tests.robustness.conftest import Bound
-
-    Refused = Callable[..., tuple[int, str]]
+Refused = Callable[..., tuple[int, str]]
 
 pytestmark = pytest.mark.slow
 

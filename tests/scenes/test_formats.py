@@ -7,21 +7,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msb
+from msb import Camera
 from msb.errors import MsbError, OutputError, SceneError
 from msb.scenes import read_views, views_json, write_cameras
 from tests.conftest import ROOT
 
 from . import builders
 from .builders import dump, some_cameras, write
-
-if TYPE_CHECKING:
-    from msb import Camera
 
 CAMERAS = some_cameras(4)
 CENTERED = some_cameras(4, centered=True)

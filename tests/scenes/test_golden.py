@@ -5,18 +5,16 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import msb
+from msb import Camera
 from msb.scenes import read_points, sorted_by_stem, split_every_8th, stem, write_cameras
 from tests.conftest import SHARED
 from tests.golden.views import views
-
-if TYPE_CHECKING:
-    from msb import Camera
 
 GOLDEN = SHARED / "golden"
 METHODS = ("triangle_splatting", "mesh_splatting", "two_dts", "diffsoup")
@@ -105,7 +103,6 @@ def test_colmap_scenes_are_loaded_and_split_as_upstream(
             compared += 1
     assert compared >= 4
     for camera in cameras:
-        assert camera.image_path is not None
         assert camera.image_path.is_file()
     assert len(read_points(folder)[0]) == loaders[scene]["points3D"]["count"]
 
@@ -149,7 +146,6 @@ def test_points_of_the_garden_land_on_their_colours(shared: Path) -> None:
     assert [len(part) for part in split_every_8th(cameras)] == [28, 4]
     errors = np.zeros((3, 8))
     for index, camera in enumerate(cameras[::4]):
-        assert camera.name is not None
         with image.open(garden / "images_8" / camera.name) as opened:
             photograph = np.asarray(opened.convert("RGB"), dtype=np.float64) / 255
         neighbour = cameras[4 * index + 1]

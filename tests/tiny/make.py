@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +16,8 @@ from data_stubs import captures, made_models
 from data_stubs.photographs import averaged
 from data_stubs.surface import Surface, pebble, walled
 from msb.reference.standard import render_standard
+from msb.scenes import Camera
 from tests.tiny import MODELS, SCENES
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
 
 SAMPLES = 4
 """Number of samples along each side of a pixel."""

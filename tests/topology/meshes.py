@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
-from msb.topology.findings import find_by_numpy
+from msb.topology.findings import Counts, find_by_numpy
 from msb.topology.halfedge import NONE
+from msb.topology.steps import Change
 from tests.conftest import ROOT
-
-if TYPE_CHECKING:
-    from msb.topology.findings import Counts
-    from msb.topology.steps import Change
 
 Mesh = tuple[np.ndarray, np.ndarray]
 GOLDEN = ROOT / "tests" / "golden" / "meshes"

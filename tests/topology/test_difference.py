@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from itertools import combinations
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.asset import Asset
 from msb.topology.arrays import mesh_arrays
 from msb.topology.difference import find_difference
 from msb.topology.steps import cut, pair
 from msb.topology.steps.cut import cut_edges
 from tests.conftest import BOOK, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 
 @pytest.fixture(scope="module")

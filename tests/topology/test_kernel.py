@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 
 from data_stubs.splat_like import splat_like
 from data_stubs.surface import icosphere
-from msb.cl import open_device
+from msb.cl import Device, open_device
 from msb.errors import DeviceError
 from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
@@ -22,9 +21,6 @@ from msb.topology.kernel import Sizes, find_by_kernels
 from tests.conftest import BOOK
 from tests.topology.meshes import CASES
 from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
-
-if TYPE_CHECKING:
-    from msb.cl import Device
 
 DEFAULT = Sizes()
 TINY = Sizes(

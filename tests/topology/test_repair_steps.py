@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,13 +13,10 @@ from msb.topology.arrays import mesh_arrays
 from msb.topology.audit import audit_arrays
 from msb.topology.crosscheck import PEERS, cross_check
 from msb.topology.halfedge import NONE
-from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
+from msb.topology.steps import Change, close, cut, debris, drop, orient, pair, weld
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.meshes import CASES, Case, Mesh, counts, finite_mesh, places, sphere
 from tests.topology.test_properties import meshes
-
-if TYPE_CHECKING:
-    from msb.topology.steps import Change
 
 STEPS: dict[str, Callable[[np.ndarray, np.ndarray], Change]] = {
     "orient": lambda points, faces: orient(faces, len(points)),

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from msb.topology.arrays import mesh_arrays
 from msb.topology.halfedge import NONE
-from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
+from msb.topology.steps import Change, close, cut, debris, drop, orient, pair, weld
 from tests.topology import repair_twins as twins
 from tests.topology.brute_force import edge_faces
 from tests.topology.meshes import Mesh, counts, finite_mesh, sphere
-
-if TYPE_CHECKING:
-    from msb.topology.steps import Change
 
 
 def rows(faces: np.ndarray) -> list[Any]:

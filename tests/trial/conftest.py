@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike
 
 from msb.trial.mesh import TriedMesh
 from msb.trial.registry import TASKS
-
-if TYPE_CHECKING:
-    from msb.trial.task import Judgement, Made
+from msb.trial.task import Judgement, Made
 
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +17,9 @@ from msb.metrics.likeness import decibels
 from msb.topology import audit_arrays
 from msb.trial import run
 from msb.trial.mesh import TriedMesh
-from msb.trial.run import try_asset
-from msb.trial.task import Attempted, Made
+from msb.trial.run import Trial, try_asset
+from msb.trial.task import Attempt, Attempted, Made, Task
 from tests.trial.conftest import box, grid, made_of, pages, soup
-
-if TYPE_CHECKING:
-    from msb.trial.run import Trial
-    from msb.trial.task import Attempt, Task
 
 UV = {"charts": 1, "charts_per_1000_faces": 1.0, "packing": 0.5, "faces_left_out": 0, "stretch_l2": 1.0}
 
@@ -121,7 +117,6 @@ def test_where_coacd_does_not_end_a_hull_and_a_mesh_are_made_and_kept(replying: 
     replying({"coacd": said})
     found = tried("collision", grid(20), tmp_path)
     assert found.outcome == "care"
-    assert found.why is not None
     assert found.why.startswith(f"coacd: {said}; ")
     # A flat mesh has no hull with a volume.
     said_of_it = "95 % within less than 0.01 % of the size, 0 % of it in mid-air"
@@ -129,7 +124,6 @@ def test_where_coacd_does_not_end_a_hull_and_a_mesh_are_made_and_kept(replying: 
     assert found.says == ""  # the row begins with what happened
     assert found.files == ("collision-mesh.glb", "collision.png")
     ball = tried("collision", round_sheet(), tmp_path)
-    assert ball.why is not None
     assert ball.why.startswith(f"coacd: {said}; a hull of ")
     assert ball.files == ("collision-hull.glb", "collision-mesh.glb", "collision.png")
     assert ball.numbers["instead"]["manifold3d"]["faces"] <= 252

@@ -79,7 +79,6 @@ def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
     assert judged.numbers["stretch_l2"] == pytest.approx(1.0, abs=1e-3)
     assert judged.numbers["faces_left_out"] == 0
     unwrapped = made["xatlas"].meshes["uv"]
-    assert unwrapped.uv is not None
     assert ((unwrapped.uv >= 0) & (unwrapped.uv <= 1)).all()
     _, of_soup = attempt("uv", soup(grid()))  # xatlas joins vertices at one place by itself
     assert (of_soup.outcome, of_soup.numbers["charts"]) == ("works", 1)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from msb.base.limits import Limits
 from msb.trial.attempts import Unit, run_attempt
+from msb.trial.mesh import TriedMesh
 from msb.trial.registry import TASKS
 from msb.trial.task import Made
 from tests.trial.conftest import NoLook, box, grid, made_of, together
-
-if TYPE_CHECKING:
-    from msb.trial.mesh import TriedMesh
 
 BOXES = together(*(box(3.0 * k, 1 + 0.1 * k) for k in range(3)))
 

@@ -5,20 +5,17 @@ from __future__ import annotations
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from msb.meshes import Mesh, write_mesh
-from tests.cli.conftest import here, refused
+from tests.cli.conftest import Here, here, refused
 from tests.cli.forks import run_msb
 from tests.conftest import BOOK
 from tests.viewers.conftest import HAS_PYVISTA, ROOT
-
-if TYPE_CHECKING:
-    from tests.cli.conftest import Here
 
 __all__ = ["here", "refused"]
 NO_DISPLAY = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}

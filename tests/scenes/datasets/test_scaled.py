@@ -25,7 +25,6 @@ def test_scaled_cameras_are_noted_once_with_all_sizes() -> None:
     assert scaled_note([masked]) is None  # photographs of the recorded size: what resizes them is a rule
     halved = read_scene(PEBBLE, image_folder="images_2", dataset="custom", resolution=2)
     text = scaled_note([halved])
-    assert text is not None
     assert "photographs in images_2 have 128 x 96: the cameras are scaled, 64 x 48 is drawn" in text
 
 
@@ -35,7 +34,6 @@ def test_cameras_as_recorded_name_the_scale_of_the_photographs_beside_them(tmp_p
         shutil.copytree(PEBBLE / name, tmp_path / name)
     for place in (tmp_path, tmp_path / "sparse/0"):
         note = recorded_note(place, read_cameras(place))
-        assert note is not None
         assert "drawn as recorded, at 256 x 192 pixels" in note
         assert "images_2 have 128 x 96: --scale 0.5 draws at their size" in note
     shutil.rmtree(tmp_path / "images_2")
