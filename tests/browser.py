@@ -108,7 +108,7 @@ class Browser:
             answer = json.loads(self._message(until))
             if answer.get("id") == self._number:  # others tell of what happens
                 assert "error" not in answer, (method, answer["error"])
-                return answer["result"]  # type: ignore[no-any-return]
+                return answer["result"]
 
     def _message(self, until: float) -> bytes:
         pieces = [self._unread]

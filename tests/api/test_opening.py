@@ -169,7 +169,7 @@ def test_a_folder_is_not_replaced_unless_told(demo_asset: Path, tmp_path: Path) 
     assert path.is_dir()
     for form in ("packed", "folder"):
         with pytest.raises(UsageError, match="it exists"):
-            msb.save(asset, path, form=form)  # type: ignore[arg-type]
+            msb.save(asset, path, form=form)
     msb.save(asset, path, form="folder", overwrite=True)
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(OutputError, match="it is a folder"):

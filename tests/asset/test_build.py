@@ -27,7 +27,7 @@ POINTS = arrays(
 
 def refused(words: str, buffers: dict, domains: dict | None = None, **description: object) -> None:
     with pytest.raises(AssetError) as caught:
-        build_asset(buffers, domains or {}, Description(**description))  # type: ignore[arg-type]
+        build_asset(buffers, domains or {}, Description(**description))
     assert words in str(caught.value)
 
 

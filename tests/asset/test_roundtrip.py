@@ -255,7 +255,7 @@ def test_any_arrays_survive_both_forms(tmp_path_factory, data) -> None:
     asset = build_asset(buffers, domains)
     folder = tmp_path_factory.mktemp("any")
     for form in FORMS:
-        write_asset(asset, folder / form, form)  # type: ignore[arg-type]
+        write_asset(asset, folder / form, form)
         loaded = load(folder / form)
         assert_same(asset, loaded)
         assert validate(folder / form).valid

@@ -82,7 +82,7 @@ def refused(asset: Asset, tmp_path: Path) -> str:
     codes = set()
     for form in FORMS:
         with pytest.raises(AssetError) as caught:
-            write_asset(asset, tmp_path / "new/a", form)  # type: ignore[arg-type]
+            write_asset(asset, tmp_path / "new/a", form)
         codes.add(caught.value.code.removeprefix("TRIASSET_"))
     assert names(tmp_path) == []
     (code,) = codes

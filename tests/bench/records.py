@@ -51,7 +51,7 @@ def timing(fps: float = 100.0, *, frames: int = 100) -> Timing:
 
 
 def result(condition: str = "dedicated", *, scene: str = "garden", **parts: Any) -> Result:
-    cell = Cell(dataset="mipnerf360", scene=scene, method="two_dts", condition=condition)  # type: ignore[arg-type]
+    cell = Cell(dataset="mipnerf360", scene=scene, method="two_dts", condition=condition)
     given = {"status": "done", "seconds": 1.0, "setup": SETUP, "quality": quality(), **parts}
     return Result(cell=cell, **given)
 

@@ -48,7 +48,7 @@ class Bench:
 
     def compute(self, only: str, *names: str) -> Done:
         job = self.job(only)
-        return compute(replace(job, parts={part: job.parts[part] for part in names}))  # type: ignore[index]
+        return compute(replace(job, parts={part: job.parts[part] for part in names}))
 
     def record(self, done: Done) -> Any:
         return read_result(Results(self.file.results).record(done.cell))

@@ -46,7 +46,7 @@ class Cluster:
         ]
         from distributed import Client
 
-        with Client(self.address, set_as_default=False) as client:  # type: ignore[no-untyped-call,unused-ignore]
+        with Client(self.address, set_as_default=False) as client:
             client.wait_for_workers(WORKERS, timeout=60)
 
     def _start(self, module: str, *options: str) -> subprocess.Popen[bytes]:

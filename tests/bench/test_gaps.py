@@ -103,7 +103,7 @@ def test_where_the_identity_fails_it_says_by_how_much(
     assert gaps.triangle_excess == pytest.approx(excess)
     assert gaps.monotone is (excess == 0)
     signed = [gaps[name].signed for name in PAIRS]
-    assert signed[0] + signed[1] == pytest.approx(signed[2])  # type: ignore[operator]
+    assert signed[0] + signed[1] == pytest.approx(signed[2])
 
 
 def test_signs_say_which_way_it_goes() -> None:

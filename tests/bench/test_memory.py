@@ -28,10 +28,10 @@ def test_every_renderer_says_what_its_memory_is_for(method: str, style: str) -> 
             check_supported(asset, tier)
         except msb.Unsupported:
             continue
-        with open_device("cpu", style=style) as device:  # type: ignore[arg-type]
+        with open_device("cpu", style=style) as device:
             renderer = find_renderer(tier)(asset, device=device, settings={})
             renderer.render(camera, (0.0, 0.0, 0.0))
-            uses, groups = device.memory(), renderer.memory_groups()  # type: ignore[attr-defined]
+            uses, groups = device.memory(), renderer.memory_groups()
             renderer.close()
         assert uses.keys() == groups.keys()
         found = grouped(uses, groups)

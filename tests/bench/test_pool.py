@@ -33,7 +33,6 @@ def test_answers_errors_and_deaths(tmp_path: Path) -> None:
     assert [found[name] for name in ("a", "b", "c", "d", tasks[4])] == ["a", "b", "c", "d", tasks[4]]
     assert isinstance(found["raise it"], ValueError)
     died = found["die"]
-    assert isinstance(died, MsbError)
     assert died.code == "RUN_WORKER_DIED"
 
 
@@ -107,7 +106,7 @@ def _runs(pid: int) -> bool:
 
 def _until(condition: object, seconds: float = 60) -> None:
     end = time.monotonic() + seconds
-    while not condition():  # type: ignore[operator]
+    while not condition():
         assert time.monotonic() < end, "it takes too long"
         time.sleep(0.05)
 

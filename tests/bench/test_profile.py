@@ -40,7 +40,7 @@ class Fake:
 
 def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
     renderer, steps = Fake(), []
-    found = profile(renderer, ["a", "b", "c"], frames=20, seconds=0, step=lambda: steps.append(1))  # type: ignore[arg-type]
+    found = profile(renderer, ["a", "b", "c"], frames=20, seconds=0, step=lambda: steps.append(1))
     warm = len(renderer.drawn) - 20
     assert warm == 10
     spans = np.arange(warm + 1, warm + 21) + 1.5
@@ -59,26 +59,26 @@ def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
 
 def test_cameras_take_turns_and_time_counts_too() -> None:
     renderer = Fake()
-    found = profile(renderer, ["a", "b"], frames=1, seconds=0.05)  # type: ignore[arg-type]
+    found = profile(renderer, ["a", "b"], frames=1, seconds=0.05)
     timed = renderer.drawn[1:]
     assert timed[:4] == ["a", "b", "a", "b"]
     assert len(renderer.drawn) == 1 + found.frames, "nothing is drawn for the memory that was drawn before"
     assert len(timed) > 5
     with pytest.raises(ValueError, match="there is no camera"):
-        profile(renderer, [], frames=1)  # type: ignore[arg-type]
+        profile(renderer, [], frames=1)
 
 
 @pytest.mark.parametrize("warm_up", [0, 3])
 def test_warm_up_is_counted_in_frames(warm_up: int) -> None:
     renderer = Fake()
-    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=warm_up).frames == 4  # type: ignore[arg-type]
+    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=warm_up).frames == 4
     assert len(renderer.drawn) == 4 + warm_up
 
 
 @pytest.mark.parametrize(("frames", "warm_up"), [(1, 0), (2, 0), (2, 1), (1, 3), (9, 4), (4, None)])
 def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_up: int | None) -> None:
     for cameras in ("a", "abc", "cba", "abcdefgh"):
-        found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)  # type: ignore[arg-type]
+        found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)
         assert found.frames == frames
         assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
 
@@ -86,7 +86,7 @@ def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_u
 def test_slow_frames_are_timed_after_the_renderer_has_settled(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("msb.bench.profile.WARM_UP_SECONDS", 0.0)
     renderer = Fake()
-    found = profile(renderer, ["a"], frames=4, seconds=0)  # type: ignore[arg-type]
+    found = profile(renderer, ["a"], frames=4, seconds=0)
     assert len(renderer.drawn) - found.frames == SETTLED_AT
 
 
@@ -113,7 +113,7 @@ def test_memory_of_a_cell_does_not_depend_on_the_cells_before_it() -> None:
 
 
 def test_json_has_what_the_tables_need() -> None:
-    data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()  # type: ignore[arg-type]
+    data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()
     numbers = {"frames", "fps", "round_fps"}
     assert set(data) == numbers | {"device_ms", "busy_ms", "queued_ms", "stages_ms", "memory_bytes"}
     assert set(data["device_ms"]) == {"p50", "p95", "mean"}

@@ -266,7 +266,7 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     worse = replace(
         file,
         protocol=file.protocol.model_copy(
-            update={"chamfer": file.protocol.chamfer.model_copy(update={"data": str(tmp_path)})}  # type: ignore[union-attr]
+            update={"chamfer": file.protocol.chamfer.model_copy(update={"data": str(tmp_path)})}
         ),
     )
     assert run_protocol(worse).exit_status == 3
@@ -292,7 +292,7 @@ def test_what_a_training_did_otherwise_is_warned_of_once_and_recorded(tmp_path: 
     file = replace(file, protocol=file.protocol.model_copy(update={"methods": (method,)}))
     said: list[str] = []
     watch = _Nobody()
-    watch.note = said.append  # type: ignore[method-assign]
+    watch.note = said.append
     assert run_protocol(file, only=["dedicated", "exported_mesh"], watch=watch).exit_status == 0
     for text in (
         "it was trained on the test views (eval=False)",

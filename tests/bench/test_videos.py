@@ -27,7 +27,7 @@ def frames(path: Path) -> list[NDArray[np.uint8]]:
 
 @pytest.mark.parametrize("path", ["flight", "test"])
 def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
-    options = VideosTable(path=path, frames=8, fps=8)  # type: ignore[arg-type]
+    options = VideosTable(path=path, frames=8, fps=8)
     file = replace(again, protocol=again.protocol.model_copy(update={"videos": options}))
     only = ["two_dts/dedicated", "two_dts/standard"]
     assert set(planned(run_protocol(file, only=only)).values()) == {"done"}

@@ -123,8 +123,6 @@ def run_msb(args: list[str], cwd: Path, env: Mapping[str, str | None]) -> subpro
         "err": str(err),
         "seconds": SECONDS,
     }
-    assert process.stdin is not None
-    assert process.stdout is not None
     process.stdin.write(json.dumps(line) + "\n")
     process.stdin.flush()
     status = int(process.stdout.readline())

@@ -203,7 +203,7 @@ def test_a_terminal_gets_as_much_of_the_comparison_as_it_is_wide(width: int, los
     row += ["LIMITED", "-", "same", "-", "0.10", "0.0"]
     console = WholeWordConsole(file=io.StringIO(), width=width)
     print_table([row, ["cut by igl", *[""] * 5, "not done"]], console)
-    text = console.file.getvalue()  # type: ignore[attr-defined]
+    text = console.file.getvalue()
     assert max(len(line.rstrip()) for line in text.splitlines()) <= width
     names = text.splitlines()[0].split()
     assert ("Tasks" in names, "Dedicated" in names) == (width >= 108, width >= 101)

@@ -22,7 +22,7 @@ def test_tables_and_sentences_keep_their_words(width: int) -> None:
     table.add_row(" ".join(WORDS), "yes", " ".join(reversed(WORDS)))
     console.print(table)
     console.print(" ".join(WORDS * 4))
-    text = console.file.getvalue()  # type: ignore[attr-defined]
+    text = console.file.getvalue()
     found = re.findall(r"\S+", text)
     assert {*found} <= {*WORDS, "Name", "What", "Why", "yes"}
     sentence = text.splitlines()[-3:]
@@ -34,7 +34,7 @@ def test_a_table_that_fits_is_not_wider_than_the_terminal() -> None:
     table = plain_table("File", "Verdict", "First reason")
     table.add_row("data/mesh.ply", "LIMITED", " ".join(["open: 24 boundary edges"] * 6))
     console.print(table)
-    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    lines = console.file.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     assert lines[1].startswith("data/mesh.ply  LIMITED  ")
 

@@ -68,7 +68,7 @@ def _on_disk(name: str, code: str, spoil: Callable[[Path], None], **more: object
         parts(mesh()).write_folder(path)
         spoil(path)
 
-    return Case(name, code, write, **more)  # type: ignore[arg-type]
+    return Case(name, code, write, **more)
 
 
 def _outside(path: Path) -> Path:

@@ -26,7 +26,6 @@ def webgpu_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser
     """Return a browser that stays open and draws with WebGPU in software, as when pages are measured."""
     need("threejs")
     program = engine.find_browser()
-    assert program is not None
     flags = (*engine._WEBGPU, *engine._WEBGPU_SOFTWARE)
     opened = Browser(program, tmp_path_factory.mktemp("webgpu"), flags)
     yield opened

@@ -43,7 +43,7 @@ def scenes() -> list[list[View]]:
 
 
 def page_of(views: list[View], **options: Any) -> DedicatedPage:
-    tests = [CheckView(view.camera, view.background, to_bytes(view.image)) for view in views]  # type: ignore[arg-type]
+    tests = [CheckView(view.camera, view.background, to_bytes(view.image)) for view in views]
     asset = exported(views[0].folder / "checkpoint")
     return make_page(asset, name="a", settings=views[0].settings, tests=tests, **options)
 
@@ -241,8 +241,8 @@ def test_modes_of_the_page_are_those_of_the_renderer(
     assert not disabled
     for (order, sampling), pixels in zip(modes, found, strict=True):
         options = {"order": order, "sampling": sampling, "stops": STOPS, "settings": view.settings}
-        with HardwareRenderer(exported(view.folder / "checkpoint"), **options) as renderer:  # type: ignore[arg-type]
-            wanted = to_bytes(renderer.render(view.camera, view.background).image)  # type: ignore[arg-type]
+        with HardwareRenderer(exported(view.folder / "checkpoint"), **options) as renderer:
+            wanted = to_bytes(renderer.render(view.camera, view.background).image)
         psnr = byte_psnr(np.array(pixels, np.uint8).reshape(wanted.shape), wanted)
         assert psnr is None or psnr > 55, (order, sampling)
 

@@ -157,7 +157,7 @@ def test_nothing_to_show_is_the_background(name: str) -> None:
 @pytest.mark.parametrize("name", ["wgpu", "threejs"])
 def test_no_gpu_is_told(name: str) -> None:
     factory = find_renderer(need(name))
-    with factory(colored("small")) as renderer:  # type: ignore[attr-defined]
+    with factory(colored("small")) as renderer:
         if renderer.device_info["kind"] == "gpu":
             pytest.skip("there is a GPU")
     with pytest.raises(MsbError) as info:

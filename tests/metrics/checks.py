@@ -52,7 +52,6 @@ def check_metric(
 
     `smallest` is the least side of an image in pixels; values may differ by `rel` or `abs`.
     """
-    assert metric.measure is not None
     for kind in KINDS:
         for height, width in ((smallest, smallest), (smallest + 9, smallest + 12), (33, 50)):
             a, b = (image / 255 for image in images(kind, height, width))

@@ -192,7 +192,7 @@ def test_without_order_faces_are_blended_as_stored(method: str) -> None:
     asset = soup(method, pair, f_dc=colors, opacity=np.full(2 * rows, 3, np.float32))
     for sampling in ("official", "engine"):
         for order, channel in (("tile", 1), ("global", 1), ("none", 0)):
-            frame = render_reference(asset, front_camera(), order=order, sampling=sampling)  # type: ignore[arg-type]
+            frame = render_reference(asset, front_camera(), order=order, sampling=sampling)
             middle = frame.image[12:16, 18:22]
             assert (middle[..., channel] > middle[..., 1 - channel] + 0.02).all()
 
@@ -215,7 +215,7 @@ def test_without_tiles_faces_are_seen_wherever_they_reach(method: str) -> None:
 
 def test_a_z_buffer_has_no_order() -> None:
     asset = soup("diffsoup", random_triangles(4))
-    frames = [render_reference(asset, front_camera(), order=order) for order in ("tile", "global", "none")]  # type: ignore[arg-type]
+    frames = [render_reference(asset, front_camera(), order=order) for order in ("tile", "global", "none")]
     for other in frames[1:]:
         np.testing.assert_array_equal(other.image, frames[0].image)
 
@@ -231,7 +231,7 @@ def test_diffsoup_in_an_engine_is_what_its_official_viewer_draws(view: View) -> 
     asset = exported(view.folder / "web_export" / view.folder.name)
     found = {}
     for sampling in ("official", "engine"):
-        frame = render_reference(asset, view.camera, view.background, view.settings, sampling=sampling)  # type: ignore[arg-type]
+        frame = render_reference(asset, view.camera, view.background, view.settings, sampling=sampling)
         image = frame.image[::-1] if view.stored["flip_rows"] else frame.image
         levels = np.abs(np.rint(255 * image) - shown.astype(int)).max(axis=-1)
         found[sampling] = float((levels <= 8).mean())  # the viewer rounds features once more

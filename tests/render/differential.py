@@ -143,7 +143,7 @@ def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
         positions, indices = faces.reshape(-1, 3), np.arange(faces.size // 3).reshape(-1, 3)
     view = enlarged(case.camera, samples)
     frame = render_standard(positions, indices, values, domain, view, case.background, shown)
-    return frame if samples == 1 else box_filter(frame, samples)  # type: ignore[type-var]
+    return frame if samples == 1 else box_filter(frame, samples)
 
 
 def roundings(

@@ -20,7 +20,7 @@ def frame_of(
     """Return a frame by a renderer or pipeline of class `make`, which is closed again."""
     renderer = make(asset, device=device, **options)
     try:
-        return renderer.render(camera, background)  # type: ignore[no-any-return]
+        return renderer.render(camera, background)
     finally:
         renderer.close()
 

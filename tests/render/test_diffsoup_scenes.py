@@ -70,7 +70,7 @@ def model(
                 "background": "#000000",
             },
             compositing={"kind": "binary_z_buffer"},
-            settings={name: StoredSetting(value, "default") for name, value in settings.items()},  # type: ignore[arg-type]
+            settings={name: StoredSetting(value, "default") for name, value in settings.items()},
         ),
     )
 

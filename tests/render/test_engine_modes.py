@@ -90,7 +90,6 @@ def test_an_engine_sees_what_the_official_renderers_drop(device: Device) -> None
         asset = crossing(method, 2)
         official = draw(asset, device, front_camera())
         engine = draw(asset, device, front_camera(), sampling="engine")
-        assert official.visible is not None
         assert (engine.visible & ~official.visible).sum() > 10
         assert np.abs(engine.image - official.image).max() > 0.1
 
@@ -165,6 +164,6 @@ def test_modes_are_refused_where_they_are_not() -> None:
         msb.Renderer(asset, tier="dedicated", viewer=True)
     for tier in ("dedicated", "reference"):
         with pytest.raises(UsageError, match="there is no sampling"):
-            msb.Renderer(asset, tier=tier, sampling="center")  # type: ignore[arg-type]
+            msb.Renderer(asset, tier=tier, sampling="center")
         with pytest.raises(UsageError, match="there is no order"):
-            msb.Renderer(soup("diffsoup", random_triangles(1)), tier=tier, order="depth")  # type: ignore[arg-type]
+            msb.Renderer(soup("diffsoup", random_triangles(1)), tier=tier, order="depth")

@@ -41,7 +41,7 @@ def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> No
 
 def test_eight_threads_may_draw_with_renderers_of_their_own(asset: Asset) -> None:
     def draw(number: int) -> bytes:
-        with msb.Renderer(asset, tier=TIERS[number % 2], device=SELECTOR) as renderer:  # type: ignore[arg-type]
+        with msb.Renderer(asset, tier=TIERS[number % 2], device=SELECTOR) as renderer:
             return picture(renderer, 0)
 
     wanted = [draw(number) for number in range(2)]

@@ -205,7 +205,6 @@ def test_depth_keys_and_sample_positions_are_the_official_bits(style: Any) -> No
     triangles = asset.buffers["positions"].reshape(-1, 3, 3)
     with np.errstate(all="ignore"):
         windows = project_windows(triangles, splatting_camera(camera, NEAR, FAR, np.float32, 3))
-    assert frame.visible is not None
     assert listed.sum() > 50
     places = np.arange(listed[0]) if style == "cpu" else np.flatnonzero(listed)
     numbers = faces[places, 37].view(np.int32)

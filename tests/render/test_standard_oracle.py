@@ -73,7 +73,6 @@ def test_vtk(cpu: Device, tmp_path: Path) -> None:
     if not theirs.any():
         pytest.skip("VTK renders nothing here")
     frame = draw(cpu, mesh_asset(mesh, colors), view)
-    assert frame.face_id is not None
     ours = np.where(frame.alpha[..., None] > 0, frame.image, 0)
     difference = np.abs(np.round(ours * 255) / 255 - theirs).max(axis=2)
     # VTK snaps corners to 1/256 pixel: edges may differ by a pixel, interiors by a level of rounding.
@@ -90,7 +89,6 @@ def test_embree(cpu: Device, kind: str) -> None:
     mesh = without_crossings(scene(kind, 37))
     view = square_camera()
     frame = draw(cpu, mesh_asset(mesh), view)
-    assert frame.face_id is not None
     y, x = np.mgrid[: view.height, : view.width] + 0.5
     rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1)
     directions = rays.reshape(-1, 3).astype(np.float32)

@@ -117,9 +117,9 @@ def verdict_of(root: Path) -> dict[str, Statement]:
 
 def make_result(dataset: str, scene: str, method: str, condition: str, **changes: Any) -> Result:
     """Return the record of one cell; `changes` replaces parts of it."""
-    cell = Cell(dataset=dataset, scene=scene, method=method, condition=condition)  # type: ignore[arg-type]
+    cell = Cell(dataset=dataset, scene=scene, method=method, condition=condition)
     known = METHODS.get(method)
-    why = known and known.unsupported.get(condition)  # type: ignore[call-overload]
+    why = known and known.unsupported.get(condition)
     if why:
         reason = Reason(code="UNSUPPORTED", message=why)
         return Result(cell=cell, status="unsupported", reason=reason, seconds=0.0)

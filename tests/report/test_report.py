@@ -273,7 +273,7 @@ def test_hostile_names_stay_names(tmp_path: Path) -> None:
         made = make_result("x", "y", "z", condition)
         cell = Place_(
             dataset=HOSTILE[:150], scene=scene, method="</script>" + HOSTILE[:100], condition=condition
-        )  # type: ignore[arg-type]
+        )
         bad = {"level": "bad", "sentence": "<b>renders</b>"}
         changes: dict[str, Any] = {"cell": cell}
         if made.audit is not None:

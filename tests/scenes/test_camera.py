@@ -123,7 +123,7 @@ def test_the_matrix_is_a_copy_that_cannot_be_changed() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
     with pytest.raises(FrozenInstanceError):
-        camera.width = 5  # type: ignore[misc]
+        camera.width = 5
     for twin in (copy.deepcopy(camera), copy.copy(camera)):
         assert twin == camera
         assert not twin.world_to_camera.flags.writeable
@@ -143,7 +143,7 @@ def test_numpy_and_integer_arguments_become_python_numbers() -> None:
     camera = Camera(
         np.int32(5), np.uint64(6), np.float32(1.5), 2, np.int64(3), 0, np.eye(4, dtype=np.float32), "n",
         "images/n.png", [10, 12], "test",
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
     assert [type(value) for value in (camera.width, camera.height, camera.fx, camera.fy, camera.cx)] == [
         int, int, float, float, float
     ]  # fmt: skip
@@ -224,7 +224,7 @@ def test_limits_are_inclusive() -> None:
 def test_a_view_that_cannot_be_is_refused(change: dict[str, object], code: str) -> None:
     good = {"eye": (1, 2, 3), "target": (0, 0, 0), "up": (0, 0, 1), "width": 4, "height": 3, "fov_y": 1.0}
     with pytest.raises(SceneError) as caught:
-        Camera.look_at(**(good | change))  # type: ignore[arg-type]
+        Camera.look_at(**(good | change))
     assert caught.value.code == code
 
 

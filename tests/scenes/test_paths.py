@@ -60,7 +60,7 @@ def test_a_turntable_starts_at_x_where_z_is_up() -> None:
 )
 def test_a_turntable_that_cannot_be_is_refused(radius: float, change: dict[str, object], code: str) -> None:
     with pytest.raises(SceneError) as caught:
-        turntable((0, 0, 0), radius, **(TABLE | change))  # type: ignore[arg-type]
+        turntable((0, 0, 0), radius, **(TABLE | change))
     assert caught.value.code == code
 
 

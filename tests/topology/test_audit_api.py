@@ -60,7 +60,7 @@ def test_read_only_arrays_are_accepted_and_left_alone() -> None:
 
 @pytest.mark.parametrize("none", [[], [[]], np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3), "u1")])
 def test_empty_input_is_a_mesh_without_elements(none: object) -> None:
-    report = audit(none, none, weld="exact")  # type: ignore[arg-type]
+    report = audit(none, none, weld="exact")
     assert set(vars(report.counts).values()) == {0}
     assert report.metrics.vf_ratio is None
     assert report.metrics.mean_valence is None
@@ -122,7 +122,7 @@ def test_asset_is_audited_with_its_path_and_method() -> None:
 )
 def test_faces_that_are_no_triangles_are_refused(faces: object, words: str) -> None:
     with pytest.raises(MeshError, match=words) as caught:
-        audit(POINTS, faces)  # type: ignore[arg-type]
+        audit(POINTS, faces)
     assert caught.value.code == "MESH_ARRAY"
 
 
@@ -141,7 +141,7 @@ def test_faces_that_are_no_triangles_are_refused(faces: object, words: str) -> N
 )
 def test_vertices_that_are_no_points_are_refused(points: object) -> None:
     with pytest.raises(MeshError, match="vertices") as caught:
-        audit(points, FACES)  # type: ignore[arg-type]
+        audit(points, FACES)
     assert caught.value.code == "MESH_ARRAY"
 
 
@@ -183,7 +183,7 @@ def test_more_faces_or_vertices_than_numbers_can_name_are_refused_before_memory_
 
 def test_missing_faces_are_a_clear_error() -> None:
     with pytest.raises(MeshError, match="faces are missing"):
-        audit(POINTS)  # type: ignore[call-overload]
+        audit(POINTS)
 
 
 # --- the report

@@ -25,7 +25,7 @@ def kernels(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def report(**options: object) -> dict[str, object]:
-    data = audit(*MESH, **options).to_dict()  # type: ignore[call-overload]
+    data = audit(*MESH, **options).to_dict()
     return {key: value for key, value in data.items() if key not in ("timings_ms", "computed_by")}
 
 

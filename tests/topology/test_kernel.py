@@ -66,7 +66,7 @@ def everywhere(device: Device, mesh: Mesh) -> Findings:
 
 @pytest.mark.parametrize("case", [c for c in CASES if c.valid and len(c.faces)], ids=lambda c: c.name)
 def test_cases(device: Device, case: object) -> None:
-    everywhere(device, (case.vertices, case.faces))  # type: ignore[attr-defined]
+    everywhere(device, (case.vertices, case.faces))
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def test_seams_are_told_from_holes(mesh: tuple[np.ndarray, np.ndarray], weld: fl
 )
 def test_what_a_weld_does_not_close_is_not_said_to_be(mesh: tuple[np.ndarray, np.ndarray]) -> None:
     for weld in (None, "exact"):
-        assert not audit(*mesh, weld=weld).closed_once_merged  # type: ignore[arg-type]
+        assert not audit(*mesh, weld=weld).closed_once_merged
 
 
 def test_larger_meshes_are_welded_only_if_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,11 +17,11 @@ MODELS = ROOT / "data_stubs" / "models"
 SCENE = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 VIEWS = [view.scaled(0.5) for view in read_scene(SCENE).test[:2]]
 LOOK = {"up": (0.0, 1.0, 0.0), "width": 48, "height": 36, "fov_y": 0.9}
-CAMERA = msb.Camera.look_at((0.5, -0.5, 3), (0, 0, 0), **LOOK)  # type: ignore[arg-type]
+CAMERA = msb.Camera.look_at((0.5, -0.5, 3), (0, 0, 0), **LOOK)
 
 
 def pixels(asset: msb.Asset, tier: str, **options: int) -> np.ndarray:
-    with msb.Renderer(asset, tier, **options) as renderer:  # type: ignore[arg-type]
+    with msb.Renderer(asset, tier, **options) as renderer:
         images = [renderer.render(view).image.clip(0, 1).reshape(-1, 1, 3) for view in VIEWS]
     return np.concatenate(images)
 
