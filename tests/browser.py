@@ -45,7 +45,7 @@ class Browser:
     """
 
     def __init__(self, program: str, folder: Path, more: Sequence[str] = ()) -> None:
-        self._number, self._unread = 0, b""
+        self._number, self._unread, self._folder = 0, b"", folder
         theirs_in, self._to = os.pipe()
         self._from, theirs_out = os.pipe()
         # The browser reads from 3 and writes to 4: numbers that these may have here.
@@ -85,6 +85,12 @@ class Browser:
         self._ask("Target.disposeBrowserContext", browserContextId=context)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
+
+    def show(self, page: bytes, script: str, query: str = "", size: tuple[int, int] = (800, 600)) -> Any:
+        """As `run`, of a page that is not in a file yet."""
+        path = self._folder / "page.html"
+        path.write_bytes(page)
+        return self.run(path, script, query, size)
 
     def close(self) -> None:
         """End it, and the processes that it has started."""

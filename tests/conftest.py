@@ -115,15 +115,9 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 
 @pytest.fixture
-def in_browser(browser: Browser, tmp_path: Path) -> Callable[..., Any]:
+def in_browser(browser: Browser) -> Callable[..., Any]:
     """Return what opens a page from its file, runs a script in it and returns the JSON that this makes."""
-
-    def run(page: bytes, script: str, query: str = "", size: tuple[int, int] = (800, 600)) -> Any:
-        path = tmp_path / "page.html"
-        path.write_bytes(page)
-        return browser.run(path, script, query, size)
-
-    return run
+    return browser.show
 
 
 @pytest.fixture

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 import msb
 from msb.asset import Asset
 from msb.asset.settings import effective_settings
+from msb.engines.hardware import packing
 from msb.engines.hardware import renderer as hardware
 from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.program import STOPS
@@ -26,22 +29,19 @@ from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views, names
 
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
-VIEWS = [(method, view) for method in METHODS for view in golden_views(method)]
-FEW = [VIEWS[8], VIEWS[19], VIEWS[22]]
+VIEWS = [view for method in METHODS for view in golden_views(method)]
+FEW = (8, 19, 22)
 FLOAT = {"two_dts": 80, "triangle_splatting": 70, "mesh_splatting": 75}
 HALF = {"two_dts": 55, "triangle_splatting": 60, "mesh_splatting": 60}
 """dB to the official image. Samples stop where a chunk of faces began with little enough left."""
 
 pytestmark = pytest.mark.oracle
 every = pytest.mark.parametrize(
-    ("method", "view"), VIEWS, ids=[f"{method}-{names(view)}" for method, view in VIEWS]
+    "view",
+    [pytest.param(view, marks=() if k in FEW else pytest.mark.slow) for k, view in enumerate(VIEWS)],
+    ids=names,
 )
-few = pytest.mark.parametrize(
-    ("method", "view"), FEW, ids=[f"{method}-{names(view)}" for method, view in FEW]
-)
-some = pytest.mark.parametrize(
-    ("method", "view"), VIEWS[::3], ids=[f"{method}-{names(view)}" for method, view in VIEWS[::3]]
-)
+some = pytest.mark.parametrize("view", VIEWS[::3], ids=names)
 MODES = (("tile", "engine"), ("none", "engine"), ("global", "official"), ("none", "official"))
 EACH_MODE = [
     (view, *mode)
@@ -61,10 +61,18 @@ def asset_of(view: View) -> Asset:
     return exported(view.folder / "checkpoint")
 
 
+def method_of(view: View) -> str:
+    return view.folder.parent.name
+
+
 def drawn(view: View, **options: Any) -> Frame:
-    red, green, blue = view.background
     with HardwareRenderer(asset_of(view), settings=view.settings, **options) as renderer:
-        return renderer.render(view.camera, (red, green, blue))
+        return renderer.render(view.camera, view.background)
+
+
+def drawn_by_opencl(view: View, **options: Any) -> Frame:
+    with closing(SplattingPipeline(asset_of(view), settings=view.settings, outputs=(), **options)) as ours:
+        return ours.render(view.camera, view.background)
 
 
 def decibels(found: NDArray[Any], wanted: NDArray[Any], stable: Any = None) -> float:
@@ -87,8 +95,9 @@ class Listening:
         return iter(())
 
 
-def same_decisions(asset: Asset, camera: Any, settings: Any, sampling: str) -> None:
+def same_decisions(view: View, sampling: str) -> None:
     """Hold kept faces, depth keys and official tile rectangles to the reference, bit for bit."""
+    asset, camera, settings = asset_of(view), view.camera, view.settings
     listening = Listening(sampling)
     reference: Any = role(asset.manifest.method, "reference")
     values = effective_settings(asset.manifest, settings)
@@ -106,47 +115,33 @@ def same_decisions(asset: Asset, camera: Any, settings: Any, sampling: str) -> N
     np.testing.assert_array_equal(keys[listed], depth.astype(np.float32).view(np.uint32)[listed])
 
 
-@few
-def test_a_golden_view_is_the_official_image(method: str, view: View) -> None:
-    assert decibels(drawn(view).image, view.image, view.stable) >= FLOAT[method]
-
-
-@pytest.mark.slow
 @every
-def test_every_golden_view_is_the_official_image(method: str, view: View) -> None:
+def test_every_golden_view_is_the_official_image(view: View) -> None:
     frame = drawn(view)
-    assert decibels(frame.image, view.image, view.stable) >= FLOAT[method]
+    assert decibels(frame.image, view.image, view.stable) >= FLOAT[method_of(view)]
     if "radii" in view.stored:
         np.testing.assert_array_equal(frame.visible, view.stored["radii"] > 0)
-    ours = SplattingPipeline(asset_of(view), settings=view.settings, outputs=())
-    own = ours.render(view.camera, (0.0, 0.0, 0.0))
-    ours.close()
+    own = drawn_by_opencl(view)
     assert decibels(frame.alpha, own.alpha) >= 50
     seen = own.alpha > 0.01
     assert np.median(np.abs(frame.depth - own.depth)[seen] / own.depth[seen]) <= 1e-2
 
 
-@few
-def test_what_decides_is_the_reference_s_bit_for_bit(method: str, view: View) -> None:
-    same_decisions(asset_of(view), view.camera, view.settings, "official")
-
-
-@pytest.mark.slow
 @every
-def test_what_decides_is_the_reference_s_bit_for_bit_everywhere(method: str, view: View) -> None:
-    same_decisions(asset_of(view), view.camera, view.settings, "official")
+def test_what_decides_is_the_reference_s_bit_for_bit(view: View) -> None:
+    same_decisions(view, "official")
 
 
 @pytest.mark.slow
 @some
-def test_what_decides_in_an_engine_is_the_reference_s_bit_for_bit(method: str, view: View) -> None:
-    same_decisions(asset_of(view), view.camera, view.settings, "engine")
+def test_what_decides_in_an_engine_is_the_reference_s_bit_for_bit(view: View) -> None:
+    same_decisions(view, "engine")
 
 
 @pytest.mark.slow
 @some
-def test_half_floats_are_nearly_as_good(method: str, view: View) -> None:
-    assert decibels(drawn(view, half=True).image, view.image, view.stable) >= HALF[method]
+def test_half_floats_are_nearly_as_good(view: View) -> None:
+    assert decibels(drawn(view, half=True).image, view.image, view.stable) >= HALF[method_of(view)]
 
 
 @pytest.mark.slow
@@ -156,13 +151,7 @@ def test_half_floats_are_nearly_as_good(method: str, view: View) -> None:
     ids=["-".join((names(view), *mode)) for view, *mode in EACH_MODE],
 )
 def test_orders_and_samplings_are_those_of_opencl(view: View, order: Any, sampling: Any) -> None:
-    found = drawn(view, order=order, sampling=sampling)
-    ours = SplattingPipeline(
-        asset_of(view), settings=view.settings, order=order, sampling=sampling, outputs=()
-    )
-    red, green, blue = view.background
-    wanted = ours.render(view.camera, (red, green, blue))
-    ours.close()
+    found, wanted = (draw(view, order=order, sampling=sampling) for draw in (drawn, drawn_by_opencl))
     np.testing.assert_array_equal(found.visible, wanted.visible)
     assert decibels(found.image, wanted.image) >= 60
 
@@ -242,10 +231,6 @@ def test_a_renderer_like_ours() -> None:
 
 
 def test_a_method_without_wgsl_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from dataclasses import replace
-
-    from msb.engines.hardware import packing
-
     made = packing.make_model
     monkeypatch.setattr(packing, "make_model", lambda *args: replace(made(*args), program="facets"))
     with pytest.raises(MsbError) as info:

@@ -14,7 +14,7 @@ from msb.engines.hardware.program import make_plan
 from msb.engines.hardware.wgsl import assemble, face_members
 from tests.reference.golden import exported, golden_views
 
-METHODS = ("two_dts", "triangle_splatting", "mesh_splatting")
+METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 ROOMY = Limits(1 << 27, 1 << 31, 8192)
 
 
@@ -22,9 +22,13 @@ ROOMY = Limits(1 << 27, 1 << 31, 8192)
 def test_a_plan_is_plain_data(method: str) -> None:
     view = golden_views(method)[0]
     packed = pack(exported(view.folder / "checkpoint"), view.settings)
-    plan = make_plan(packed, ROOMY, "none", depth=False)
+    plan = make_plan(packed, ROOMY, "none", depth=method == "diffsoup")
     record = json.loads(json.dumps(plan.record()))
-    assert record["blend"] == [["one-minus-dst-alpha", "one"]] * 2
+    if method == "diffsoup":  # with a z-buffer
+        assert record["format"] == "r32uint"
+        assert [step["stage"] for step in record["band_passes"]] == ["raster", "decode"]
+    else:
+        assert record["blend"] == [["one-minus-dst-alpha", "one"]] * 2
     named = {binding["name"] for step in record["passes"] for binding in step["bindings"]}
     assert named <= set(record["buffers"])
     assert set(plan.data) <= set(record["buffers"])

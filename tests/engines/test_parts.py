@@ -19,31 +19,32 @@ from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
-from msb.render import Frame
+from msb.render import Frame, backend
 from msb.render.backend import what_is_missing
 from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
 
 EYE = np.eye(4)
+SQUARE = (
+    np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float32),
+    np.array([[0, 1, 2], [2, 1, 3]], np.uint32),
+)
 
 
 def test_vertices_stay_shared_and_colours_stored() -> None:
-    positions = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float32)
-    faces = np.array([[0, 1, 2], [2, 1, 3]], np.uint32)
     colors = np.array([[0, 10, 20, 99], [30, 40, 50, 99], [60, 70, 80, 99], [90, 100, 110, 99]], np.uint8)
-    found = engine_mesh(mesh_asset((positions, faces), colors), {})
-    np.testing.assert_array_equal(found.positions, positions)
-    np.testing.assert_array_equal(found.indices, faces)
+    found = engine_mesh(mesh_asset(SQUARE, colors), {})
+    np.testing.assert_array_equal(found.positions, SQUARE[0])
+    np.testing.assert_array_equal(found.indices, SQUARE[1])
     np.testing.assert_array_equal(found.colors, colors[:, :3])
     assert found.numbers is None
 
 
 @pytest.mark.parametrize(("domain", "rows"), [("face", 2), ("corner", 6)])
 def test_colours_of_faces_and_corners_need_vertices_of_their_own(domain: str, rows: int) -> None:
-    positions = np.array([[0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]], np.float32)
-    faces = np.array([[0, 1, 2], [2, 1, 3]], np.uint32)
+    positions, faces = SQUARE
     colors = np.arange(3 * rows, dtype=np.uint8).reshape(rows, 3)
-    found = engine_mesh(mesh_asset((positions, faces), colors, domain), {})
+    found = engine_mesh(mesh_asset(SQUARE, colors, domain), {})
     np.testing.assert_array_equal(found.positions[found.indices], positions[faces])
     expected = colors if domain == "corner" else np.repeat(colors, 3, axis=0)
     np.testing.assert_array_equal(found.colors[found.indices.reshape(-1)], expected)
@@ -170,15 +171,11 @@ def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_broken_renderer_of_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    from msb.render import backend as protocol
-
-    monkeypatch.setattr(protocol, "renderers", lambda: {"theirs": "no_such_module:Class"})
+    monkeypatch.setattr(backend, "renderers", lambda: {"theirs": "no_such_module:Class"})
     assert str(what_is_missing("theirs")).startswith("it cannot be loaded: ")
 
 
 def test_a_python_without_bpy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    import sys
-
     python = tmp_path / "python"
     python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; sys.exit(\'no bpy here\')"\n')
     python.chmod(0o755)
