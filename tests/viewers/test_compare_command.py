@@ -102,29 +102,3 @@ def test_photographs_of_a_scene_are_found_as_render_finds_them(more: tuple[Any, 
     assert [tier["tier"] for tier in meta["tiers"]] == ["truth", "standard"]
     assert meta["views"][0]["width"] == (120 if more else 240)
     assert meta["views"][0]["decibels"]["standard truth"] > 10
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("args", "code", "status"),
-    [
-        (["--camera", "1", "--html", "a.html"], "USAGE", 2),
-        (["--image-folder", "x", "--html", "a.html"], "USAGE", 2),
-        (["--tiers", "best", "--html", "a.html"], "NAME_UNKNOWN", 2),
-        (["--tiers", "truth", "--html", "a.html"], "NAME_UNKNOWN", 2),
-        (["--pair", "standard", "--html", "a.html"], "NAME_UNKNOWN", 2),
-        (["--set", "gamma=2", "--html", "a.html"], "SETTING_UNKNOWN", 2),
-        (["--set", "sh_degree=3", "--html", "a.html"], "SETTING_VALUE", 2),
-        (["--background", "mauve", "--html", "a.html"], "USAGE", 2),
-        (["--cameras", "none.json", "--html", "a.html"], "FILE_NOT_FOUND", 3),
-        (["--html", "a.png"], "USAGE", 2),
-    ],
-)
-def test_wrong_use_is_one_line(args: list[str], code: str, status: int, tmp_path: Path) -> None:
-    result = compare(
-        *(str(tmp_path / arg) if arg.endswith((".html", ".png")) else arg for arg in args), CHECKPOINT
-    )
-    assert result.returncode == status, result.stderr
-    assert result.stderr.startswith(f"{code}: ")
-    assert result.stderr.count("\n") == 1
-    assert not list(tmp_path.iterdir())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ import msb
 from msb import metrics
 from msb.errors import MetricError
 from msb.render.images import to_bytes
+from msb_viewers.deployment.arrange import Box
 from msb_viewers.deployment.compose import Composer, caption_lines
 from msb_viewers.deployment.difference import scale_colors
 from msb_viewers.deployment.shots import Shot, TierRenderers
@@ -28,9 +29,6 @@ from tests.viewers.compare import (
     flat_shots,
     photographs,
 )
-
-if TYPE_CHECKING:
-    from msb_viewers.deployment.arrange import Box
 
 ALL = ("truth", "reference", "dedicated", "standard")
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from msb_viewers.deployment.painter import Order, Painter
 from msb_viewers.deployment.shots import Shot, TierRenderers
 from msb_viewers.deployment.solver import ReferenceSolver
 from msb_viewers.deployment.state import CompareState
+from msb_viewers.deployment.viewer import CompareViewer
 from tests.viewers.compare import (
     HEIGHT,
     WIDTH,
@@ -24,12 +26,10 @@ from tests.viewers.compare import (
     comparison,
     flat_shot,
     photographs,
+    seen_by_vtk,
     small_cameras,
 )
 from tests.viewers.conftest import MOVE, PRESS, RELEASE, mouse
-
-if TYPE_CHECKING:
-    from msb_viewers.deployment.viewer import CompareViewer
 
 FAST = ("dedicated", "standard")
 
@@ -37,20 +37,15 @@ FAST = ("dedicated", "standard")
 @pytest.fixture
 def opened(gl: None) -> Iterator[Any]:
     """Return a function that opens a viewer off-screen; all are closed in the end."""
-    from msb_viewers.deployment.viewer import CompareViewer
+    with ExitStack() as stack:
 
-    viewers = []
+        def start(state: CompareState, size: tuple[int, int] = (640, 480)) -> CompareViewer:
+            viewer = stack.enter_context(closing(CompareViewer(state, size=size, off_screen=True)))
+            viewer.settle(60)
+            viewer.refresh()
+            return viewer
 
-    def start(state: CompareState, size: tuple[int, int] = (640, 480)) -> CompareViewer:
-        viewer = CompareViewer(state, size=size, off_screen=True)
-        viewers.append(viewer)
-        viewer.settle(60)
-        viewer.refresh()
-        return viewer
-
-    yield start
-    for viewer in viewers:
-        viewer.close()
+        yield start
 
 
 def free_state(**more: Any) -> CompareState:
@@ -106,14 +101,9 @@ def test_what_is_drawn_is_what_vtks_camera_sees(opened: Any) -> None:
     assert (camera.width, camera.height) == (box.width, box.height)
     viewer._set_angle()
     viewer.camera.SetClippingRange(0.1, 10)
-    width, height = viewer.size
-    matrix = viewer.camera.GetCompositeProjectionTransformMatrix(width / height, -1, 1)
-    rows = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
     points = np.random.default_rng(0).uniform(0.2, 0.8, (20, 3))
-    ends = np.c_[points, np.ones(20)] @ rows.T
-    device = ends[:, :2] / ends[:, 3:]
     # From the middle of the window as from the middle of the picture: a drag moves things with the mouse.
-    theirs = np.c_[device[:, 0] * width / 2, -device[:, 1] * height / 2]
+    theirs = seen_by_vtk(viewer.camera, viewer.size, points)
     ours = camera.project(points)[0] - [camera.width / 2, camera.height / 2]
     assert ours == pytest.approx(theirs, abs=1e-6)
 
@@ -138,8 +128,7 @@ def test_stepping_shows_each_camera_with_its_photograph(opened: Any, tmp_path: P
         box = viewer.composition.pictures["truth"]
         image = viewer.image()
         assert tuple(image[box.top + box.height // 2, box.left + box.width // 2]) == colors[at]
-        shot = viewer.composer.decibels(viewer.shots["truth"], viewer.shots["standard"])
-        assert shot is not None
+        assert viewer.composer.decibels(viewer.shots["truth"], viewer.shots["standard"]) is not None
     viewer.turned()
     viewer.settle(60)
     assert viewer.state.view is None
@@ -232,59 +221,47 @@ def order(number: int, tiers: tuple[str, ...] = FAST, *, moving: bool = False, w
 
 
 def wait(painter: Painter, seconds: float = 20.0) -> list[tuple[Order, Shot]]:
-    end, found = time.monotonic() + seconds, []
+    end = time.monotonic() + seconds
     while not painter.idle and time.monotonic() < end:
         time.sleep(0.002)
-    found += painter.collect()
-    return found
+    return [*painter.collect()]
 
 
 def test_the_newest_order_counts() -> None:
     renderers = Slow({"dedicated": 0.05, "standard": 0.05})
-    painter = Painter(renderers)
-    try:
+    with closing(Painter(renderers)) as painter:
         for number in range(1, 30):
             painter.ask(order(number))
         found = wait(painter)
         assert [one.number for one, _ in found][-2:] == [29, 29]
         assert len(found) < 12
         assert threading.get_ident() not in renderers.threads
-    finally:
-        painter.close()
 
 
 @pytest.mark.slow
 def test_while_moving_paths_come_together_and_slow_ones_are_left_out() -> None:
     renderers = Slow({"dedicated": 0.3, "standard": 0.0})
-    painter = Painter(renderers)
-    try:
+    with closing(Painter(renderers)) as painter:
         for number in range(1, 6):
             painter.ask(order(number, moving=True, width=512))
             found = wait(painter)
-            numbers = {one.number for one, _ in found}
-            assert numbers == {number}
-            widths = {shot.image.shape[1] for _, shot in found if shot.image is not None}
-            assert len(widths) == 1
+            assert {one.number for one, _ in found} == {number}
+            assert len({shot.image.shape[1] for _, shot in found}) == 1
         assert [shot.tier for _, shot in found] == ["standard"]
         assert painter.skips("dedicated")
         renderers.seconds["dedicated"] = 0.0
         painter.ask(order(6))
         assert len(wait(painter)) == 2
         assert not painter.skips("dedicated")
-    finally:
-        painter.close()
 
 
 def test_an_error_is_said_in_its_panel_and_the_rest_goes_on() -> None:
-    painter = Painter(Slow({"dedicated": 0.0, "standard": 0.0}))
-    try:
+    with closing(Painter(Slow({"dedicated": 0.0, "standard": 0.0}))) as painter:
         painter.ask(order(1, width=1100))
         shots = {shot.tier: shot for _, shot in wait(painter)}
         assert shots["dedicated"].image is not None
         assert shots["standard"].image is None
         assert shots["standard"].why == "DEVICE_MEMORY: it does not fit"
-    finally:
-        painter.close()
 
 
 def collected(solver: ReferenceSolver, seconds: float = 60.0) -> list[Shot]:
@@ -298,35 +275,26 @@ def collected(solver: ReferenceSolver, seconds: float = 60.0) -> list[Shot]:
 
 @pytest.mark.slow
 def test_the_reference_comes_from_a_child_first_small_then_whole() -> None:
-    solver = ReferenceSolver(checkpoint_asset(), {"sh_degree": 0, "supersample": 1})
     camera = small_cameras(1)[0].resized(200, 150)
-    try:
+    with closing(ReferenceSolver(checkpoint_asset(), {"sh_degree": 0, "supersample": 1})) as solver:
         solver.start(small_cameras(1)[0].resized(3000, 2000), (1.0, 1.0, 1.0))
         assert "3000 x 2000" in solver.busy
         solver.start(camera, (1.0, 0.0, 1.0))  # instead of it
         shots = collected(solver)
-        assert [shot.image.shape for shot in shots if shot.image is not None] == [
-            (120, 160, 3),
-            (150, 200, 3),
-        ]
+        assert [shot.image.shape for shot in shots] == [(120, 160, 3), (150, 200, 3)]
         scene = comparison(settings={"sh_degree": 0, "supersample": 1})
         with TierRenderers(scene) as renderers:
             wanted = renderers.shoot("reference", camera, None, (1.0, 0.0, 1.0)).image
         assert (shots[-1].image == wanted).all()
-    finally:
-        solver.close()
     assert solver._process is None
 
 
 @pytest.mark.slow
 def test_a_child_that_died_is_told_and_replaced() -> None:
-    solver = ReferenceSolver(checkpoint_asset(), {})
-    try:
+    with closing(ReferenceSolver(checkpoint_asset(), {})) as solver:
         solver.start(small_cameras(1)[0].resized(2000, 1500), (1.0, 1.0, 1.0))
         solver._process.kill()
         shots = collected(solver)
         assert "ended" in shots[-1].why
         solver.start(small_cameras(1)[0], (1.0, 1.0, 1.0))
         assert collected(solver)[-1].image is not None
-    finally:
-        solver.close()

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE
+from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel
 from msb_viewers.palette import NEUTRAL, STYLES
 from msb_viewers.stage import cluster
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import model_of
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 
 def test_layers_count_what_the_audit_counts(demo: ViewModel) -> None:

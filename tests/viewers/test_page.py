@@ -9,17 +9,15 @@ import subprocess
 import zlib
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
+from msb_viewers.model import ViewModel
 from msb_viewers.page import page
 from msb_viewers.state import ViewState
 from tests.viewers.test_compare_page import made, meta_of
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 
 def parts(model: ViewModel) -> tuple[str, dict[str, Any], dict[str, np.ndarray]]:

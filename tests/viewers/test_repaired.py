@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb_viewers.model import ViewModel
 from msb_viewers.page import page
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.repaired import build_repaired_model
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import ViewedMesh
 from tests.conftest import BOOK, TETRAHEDRON
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 
 def model_of(before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]) -> ViewModel:
@@ -62,8 +59,4 @@ def test_what_was_turned_upright_in_a_glb_lies_where_it_was() -> None:
     points, faces = TETRAHEDRON
     before = ViewedMesh("a.triasset", Path("a"), points, faces, up="-y")
     after = ViewedMesh("b.glb", Path("b"), points * [1, -1, -1], faces, up="+y")
-    assert counts(build_repaired_model(before, after)) == {
-        "deleted_faces": 0,
-        "added_faces": 0,
-        "cut_edges": 0,
-    }
+    assert not any(counts(build_repaired_model(before, after)).values())

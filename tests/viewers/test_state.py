@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
@@ -11,14 +9,12 @@ from msb.errors import UsageError
 from msb_viewers.camera import Pose, default_pose, element_pose, up_vector
 from msb_viewers.fans import neighbourhood
 from msb_viewers.legend import legend_panel
+from msb_viewers.model import ViewModel
 from msb_viewers.picking import pick
 from msb_viewers.sheet import help_panel
 from msb_viewers.state import HELP, ViewState, parse_element, parse_kinds
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import model_of
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 
 def test_stepping_goes_round_and_back(demo: ViewModel) -> None:

@@ -15,6 +15,7 @@ from msb.meshes import Mesh, write_mesh
 from tests.cli.conftest import Here, here, refused
 from tests.cli.forks import run_msb
 from tests.conftest import BOOK
+from tests.viewers.compare import CHECKPOINT
 from tests.viewers.conftest import HAS_PYVISTA, ROOT
 
 __all__ = ["here", "refused"]
@@ -117,26 +118,36 @@ def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("args", "code"),
+    ("line", "code"),
     [
-        (["--html", "a.png"], "USAGE"),
-        (["--screenshot", "a.jpg"], "USAGE"),
-        (["--figure", "a.txt"], "USAGE"),
-        (["--size", "10x10", "--html", "a.html"], "USAGE"),
-        (["--html", "a.html", "--at", "nonmanifold_edges:2"], "NAME_UNKNOWN"),
-        (["--html", "a.html", "--vertex", "5"], "NAME_UNKNOWN"),
-        (["--html", "a.html", "--component", "2"], "NAME_UNKNOWN"),
-        (["--html", "a.html", "--show", "edges"], "NAME_UNKNOWN"),
-        (["--html", "a.html", "--colors", "own"], "NAME_UNKNOWN"),
-        (["--html", "a.html", "--at", "boundary_edges:1", "--vertex", "0"], "USAGE"),
+        ("view --html a.png", "USAGE"),
+        ("view --screenshot a.jpg", "USAGE"),
+        ("view --figure a.txt", "USAGE"),
+        ("view --size 10x10 --html a.html", "USAGE"),
+        ("view --html a.html --at nonmanifold_edges:2", "NAME_UNKNOWN"),
+        ("view --html a.html --vertex 5", "NAME_UNKNOWN"),
+        ("view --html a.html --component 2", "NAME_UNKNOWN"),
+        ("view --html a.html --show edges", "NAME_UNKNOWN"),
+        ("view --html a.html --colors own", "NAME_UNKNOWN"),
+        ("view --html a.html --at boundary_edges:1 --vertex 0", "USAGE"),
+        ("compare --camera 1 --html a.html", "USAGE"),
+        ("compare --image-folder x --html a.html", "USAGE"),
+        ("compare --tiers best --html a.html", "NAME_UNKNOWN"),
+        ("compare --tiers truth --html a.html", "NAME_UNKNOWN"),
+        ("compare --pair standard --html a.html", "NAME_UNKNOWN"),
+        ("compare --set gamma=2 --html a.html", "SETTING_UNKNOWN"),
+        ("compare --set sh_degree=3 --html a.html", "SETTING_VALUE"),
+        ("compare --background mauve --html a.html", "USAGE"),
+        ("compare --cameras none.json --html a.html", "FILE_NOT_FOUND"),
+        ("compare --html a.png", "USAGE"),
     ],
 )
 def test_wrong_use_is_one_line(
-    here: Here, book: Path, args: list[str], code: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    here: Here, book: Path, line: str, code: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    result = here("view", *args, book)
-    assert (result.status, result.err.count("\n")) == (2, 1)
+    result = here(*line.split(), book if line.startswith("view") else CHECKPOINT)
+    assert (result.status, result.err.count("\n")) == (3 if code == "FILE_NOT_FOUND" else 2, 1)
     assert result.err.startswith(f"{code}: ")
     assert not list(tmp_path.glob("a.*"))
 

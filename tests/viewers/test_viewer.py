@@ -3,44 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from contextlib import ExitStack, closing
+from typing import Any
 
 import numpy as np
 import pytest
 
 from msb_viewers.camera import Pose
+from msb_viewers.model import ViewModel
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, STYLES
 from msb_viewers.viewed_mesh import Colors
+from msb_viewers.viewer import TopologyViewer
 from tests.viewers.conftest import GREEN, MOVE, PRESS, RED, RELEASE, model_of, mouse, square
 
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
-    from msb_viewers.viewer import TopologyViewer
-
 Image = np.ndarray
-Open = "Callable[..., TopologyViewer]"
 FRONT = Pose(np.array([0.0, 0.0, 4.2]), np.zeros(3), np.array([0.0, 1.0, 0.0]))
 
 
 @pytest.fixture
 def opened(gl: None) -> Iterator[Any]:
     """Return a function that opens a viewer, bare and looking along -z, and closes it in the end."""
-    from msb_viewers.viewer import TopologyViewer
+    with ExitStack() as stack:
 
-    viewers = []
+        def start(
+            model: ViewModel, *, plain: bool = True, size: tuple[int, int] = (640, 480)
+        ) -> TopologyViewer:
+            viewer = stack.enter_context(closing(TopologyViewer(model, off_screen=True, size=size)))
+            if plain:
+                viewer.state.legend, viewer.state.message, viewer.state.visible = False, "", set()
+                viewer.pose = FRONT
+                viewer.refresh()
+            return viewer
 
-    def start(model: ViewModel, *, plain: bool = True, size: tuple[int, int] = (640, 480)) -> TopologyViewer:
-        viewer = TopologyViewer(model, off_screen=True, size=size)
-        viewers.append(viewer)
-        if plain:
-            viewer.state.legend, viewer.state.message, viewer.state.visible = False, "", set()
-            viewer.pose = FRONT
-            viewer.refresh()
-        return viewer
-
-    yield start
-    for viewer in viewers:
-        viewer.close()
+        yield start
 
 
 def around(image: Image, place: np.ndarray, radius: int = 2) -> np.ndarray:
