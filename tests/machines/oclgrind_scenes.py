@@ -56,11 +56,7 @@ class Watch:
         self._seen += len(text.encode())
         text += "\n" + self._capfd.readouterr().err + "\n"
         reports = re.findall(r"^[^\s].*\n(?:(?:\t.*)?\n)*", text, re.MULTILINE)
-        return [
-            one
-            for one in reports
-            if not any(one.startswith(t) and re.search(r, one) for t, r in KNOWN.items())
-        ]
+        return [report for report in reports if not is_known(report)]
 
 
 @pytest.fixture(scope="session")
