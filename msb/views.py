@@ -55,19 +55,19 @@ class Views:
         """Return those that see a pixel of the asset, on the standard tier or as its method draws it."""
         every: tuple[Tier, ...] = ("standard", "dedicated")
         tiers = [tier for tier in every if why_not(asset.manifest, tier) is None]
-        found: set[int] = set()
+        useful: set[int] = set()
         try:
             for tier in tiers:
-                left = [index for index in range(len(self.cameras)) if index not in found]
+                left = [index for index in range(len(self.cameras)) if index not in useful]
                 with Renderer(asset, tier, device, **lean_options(tier, None)) as renderer:
-                    found |= {k for k in left if (renderer.render(self.cameras[k]).alpha > 0).any()}
+                    useful |= {k for k in left if (renderer.render(self.cameras[k]).alpha > 0).any()}
         except DeviceError:  # whoever draws says so
             return self
-        blind = len(self.cameras) - len(found)
+        blind = len(self.cameras) - len(useful)
         if not blind or not tiers:
             return self
-        said = f"{self.said}; {blind} see none of it and do not count" if found else self.said
-        return replace(self, cameras=[self.cameras[k] for k in sorted(found)], said=said)
+        said = f"{self.said}; {blind} see none of it and do not count" if useful else self.said
+        return replace(self, cameras=[self.cameras[k] for k in sorted(useful)], said=said)
 
 
 def choose_views(
@@ -92,10 +92,10 @@ def choose_views(
     if isinstance(given, Views):
         return given
     if given is not None:
-        found = given_cameras(given)
-        if not found:
+        chosen = given_cameras(given)
+        if not chosen:
             raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
-        return Views(found, "given", f"{len(found)} camera{'' if len(found) == 1 else 's'} given")
+        return Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
     outside = Views(around(asset, count, *size), "turntable", f"{count} views round it")
     try:
         return _of_training(asset, size, device) or _inside(asset, outside, device) or outside

@@ -58,8 +58,8 @@ def _deepest(token: re.Pattern[str], text: str) -> int:
     Of dots, because the time of the TOML library goes with their square.
     """
     depth = dots = deepest = 0
-    for found in token.finditer(text):
-        mark = found[0]
+    for match in token.finditer(text):
+        mark = match[0]
         if mark == ".":
             dots += 1
         elif mark in _STEPS:

@@ -26,6 +26,6 @@ def need_extra(extra: str, *modules: str, what: str, instead: str = "") -> None:
     absent = [module for module in modules if not is_installed(module)]
     if absent:
         are = "is" if len(absent) == 1 else "are"
-        found = f"{', '.join(absent)} {are} not installed"
-        text = f"{what} needs the extra {extra} ({found}): {install(extra)}"
+        lacking = f"{', '.join(absent)} {are} not installed"
+        text = f"{what} needs the extra {extra} ({lacking}): {install(extra)}"
         raise UsageError("EXTRA_MISSING", f"{text}; {instead}" if instead else text)

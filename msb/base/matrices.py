@@ -24,5 +24,5 @@ def inverse(matrix: NDArray[np.floating]) -> NDArray[np.float64]:
         factors = rows[:, column].copy()
         factors[column] = 0
         rows -= factors[:, None] * rows[column]
-    found: NDArray[np.float64] = rows[:, size:].copy()
-    return found
+    inverted: NDArray[np.float64] = rows[:, size:].copy()
+    return inverted

@@ -52,9 +52,9 @@ def installed(
     dict
         Name -> part and value of the entry, sorted by name.
     """
-    found: dict[str, tuple[Part, str]] = {}
+    parts: dict[str, tuple[Part, str]] = {}
     for entry in sorted(_entries(kind), key=lambda entry: (entry.name, entry.value)):
-        first = ours.get(entry.name) or found.get(entry.name, (None, None))[1]
+        first = ours.get(entry.name) or parts.get(entry.name, (None, None))[1]
         if first == entry.value:
             continue  # one installation, seen twice
         try:
@@ -65,11 +65,11 @@ def installed(
             if first is not None:
                 text = f"the name is taken by {first}, the first in the alphabet; uninstall one of them"
                 raise PackageError(text)
-            found[entry.name] = accept(entry.name, entry.value), entry.value
+            parts[entry.name] = accept(entry.name, entry.value), entry.value
         except PackageError as error:
             where = whose(kind, entry.name, entry.value or getattr(entry.dist, "name", ""))
             warn(f"PACKAGE_LEFT_OUT: {where} is left out: {error}")
-    return found
+    return parts
 
 
 def _entries(kind: str) -> Iterable[EntryPoint]:

@@ -73,11 +73,11 @@ class SpelledFiles:
                 stored = []
             for each in stored:
                 names.setdefault(normal_form(each), []).append(each)
-        found = self._listed[folder].get(normal_form(name), [name])
-        if len(found) > 1:
+        alike = self._listed[folder].get(normal_form(name), [name])
+        if len(alike) > 1:
             text = (
-                f"{len(found)} files in it are called {shorten(found[0], 60)} in different Unicode normal "
+                f"{len(alike)} files in it are called {shorten(alike[0], 60)} in different Unicode normal "
                 "forms; leave one of them"
             )
             raise InputError("FILE_UNREADABLE", text, file=folder)
-        return found[0]
+        return alike[0]

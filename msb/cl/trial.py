@@ -72,19 +72,19 @@ def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Tri
         Whether to try again, whatever an earlier trial found.
     """
     with _lock:
-        found = None if again else _known.get(handle.int_ptr)
-        if found is None:
+        known = None if again else _known.get(handle.int_ptr)
+        if known is None:
             mend.undo(handle)
             key = _key(handle, record)
-            found = None if again else _remembered().get(key)
-            if found is None:
-                found, lasting = _try(handle, record)
+            known = None if again else _remembered().get(key)
+            if known is None:
+                known, lasting = _try(handle, record)
                 if lasting:
-                    _remember(key, found)
-            if found.mended and not mend.mend(handle):
-                found = Trial(False, "its compiler's processor could not be named")
-            _known[handle.int_ptr] = found
-        return found
+                    _remember(key, known)
+            if known.mended and not mend.mend(handle):
+                known = Trial(False, "its compiler's processor could not be named")
+            _known[handle.int_ptr] = known
+        return known
 
 
 def forget() -> None:
@@ -181,15 +181,15 @@ def _remembered() -> dict[str, Trial]:
     with contextlib.suppress(OSError):
         if file is not None and file.stat().st_size <= _MOST_BYTES:
             text = file.read_text("utf-8", "replace")
-    found: dict[str, Trial] = {}
+    trials: dict[str, Trial] = {}
     for line in text.splitlines():
         key, _, rest = line.partition(" ")
         outcome, _, said = rest.partition(" ")
         if outcome == "builds":
-            found[key] = Trial(True, mended=said or None)
+            trials[key] = Trial(True, mended=said or None)
         elif outcome == "fails":
-            found[key] = Trial(False, said)
-    return found
+            trials[key] = Trial(False, said)
+    return trials
 
 
 def _remember(key: str, found: Trial) -> None:

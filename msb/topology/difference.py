@@ -74,9 +74,9 @@ def _first_of(rows: NDArray[Any], wanted: NDArray[Any]) -> NDArray[np.int64]:
     order = np.lexsort((np.arange(len(both)), *both.T[::-1]))
     group = _group(both[order])
     first = order[np.flatnonzero(np.diff(group, prepend=-1))] if len(group) else order
-    asked = np.unique(group[order >= len(rows)])
-    found = first[asked]
-    return np.sort(found[found < len(rows)])
+    groups = np.unique(group[order >= len(rows)])
+    firsts = first[groups]
+    return np.sort(firsts[firsts < len(rows)])
 
 
 def _group(ordered: NDArray[Any]) -> NDArray[np.int64]:

@@ -38,11 +38,11 @@ class Elements:
 
 def find_elements(analysis: Analysis) -> Elements:
     """Return the offending elements behind the audit of `analysis`."""
-    mesh, found = analysis.mesh, analysis.offending
+    mesh, bad = analysis.mesh, analysis.offending
     groups = [
-        *(Group(kind, ids, ids[:, None]) for kind, ids in found.vertices.items()),
-        *(Group(kind, ids, mesh.edge_vertices[ids]) for kind, ids in found.edges.items()),
-        *(Group(kind, ids, mesh.faces[ids]) for kind, ids in found.faces.items()),
+        *(Group(kind, ids, ids[:, None]) for kind, ids in bad.vertices.items()),
+        *(Group(kind, ids, mesh.edge_vertices[ids]) for kind, ids in bad.edges.items()),
+        *(Group(kind, ids, mesh.faces[ids]) for kind, ids in bad.faces.items()),
     ]
     return Elements(analysis.vertices, mesh.faces, tuple(groups), _by_size(analysis))
 

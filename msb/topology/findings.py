@@ -68,10 +68,8 @@ class Findings:
 
 def find_by_numpy(analysis: Analysis) -> Findings:
     """Return the findings of `analysis`. This is the readable twin of `msb.topology.kernel`."""
-    mesh, components, found = analysis.mesh, analysis.components, analysis.offending
-    listed = {
-        kind: len(ids) for group in (found.edges, found.vertices, found.faces) for kind, ids in group.items()
-    }
+    mesh, components, bad = analysis.mesh, analysis.components, analysis.offending
+    listed = {kind: len(ids) for group in (bad.edges, bad.vertices, bad.faces) for kind, ids in group.items()}
     largest = components.largest()
     counts = Counts(
         vertices=mesh.vertex_count,
@@ -95,9 +93,9 @@ def find_by_numpy(analysis: Analysis) -> Findings:
         largest_component_area=0.0 if largest is None else float(components.areas[largest]),
         valence_histogram={int(k): int(valences[k]) for k in np.flatnonzero(valences)},
         first={
-            **{kind: first_of(ids, mesh.edge_vertices) for kind, ids in found.edges.items()},
-            **{kind: first_of(ids) for kind, ids in found.vertices.items()},
-            **{kind: first_of(ids, mesh.faces) for kind, ids in found.faces.items()},
+            **{kind: first_of(ids, mesh.edge_vertices) for kind, ids in bad.edges.items()},
+            **{kind: first_of(ids) for kind, ids in bad.vertices.items()},
+            **{kind: first_of(ids, mesh.faces) for kind, ids in bad.faces.items()},
         },
         timings_ms=dict(analysis.timings_ms),
         computed_by="NumPy",

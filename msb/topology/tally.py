@@ -78,8 +78,8 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
     """Return the findings; `timings_ms` is kept, not copied, so that it may still grow."""
     tallies = totals.tallies
     kinds = (*EDGE_KINDS, *VERTEX_KINDS)
-    found = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
-    listed = {kind: int(count) for kind, count in zip(kinds, found, strict=True)}
+    sums = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
+    listed = {kind: int(count) for kind, count in zip(kinds, sums, strict=True)}
     edges = int(totals.block_edges.sum())
     zero_area, nonfinite = totals.strange[:, :, 0].sum(axis=0)
     counts = Counts(

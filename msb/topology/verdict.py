@@ -54,11 +54,11 @@ def judge(audit: Audit) -> Verdict:
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
         return Verdict("bad", f"renders; {_soup(audit)}", f"triangle soup{merged}")
-    found = [(reason, text) for reason in _REASONS if (text := reason.found(audit))]
-    if not found:
+    reasons_why = [(reason, text) for reason in _REASONS if (text := reason.found(audit))]
+    if not reasons_why:
         return Verdict("ok", f"structurally usable throughout: {_sound(audit)}")
-    gravest, first = found[0]
-    *most, last = [text for _, text in found]
+    gravest, first = reasons_why[0]
+    *most, last = [text for _, text in reasons_why]
     reasons = f"{', '.join(most)}, and {last}" if most else last
     sentence = f"renders; {gravest.uses(audit)}, because {reasons}{merged}"
     return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("its ") + merged)

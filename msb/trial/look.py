@@ -62,7 +62,7 @@ class Look:
         if not depths:
             return None
         step = max(1, sum(int(np.count_nonzero(depth)) for depth in depths) // count)
-        found: list[NDArray[np.float64]] = []
+        parts: list[NDArray[np.float64]] = []
         skip = 0
         for camera, depth in zip(self.cameras, depths, strict=True):
             pixels = np.flatnonzero(depth)[skip::step]
@@ -72,8 +72,8 @@ class Look:
             x = (column + 0.5 - camera.cx) / camera.fx * z
             y = (row + 0.5 - camera.cy) / camera.fy * z
             points = np.stack([x, y, z, np.ones_like(z)], axis=1)
-            found.append((points @ camera.camera_to_world.T)[:, :3])
-        return np.concatenate(found)
+            parts.append((points @ camera.camera_to_world.T)[:, :3])
+        return np.concatenate(parts)
 
     def empty_share(self, points: NDArray[np.float64], tolerance: float) -> float | None:
         """Return the share of `points` (n, 3) at which some camera sees that there is nothing.

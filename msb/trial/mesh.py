@@ -54,9 +54,9 @@ class TriedMesh:
     @property
     def sha256(self) -> str:
         """The SHA-256 of the coordinates (little-endian float32) and the faces (little-endian int64)."""
-        found = hashlib.sha256(self.vertices.astype("<f4").tobytes())
-        found.update(self.faces.astype("<i8").tobytes())
-        return found.hexdigest()
+        digest = hashlib.sha256(self.vertices.astype("<f4").tobytes())
+        digest.update(self.faces.astype("<i8").tobytes())
+        return digest.hexdigest()
 
     def to_mesh(self) -> Mesh:
         """Return it as what mesh files hold."""
@@ -64,8 +64,8 @@ class TriedMesh:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return its arrays by their names."""
-        found = {"vertices": self.vertices, "faces": self.faces, "colors": self.colors}
-        return found if self.uv is None else {**found, "uv": self.uv}
+        own = {"vertices": self.vertices, "faces": self.faces, "colors": self.colors}
+        return own if self.uv is None else {**own, "uv": self.uv}
 
     @classmethod
     def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TriedMesh:
@@ -73,7 +73,7 @@ class TriedMesh:
 
         ValueError says what is wrong with the mesh of this name.
         """
-        found: dict[str, Any] = {}
+        checked: dict[str, Any] = {}
         for key, width, kind in (
             ("vertices", 3, "f"),
             ("faces", 3, "iu"),
@@ -87,13 +87,13 @@ class TriedMesh:
                 raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
             if not np.isfinite(array).all():
                 raise ValueError(f"{key} of the mesh {name} are not all finite")
-            found[key] = (
+            checked[key] = (
                 array if key == "vertices" else array.astype(np.int64 if key == "faces" else np.float32)
             )
-        faces = found["faces"]
-        if faces.size and not 0 <= faces.min() <= faces.max() < len(found["vertices"]):
+        faces = checked["faces"]
+        if faces.size and not 0 <= faces.min() <= faces.max() < len(checked["vertices"]):
             raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")
-        return cls(**found)
+        return cls(**checked)
 
 
 def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
@@ -119,15 +119,15 @@ def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
 
 
 def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
-    found = colors_of(asset)
-    if found is None:
+    stored = colors_of(asset)
+    if stored is None:
         return np.ones((asset.manifest.vertex_count, 3), np.float32)
-    values = found.values[:, :3]
+    values = stored.values[:, :3]
     scale = np.float32(255 if values.dtype == np.uint8 else 1)
     values = (values / scale).astype(np.float32)
-    if found.domain == "vertex":
+    if stored.domain == "vertex":
         return values
-    corners = np.repeat(values, 3, axis=0) if found.domain == "face" else values
+    corners = np.repeat(values, 3, axis=0) if stored.domain == "face" else values
     return _means(faces.reshape(-1), corners, asset.manifest.vertex_count)
 
 

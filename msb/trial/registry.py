@@ -26,7 +26,7 @@ def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
 
     Names may also stand between commas.
     """
-    found: dict[str, Task] = {}
+    chosen: dict[str, Task] = {}
     if not isinstance(names, Iterable):
         raise UsageError("USAGE", f"tasks is {shorten(repr(names), 40)}; it must be names of tasks")
     groups = [names] if isinstance(names, str) else names
@@ -35,8 +35,8 @@ def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
         if not own:
             text = f'there is no task "{shorten(name, 40)}"; there are {", ".join(TASKS)}'
             raise UsageError("USAGE", text)
-        found |= own
-    return [task for key, task in TASKS.items() if key in found] if found else list(TASKS.values())
+        chosen |= own
+    return [task for key, task in TASKS.items() if key in chosen] if chosen else list(TASKS.values())
 
 
 def able(attempts: Iterable[Attempt]) -> list[Attempt]:
@@ -46,12 +46,13 @@ def able(attempts: Iterable[Attempt]) -> list[Attempt]:
 
 def check_libraries(tasks: Sequence[Task]) -> None:
     """Refuse tasks some of which cannot be tried, where no library of the extra is there for the others."""
-    found = {task.name: {one.library for one in able(task.attempts)} for task in tasks}
-    if all(found.values()) or set().union(*found.values()) - {"numpy"}:  # which is there without the extra
+    by_task = {task.name: {one.library for one in able(task.attempts)} for task in tasks}
+    without_the_extra = {"numpy"}
+    if all(by_task.values()) or set().union(*by_task.values()) - without_the_extra:
         return
-    rest = [name for name, libraries in found.items() if libraries]
+    rest = [name for name, libraries in by_task.items() if libraries]
     instead = f"{' and '.join(rest)} can be tried without it" if rest else ""
-    what = f"trying {', '.join(name for name in found if name not in rest)}"
+    what = f"trying {', '.join(name for name in by_task if name not in rest)}"
     need_extra("trial", *missing_modules(tasks), what=what, instead=instead)
 
 

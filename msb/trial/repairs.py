@@ -259,8 +259,8 @@ def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | Non
 def _look(original: Images | str, repaired: Images | str) -> Look:
     if isinstance(original, str) or isinstance(repaired, str):
         return Look(why=original if isinstance(original, str) else str(repaired))
-    found = likeness(original, repaired)
-    return Look(same=True) if found["same_pictures"] else Look(found["psnr"])
+    alike = likeness(original, repaired)
+    return Look(same=True) if alike["same_pictures"] else Look(alike["psnr"])
 
 
 def _size(asset: Asset) -> int:

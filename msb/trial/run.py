@@ -152,7 +152,7 @@ def trial(
     >>> solid.outcome
     'fails'
     """
-    found = try_asset(
+    tried = try_asset(
         as_asset(asset),
         tasks,
         weld=weld,
@@ -161,7 +161,7 @@ def trial(
         limits=limits,
         device=device,
     )
-    return list(found.trials)
+    return list(tried.trials)
 
 
 def try_asset(
@@ -344,9 +344,9 @@ def _write_picture(path: Path, image: NDArray[Any]) -> None:
 def summary(trials: Iterable[Trial]) -> str:
     """Return how many tasks came to what, worst first: "3 fail: uv, boolean, solid; 2 work"."""
     verbs = {"fails": "fail", "care": "work with care", "not_run": "not run", "works": "work"}
-    found = []
+    parts = []
     for outcome, verb in verbs.items():
         names = [one.task for one in trials if one.outcome == outcome]
         if names:
-            found.append(f"{len(names)} {verb}: {', '.join(names)}")
-    return shorten("; ".join(found), 400)
+            parts.append(f"{len(names)} {verb}: {', '.join(names)}")
+    return shorten("; ".join(parts), 400)

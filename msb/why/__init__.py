@@ -131,11 +131,11 @@ def why(
     """
     if settings is not None:
         check_type("settings", settings, Mapping, "a mapping from names to values")
-    found = with_settings(as_asset(asset), settings or {})
-    chosen = choose_views(found, cameras, device=device).seeing(found, device)
-    stated = found.manifest.appearance.get("background")
-    color = own_background(found.manifest) if background is None else check_background(background, stated)
-    views = Views(found, chosen, color, device)
+    model = with_settings(as_asset(asset), settings or {})
+    chosen = choose_views(model, cameras, device=device).seeing(model, device)
+    stated = model.manifest.appearance.get("background")
+    color = own_background(model.manifest) if background is None else check_background(background, stated)
+    views = Views(model, chosen, color, device)
     causes = Causes()
     for known in CAUSES:
         causes.append(_measured(known, views))

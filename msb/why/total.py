@@ -65,8 +65,8 @@ def measured_total(views: Views, costs: Mapping[str, float | None]) -> Total:
     db = difference(plain, own)
     wrong = difference(taken_for_linear(views.culled(lit(views))), own)
     right = db
-    if found := samples(views):
-        right = difference(views.of_mesh(views.mesh(), supersample=max(found.values())), own)
+    if factors := samples(views):
+        right = difference(views.of_mesh(views.mesh(), supersample=max(factors.values())), own)
     asset = views.asset
     settings: dict[str, Any] = {}
     for change in BAKED.values():

@@ -77,26 +77,26 @@ def cross_check(
     seconds; by default a minute, and one more for each million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
-    found = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
-    if not set(found) - ANYWAY:
+    here = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
+    if not set(here) - ANYWAY:
         wanted = (PEERS[peer].module for peer in PEERS if peer not in ANYWAY)
         need_extra("crosscheck", *wanted, what="a cross-check")
-    skipped = {peer: f"it is not installed; {install('crosscheck')}" for peer in PEERS if peer not in found}
-    asked = []
-    for peer in found:
+    skipped = {peer: f"it is not installed; {install('crosscheck')}" for peer in PEERS if peer not in here}
+    to_ask = []
+    for peer in here:
         most = PEERS[peer].max_faces
         if len(triangles) == 0:
             skipped[peer] = "there are no faces to count, and some peers abort on none"
         elif most is not None and len(triangles) > most:
             skipped[peer] = f"it is asked about meshes of at most {most:,} faces; this has {len(triangles):,}"
         else:
-            asked.append(peer)
+            to_ask.append(peer)
     if timeout is None:
         timeout = PATIENCE * (1 + len(triangles) / 1e6)
-    replies = ask_peers(asked, points, triangles, timeout)
+    replies = ask_peers(to_ask, points, triangles, timeout)
     facts = Facts(report, analysis) if replies else None
     rows: list[Row] = []
-    for peer in asked:
+    for peer in to_ask:
         answers = replies[peer]
         if isinstance(answers, str) or facts is None:
             skipped[peer] = str(answers)

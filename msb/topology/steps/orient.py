@@ -64,8 +64,8 @@ def find_sides(count: int, one: NDArray[Any], other: NDArray[Any], differ: NDArr
     """
     # What must agree is one node.
     nodes, part = label_components(count, one[~differ], other[~differ])
-    found = _sides_of_parts(nodes, part[one[differ]], part[other[differ]])
-    return Sides(found.label[part], found.other[part], found.one_sided[part])
+    parts = _sides_of_parts(nodes, part[one[differ]], part[other[differ]])
+    return Sides(parts.label[part], parts.other[part], parts.one_sided[part])
 
 
 def _sides_of_parts(count: int, one: NDArray[Any], other: NDArray[Any]) -> Sides:

@@ -43,9 +43,9 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
         "volume_taken": float(taken.volume()),
         "faces_left": int(left.num_tri()),
     }
-    found = left.to_mesh()
-    points = np.ascontiguousarray(found.vert_properties[:, :3], np.float32)
-    faces = np.asarray(found.tri_verts, np.int64)
+    rest = left.to_mesh()
+    points = np.ascontiguousarray(rest.vert_properties[:, :3], np.float32)
+    faces = np.asarray(rest.tri_verts, np.int64)
     return Made(numbers, {"left": TriedMesh(points, faces, _nearest_colors(mesh, points))})
 
 

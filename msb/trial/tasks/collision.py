@@ -67,10 +67,10 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
 
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
     farthest = np.unique([int((used @ direction).argmax()) for direction in _directions(_CORNERS)])
-    found = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
+    solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
     points, faces = (
-        np.asarray(found.vert_properties[:, :3], np.float64),
-        np.asarray(found.tri_verts, np.int64),
+        np.asarray(solid.vert_properties[:, :3], np.float64),
+        np.asarray(solid.tri_verts, np.int64),
     )
     volume = abs(signed_volume(points, faces))
     if volume <= 1e-6 * mesh.diagonal**3:
@@ -131,7 +131,7 @@ def points_inside(
     their sum are even barycentric coordinates.
     """
     rng = np.random.default_rng(0)
-    found = []
+    sampled = []
     for number, (points, faces) in zip(rng.multinomial(count, _shares(volumes)), parts, strict=True):
         if not number:
             continue
@@ -144,8 +144,8 @@ def points_inside(
         chosen = corners[rng.choice(len(faces), number, p=_shares(sizes))]
         weights = rng.exponential(size=(number, 4))
         weights /= weights.sum(axis=1, keepdims=True)
-        found.append(np.einsum("nk,nki->ni", weights[:, :3], chosen) + weights[:, 3:] * middle)
-    return np.concatenate(found) if found else np.zeros((0, 3))
+        sampled.append(np.einsum("nk,nki->ni", weights[:, :3], chosen) + weights[:, 3:] * middle)
+    return np.concatenate(sampled) if sampled else np.zeros((0, 3))
 
 
 def _shares(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -184,19 +184,19 @@ def _judged(mesh: TriedMesh, one: Made, look: Look) -> Judgement:
 
 
 def _bracketed(numbers: Numbers) -> str:
-    found = _near_and_empty(numbers)
-    return f" ({', '.join(found)})" if found else ""
+    parts = _near_and_empty(numbers)
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 def _near_and_empty(numbers: Numbers) -> list[str]:
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
-    found = []
+    parts = []
     if relative is not None:
         share = "less than 0.01" if relative < 1e-4 else f"{100 * relative:.2g}"
-        found.append(f"95 % within {share} % of the size")
+        parts.append(f"95 % within {share} % of the size")
     if empty is not None:
-        found.append(f"{100 * empty:.0f} % of it in mid-air")
-    return found
+        parts.append(f"{100 * empty:.0f} % of it in mid-air")
+    return parts
 
 
 def _says(numbers: Numbers) -> str:

@@ -54,11 +54,11 @@ def by_pymeshlab(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces, v_color_matrix=colors))
     meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, percent))
-    found = meshes.current_mesh()
+    simplified = meshes.current_mesh()
     made = TriedMesh(
-        found.vertex_matrix(),
-        found.face_matrix().astype(np.int64),
-        found.vertex_color_matrix()[:, :3].astype(np.float32),
+        simplified.vertex_matrix(),
+        simplified.face_matrix().astype(np.int64),
+        simplified.vertex_color_matrix()[:, :3].astype(np.float32),
     )
     return Made({}, {"mesh": made})
 
@@ -70,17 +70,17 @@ def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look, *, percent: in
     outcome: Outcome = "fails"
     why: str | None = None
     for library, one in made.items():
-        found = one.meshes["mesh"]
-        reached = 0 < len(found.faces) <= SLACK * target
-        likeness = look.psnr(found)
+        simplified = one.meshes["mesh"]
+        reached = 0 < len(simplified.faces) <= SLACK * target
+        likeness = look.psnr(simplified)
         numbers[_key(library)] = own = {
-            "faces": len(found.faces),
+            "faces": len(simplified.faces),
             "reached": reached,
             **likeness,
             **one.numbers,
         }
         grade, reason = _grade(own, target)
-        of_file = worst((grade, file_outcome(mesh, found)))
+        of_file = worst((grade, file_outcome(mesh, simplified)))
         rank = (OUTCOMES.index(of_file), not reached, -(likeness["psnr"] or 0.0))
         if best is None or rank < best:
             best, outcome, why = rank, grade, reason

@@ -95,8 +95,8 @@ def crossing_pairs(corners: NDArray[np.float64]) -> NDArray[np.int64]:
 
     `corners` (F, 3, 3) are finite.
     """
-    found = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in _near(corners)]
-    pairs = np.concatenate([np.zeros((0, 2), np.int64), *found])
+    crossing = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in _near(corners)]
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *crossing])
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
@@ -162,7 +162,7 @@ def _cross(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.boo
     for sides in (sides_of_two, sides_of_one):
         apart |= np.abs(sides.sum(axis=1)) == 3
     apart |= _one_sided(sides_of_two) & _one_sided(sides_of_one)
-    found = np.zeros(len(one), bool)
+    result = np.zeros(len(one), bool)
     rows = np.flatnonzero(~apart)
     one, two = one[rows], two[rows]
     crossed = np.zeros(len(rows), bool)
@@ -174,8 +174,8 @@ def _cross(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.boo
                 [_orient(start, stop, face[:, j], face[:, (j + 1) % 3]) for j in range(3)], axis=1
             )
             crossed |= through & _one_sided(turns)
-    found[rows] = crossed
-    return found
+    result[rows] = crossed
+    return result
 
 
 def _one_sided(signs: NDArray[np.int8]) -> NDArray[np.bool_]:

@@ -54,12 +54,12 @@ def _manifold(mesh: TriedMesh, _: Arrays) -> Made:
 def _trimesh(mesh: TriedMesh, _: Arrays) -> Made:
     import trimesh
 
-    found = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
     return Made(
         {
-            "watertight": bool(found.is_watertight),
-            "winding_consistent": bool(found.is_winding_consistent),
-            "volume": float(found.volume) if found.is_watertight else None,
+            "watertight": bool(body.is_watertight),
+            "winding_consistent": bool(body.is_winding_consistent),
+            "volume": float(body.volume) if body.is_watertight else None,
         }
     )
 

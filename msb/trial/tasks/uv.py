@@ -33,7 +33,7 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
     original, faces, uv = atlas[0]
     original, faces, uv = original.astype(np.int64), faces.astype(np.int64), uv.astype(np.float32)
     # xatlas scales the map to its width and height; what it could not place has no atlas, and its UVs are 0.
-    placed, chart = (np.asarray(found) for found in atlas.get_mesh_vertex_assignment(0))
+    placed, chart = (np.asarray(values) for values in atlas.get_mesh_vertex_assignment(0))
     left_out = (
         (placed < 0)[faces].any(axis=1) if placed.dtype.kind == "i" else (placed == _NONE)[faces].any(1)
     )
