@@ -123,7 +123,7 @@ def standard_twin(case: Case, seed: int | None = None) -> ReferenceFrame:
     With a seed every face is moved for itself, since each rounds its own depths; faces in one place stay in
     one place.
     """
-    buffers, samples = case.asset.buffers, case.settings["supersample"]
+    buffers, samples = case.asset.buffers, case.options["supersample"]
     positions, indices = buffers["positions"].astype(np.float64), buffers["indices"]
     colors, shown = drawn_colors(case.asset), None
     if (threshold := case.settings.get("ste_threshold")) is not None:

@@ -89,7 +89,7 @@ def draw_case(method: str, seed: int) -> Case:
     options: dict[str, Any] = {}
     if method == STANDARD:
         settings = {name: value for name, value in settings.items() if name == "ste_threshold"}
-        settings["supersample"] = int(random.choice([1, 1, 1, 2, 3, 4]))
+        options["supersample"] = int(random.choice([1, 1, 1, 2, 3, 4]))
     else:
         options["order"] = str(random.choice([ORDERS[0], *ORDERS]))
         options["sampling"] = str(random.choice([SAMPLINGS[0], *SAMPLINGS]))
