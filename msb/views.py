@@ -53,21 +53,35 @@ class Views:
 
     def seeing(self, asset: Asset, device: str | None = None) -> Views:
         """Return those that see a pixel of the asset, on the standard tier or as its method draws it."""
-        every: tuple[Tier, ...] = ("standard", "dedicated")
-        tiers = [tier for tier in every if why_not(asset.manifest, tier) is None]
-        useful: set[int] = set()
-        try:
-            for tier in tiers:
-                left = [index for index in range(len(self.cameras)) if index not in useful]
-                with Renderer(asset, tier, device, **lean_options(tier, None)) as renderer:
-                    useful |= {k for k in left if (renderer.render(self.cameras[k]).alpha > 0).any()}
-        except DeviceError:  # whoever draws says so
+        useful = _that_see(asset, self.cameras, device, len(self.cameras))
+        if useful is None or len(useful) == len(self.cameras):
             return self
         blind = len(self.cameras) - len(useful)
-        if not blind or not tiers:
-            return self
         said = f"{self.said}; {blind} see none of it and do not count" if useful else self.said
         return replace(self, cameras=[self.cameras[k] for k in sorted(useful)], said=said)
+
+
+def _that_see(asset: Asset, cameras: Sequence[Camera], device: str | None, enough: int) -> set[int] | None:
+    """Return which cameras see a pixel of the asset, of the first so many that do.
+
+    None where nothing can draw it: whoever draws says why.
+    """
+    every: tuple[Tier, ...] = ("standard", "dedicated")
+    tiers = [tier for tier in every if why_not(asset.manifest, tier) is None]
+    if not tiers:
+        return None
+    seeing: set[int] = set()
+    try:
+        for tier in tiers:
+            if len(seeing) == min(enough, len(cameras)):
+                break
+            with Renderer(asset, tier, device, **lean_options(tier, None)) as renderer:
+                for number, camera in enumerate(cameras):
+                    if len(seeing) < enough and number not in seeing:
+                        seeing |= {number} if (renderer.render(camera).alpha > 0).any() else set()
+    except DeviceError:
+        return None
+    return seeing
 
 
 def choose_views(
@@ -112,9 +126,8 @@ def _of_training(asset: Asset, size: tuple[int, int], device: str | None) -> Vie
         few = spread(cameras, MOST)
         few = [one.scaled(min(1.0, max(size) / max(one.width, one.height))) for one in few]
         of = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
-        views = Views(few, "training", f"{of} cameras of the training ({found.name})", found)
-        if views.seeing(asset, device).cameras:
-            return views
+        if _that_see(asset, few, device, 1) != set():
+            return Views(few, "training", f"{of} cameras of the training ({found.name})", found)
     return None
 
 
