@@ -144,8 +144,7 @@ class _Repair:
         from msb.meshes.losses import why_split
         from msb.repair.run import what_is_left
 
-        with self.output.progress(f"reading {self.source.name}"):
-            made, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
+        made, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
         written = None if made is None else self.write(made, left_out)
         after = (
             done.after
