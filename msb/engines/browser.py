@@ -89,6 +89,15 @@ def find_browser() -> str | None:
     return on_path or next((place for place in _PLACES if Path(place).exists()), None)
 
 
+def browser_name(agent: str) -> str:
+    """Return "Chrome 150" or the like of a user-agent text."""
+    for word in agent.split():
+        name, slash, version = word.partition("/")
+        if slash and name.removeprefix("Headless") in ("Chrome", "Edg", "Firefox"):
+            return f"{name.removeprefix('Headless')} {version.partition('.')[0]}"
+    return "a browser"
+
+
 def dated(browser: str) -> str:
     """Return the program's name and date, which an update changes; asking for its version would start it."""
     path = Path(browser).resolve()

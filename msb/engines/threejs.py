@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.engines.browser import Page, dated, find_browser
+from msb.engines.browser import Page, browser_name, dated, find_browser
 from msb.engines.engine import DRAW, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webpage import camera_data, page, three_revision
 from msb.errors import DeviceError
@@ -58,7 +58,7 @@ class ThreeJsRenderer(Engine):
         drawn_by = str(about["device"])
         in_software = any(word in drawn_by.lower() for word in ("swiftshader", "llvmpipe", "software"))
         self.device_info = {
-            "platform": _browser_name(about["browser"]),
+            "platform": f"{browser_name(about['browser'])}, WebGL 2",
             "name": drawn_by,
             "kind": "cpu" if in_software else "gpu",
         }
@@ -128,12 +128,3 @@ class ThreeJsRenderer(Engine):
 def _times(head: Mapping[str, Any]) -> dict[str, float]:
     times = head["ms"]
     return {DRAW: times["device"]} if "device" in times else {WALL_CLOCK: times["wall"]}
-
-
-def _browser_name(agent: str) -> str:
-    """Return "Chrome 150" or the like of a user-agent text."""
-    for word in agent.split():
-        name, slash, version = word.partition("/")
-        if slash and name.removeprefix("Headless") in ("Chrome", "Edg", "Firefox"):
-            return f"{name.removeprefix('Headless')} {version.partition('.')[0]}, WebGL 2"
-    return "a browser, WebGL 2"

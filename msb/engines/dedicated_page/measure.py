@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.engines.browser import VARIABLE, Page, find_browser
+from msb.engines.browser import VARIABLE, Page, browser_name, find_browser
 from msb.engines.webpage import read_script
 from msb.errors import DeviceError
 
@@ -111,14 +111,5 @@ def measure_page(
         page.close()
     about = page.about
     return Measured(
-        _browser_name(str(about["browser"])), str(about["device"]), str(about["format"]), psnr, times
+        browser_name(str(about["browser"])), str(about["device"]), str(about["format"]), psnr, times
     )
-
-
-def _browser_name(agent: str) -> str:
-    """Return "Chrome 150" or the like of a user-agent text."""
-    for word in agent.split():
-        name, slash, version = word.partition("/")
-        if slash and name.removeprefix("Headless") in ("Chrome", "Edg", "Firefox"):
-            return f"{name.removeprefix('Headless')} {version.partition('.')[0]}"
-    return "a browser"
