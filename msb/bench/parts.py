@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.asset import Asset
+    from msb.base.limits import Limits
     from msb.bench.job import Job
     from msb.bench.protocol_tables import TrialTable
     from msb.scenes import Camera
@@ -86,11 +87,14 @@ def measure_audit(job: Job) -> dict[str, Any]:
     return {"audit": AuditDocument.of(audit(job.model.open()).to_dict())}
 
 
-def _to_try(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable]:
-    """Return a cell's mesh, the cameras that look at it, and what is tried."""
+def _to_try(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
+    """Return a cell's mesh, the cameras that look at it, what is tried, and the limits of each library."""
+    from msb.base.limits import Limits
+
     assert job.model is not None
     assert job.trial is not None
-    return job.model.open(), checked_scene(job.scene, job.views).test, job.trial
+    limits = Limits(job.trial.seconds, job.trial.memory)
+    return job.model.open(), checked_scene(job.scene, job.views).test, job.trial, limits
 
 
 def measure_trial(job: Job) -> dict[str, Any]:
@@ -99,11 +103,9 @@ def measure_trial(job: Job) -> dict[str, Any]:
     The cell's folder gets a picture of each.
     """
     from msb.base.atomic import new_folder
-    from msb.base.limits import Limits
     from msb.trial.run import try_asset
 
-    asset, cameras, wanted = _to_try(job)
-    limits = Limits(wanted.seconds, wanted.memory)
+    asset, cameras, wanted, limits = _to_try(job)
     with new_folder(job.folder / TRIAL_FOLDER) as folder:
         trials = try_asset(
             asset,
@@ -131,13 +133,11 @@ def measure_repairs(job: Job) -> dict[str, Any]:
     The cell's folder gets a picture of each.
     """
     from msb.base.atomic import new_folder
-    from msb.base.limits import Limits
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
 
-    asset, cameras, wanted = _to_try(job)
-    options = Options(limits=Limits(wanted.seconds, wanted.memory))
-    tasks = compared_tasks(wanted)
+    asset, cameras, wanted, limits = _to_try(job)
+    options, tasks = Options(limits=limits), compared_tasks(wanted)
     with new_folder(job.folder / REPAIRS_FOLDER) as folder:
         rows = compare(asset, cameras, options, tasks=tasks, device=job.device, keep=folder)
     data = document(str(asset.path), f"{len(cameras)} test views", rows)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
@@ -128,9 +128,9 @@ class _Group(NamedTuple):
     kind: type
     declared: tuple[_Declared, ...]
 
-    def made(self, values: dict[str, Any]) -> Any:
-        """Return the object, its values taken out of `values`."""
-        return self.kind(**{each.name: values.pop(each.name) for each in self.declared})
+    def made(self, values: Mapping[str, Any]) -> Any:
+        """Return the object with its values of all `values`."""
+        return self.kind(**{each.name: values[each.name] for each in self.declared})
 
 
 class Command(TyperCommand):
@@ -226,10 +226,10 @@ def _command(
     def run(context: typer.Context, **values: Any) -> Any:
         values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
         _check_apart(declared, values)
-        _prepare(_Group(Everywhere, everywhere).made(dict(values)))
+        _prepare(_Group(Everywhere, everywhere).made(values))
         typed = Typed(key for key in values if _is_typed(context, key))
         _check_rules(rules, declared, values, typed)
-        objects = {key: group.made(dict(values)) for key, group in groups.items()}
+        objects = {key: group.made(values) for key, group in groups.items()}
         if outputs is not None:
             _check_free(declared, values, objects[outputs])
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
@@ -297,7 +297,7 @@ def _check_rules(
         if not rule.options:
             raise UsageError("USAGE", rule.text)
         for key in rule.options.split():
-            if key in typed and values[key] not in (None, False, ()):
+            if key in typed and holds(key):
                 raise UsageError("USAGE", f"{known[key].label} {rule.text}")
 
 

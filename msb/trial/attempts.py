@@ -33,7 +33,7 @@ def run_attempt(
     unit = None if attempt.any_unit else Unit.of(mesh)
     given = mesh if unit is None else unit.enter(mesh)
     further = arrays if unit is None else unit.enter_points(arrays)
-    reply = run_apart(work, f"{task.name} {attempt.library}", {**_joined({"mesh": given}, further)}, limits)
+    reply = run_apart(work, f"{task.name} {attempt.library}", _joined({"mesh": given}, further), limits)
     if reply.ended_by == "time":
         return Attempted(None, f"{reply.why} (--seconds gives more)", "time", reply.seconds)
     known = None if reply.seconds is None else version(attempt.library)
