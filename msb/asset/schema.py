@@ -4,8 +4,9 @@ Only the schema file says what keys there are and what they hold; this module in
 the file uses. A test compares its verdicts with those of the `jsonschema` library, which is not used here
 because reading an asset must need NumPy and the standard library only.
 
-Two keywords are ours: `x-code` names the finding that a violation gives, `x-closed` marks objects in which
-an unknown key is a warning. Integers are stricter than in JSON Schema: ``4.0`` is not one.
+Two keywords are ours: `x-code` names the finding that a violation gives where it is not TRIASSET_FIELD,
+`x-closed` marks objects in which an unknown key is a warning. Integers are stricter than in JSON Schema:
+``4.0`` is not one.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ def _check_object(value: dict[str, Any], schema: Schema, pointer: str) -> Iterat
     most = schema.get("maxProperties", len(value))
     if len(value) > most:
         text = f"{pointer} has {len(value)} entries; at most {most} are allowed"
-        yield finding(schema["x-code"], text, pointer=pointer, value=len(value), limit=most)
+        yield finding("TRIASSET_FIELD", text, pointer=pointer, value=len(value), limit=most)
         return
     for key, item in value.items():
         below = f"{pointer}/{escape(key)}"

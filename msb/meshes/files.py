@@ -92,9 +92,8 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
     InputError
         FILE_NOT_RECOGNISED: no such format, or one that is only read.
     OutputError
-        OUTPUT_FORMAT_LIMIT: a coordinate is not finite or does not fit the format. OUTPUT_FORMAT_LIMIT: the
-        format cannot hold this mesh. OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open file
-        are not translated.
+        OUTPUT_FORMAT_LIMIT: the format cannot hold this mesh, or a coordinate that is not finite or too
+        large. OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open file are not translated.
     MeshError
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """

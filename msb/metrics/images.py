@@ -40,7 +40,7 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Raises
     ------
     MetricError
-        METRIC_IMAGE, METRIC_IMAGE, METRIC_IMAGE or METRIC_SIZES_DIFFER.
+        METRIC_IMAGE or METRIC_SIZES_DIFFER.
 
     Notes
     -----
@@ -86,7 +86,7 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     UsageError
         EXTRA_MISSING: scikit-image is not installed.
     MetricError
-        METRIC_IMAGE, METRIC_IMAGE, METRIC_IMAGE or METRIC_SIZES_DIFFER.
+        METRIC_IMAGE or METRIC_SIZES_DIFFER.
 
     Notes
     -----

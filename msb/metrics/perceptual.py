@@ -67,7 +67,7 @@ def lpips_vgg(
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_WEIGHTS, METRIC_WEIGHTS, METRIC_IMAGE, and those of `psnr`.
+        METRIC_WEIGHTS, METRIC_IMAGE, and those of `psnr`.
 
     Notes
     -----

@@ -64,8 +64,8 @@ def render_reference(
         SETTING_UNKNOWN or SETTING_VALUE; USAGE: an unknown order, sampling or dtype, or an argument of
         another type.
     AssetError
-        TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER,
-        TRIASSET_BUFFER or TRIASSET_FIELD: the buffers cannot be drawn.
+        TRIASSET_VALUE_NONFINITE, TRIASSET_INDEX_OUT_OF_RANGE, TRIASSET_BUFFER or TRIASSET_FIELD: the buffers
+        cannot be drawn.
 
     Examples
     --------

@@ -58,8 +58,8 @@ def turntable(
     Raises
     ------
     SceneError
-        CAMERA_PATH: the radius, the count or the elevation is out of range. CAMERA_PATH: `center` or `up`
-        is no vector, or `up` is zero. And those of `Camera`.
+        CAMERA_PATH: the radius, the count or the elevation is out of range, `center` or `up` is no vector,
+        or `up` is zero. And those of `Camera`.
     """
     middle, axis = vector3("center", center), vector3("up", up)
     length = math.hypot(*axis)

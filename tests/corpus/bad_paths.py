@@ -141,28 +141,28 @@ def _denied(name: str) -> Callable[[Path], None]:
     return lambda path: (path / name).chmod(0)
 
 
-LINK, NOT_FILE = "TRIASSET_PATH", "TRIASSET_PATH"
+PATH = "TRIASSET_PATH"
 BUFFER = "buffers/positions.bin"
 
 CASES = [
     *(_named(name, file) for name, file in _NAMES),
     Case("path_case_twins", "TRIASSET_PATH", _case_twins),
-    _on_disk("link_out", LINK, _link_to(BUFFER, "{outside}/buffers/positions.bin")),
-    _on_disk("link_passwd", LINK, _link_to(BUFFER, "/etc/passwd")),
-    _on_disk("link_relative", LINK, _link_to(BUFFER, "../../outside/buffers/positions.bin")),
-    _on_disk("link_inside", LINK, _link_to(BUFFER, "color.bin")),
-    _on_disk("link_dangling", LINK, _link_to(BUFFER, "nothing")),
-    _on_disk("link_loop", LINK, _link_to(BUFFER, "positions.bin")),
-    _on_disk("link_proc", LINK, _link_to(BUFFER, "/proc/self/mem")),
-    _on_disk("link_buffers", LINK, _link_to("buffers", "{outside}/buffers")),
-    _on_disk("link_buffers_up", LINK, _link_to("buffers", ".")),
-    _on_disk("link_manifest", LINK, _link_to("manifest.json", "{outside}/manifest.json")),
-    _on_disk("link_manifest_loop", LINK, _link_to("manifest.json", "manifest.json")),
-    _on_disk("folder_for_buffer", NOT_FILE, _replaced(BUFFER, os.mkdir)),
-    _on_disk("folder_for_manifest", NOT_FILE, _replaced("manifest.json", os.mkdir)),
-    _on_disk("pipe_for_buffer", NOT_FILE, _replaced(BUFFER, os.mkfifo)),
-    _on_disk("pipe_for_manifest", NOT_FILE, _replaced("manifest.json", os.mkfifo)),
-    _on_disk("socket_for_buffer", NOT_FILE, _replaced(BUFFER, _socket)),
+    _on_disk("link_out", PATH, _link_to(BUFFER, "{outside}/buffers/positions.bin")),
+    _on_disk("link_passwd", PATH, _link_to(BUFFER, "/etc/passwd")),
+    _on_disk("link_relative", PATH, _link_to(BUFFER, "../../outside/buffers/positions.bin")),
+    _on_disk("link_inside", PATH, _link_to(BUFFER, "color.bin")),
+    _on_disk("link_dangling", PATH, _link_to(BUFFER, "nothing")),
+    _on_disk("link_loop", PATH, _link_to(BUFFER, "positions.bin")),
+    _on_disk("link_proc", PATH, _link_to(BUFFER, "/proc/self/mem")),
+    _on_disk("link_buffers", PATH, _link_to("buffers", "{outside}/buffers")),
+    _on_disk("link_buffers_up", PATH, _link_to("buffers", ".")),
+    _on_disk("link_manifest", PATH, _link_to("manifest.json", "{outside}/manifest.json")),
+    _on_disk("link_manifest_loop", PATH, _link_to("manifest.json", "manifest.json")),
+    _on_disk("folder_for_buffer", PATH, _replaced(BUFFER, os.mkdir)),
+    _on_disk("folder_for_manifest", PATH, _replaced("manifest.json", os.mkdir)),
+    _on_disk("pipe_for_buffer", PATH, _replaced(BUFFER, os.mkfifo)),
+    _on_disk("pipe_for_manifest", PATH, _replaced("manifest.json", os.mkfifo)),
+    _on_disk("socket_for_buffer", PATH, _replaced(BUFFER, _socket)),
     _on_disk(
         "file_for_buffers",
         "TRIASSET_DAMAGED",

@@ -79,15 +79,16 @@ def _check_header(magic: Any, version: Any, system: Any) -> None:
 
 def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorages) -> dict[str, Extent]:
     """Return where the storages are, which fill the rest of the file in the order of `keys`."""
-    code = "CHECKPOINT_DAMAGED"
     known = declared.declared
     if len(known) > MAX_STORAGES or type(keys) is not list or len(keys) != len(known):
-        raise Refusal(code, f"the list of keys is not that of {len(known)} storages", at=f"byte {position}")
+        text = f"the list of keys is not that of {len(known)} storages"
+        raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {position}")
     places: dict[str, Extent] = {}
     for key in keys:
         at = f"byte {position}"
         if type(key) is not str or key not in known or key in places:
-            raise Refusal(code, "the list of keys names a storage that no tensor uses, or one twice", at=at)
+            text = "the list of keys names a storage that no tensor uses, or one twice"
+            raise Refusal("CHECKPOINT_DAMAGED", text, at=at)
         storage = known[key]
         assert storage.kind.dtype is not None
         length = storage.count * storage.kind.dtype.itemsize
@@ -102,5 +103,5 @@ def _places(view: memoryview, position: int, keys: Any, declared: DeclaredStorag
         position = end
     if position != len(view):
         text = f"{len(view) - position} bytes follow the last storage"
-        raise Refusal(code, text, at=f"byte {position}")
+        raise Refusal("CHECKPOINT_DAMAGED", text, at=f"byte {position}")
     return places

@@ -86,8 +86,8 @@ def _read_png(path: Path, faces: int) -> NDArray[np.uint8]:
     sizes = {texture_size(faces * samples(level)) for level in range(MAX_LEVEL + 1)}
 
     def refuse(why: str) -> CheckpointError:
-        code, text = "CHECKPOINT_DAMAGED", f"{path.name} {why}"
-        return CheckpointError(code, text, file=path.parent, pointer=path.name)
+        text = f"{path.name} {why}"
+        return CheckpointError("CHECKPOINT_DAMAGED", text, file=path.parent, pointer=path.name)
 
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked below
     try:
