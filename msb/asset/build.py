@@ -16,6 +16,8 @@ from msb.asset.check import check_manifest
 from msb.asset.drawable import check_indices, first_bad
 from msb.asset.manifest import (
     DTYPES,
+    PLAIN_VERSION,
+    VERSION,
     BoundingSphere,
     Bounds,
     BufferSpec,
@@ -28,6 +30,7 @@ from msb.asset.manifest import (
     Topology,
 )
 from msb.asset.progress import Meter
+from msb.asset.texture import KIND, PASS
 from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
@@ -93,7 +96,8 @@ def build_asset(
         raise AssetError("TRIASSET_EMPTY", text)
     _refuse_bad_geometry(positions, indices)
     bounds, sphere = measure_bounds(positions)
-    passes = lookup(description.method).passes
+    textured = description.appearance.get("kind") == KIND
+    passes = {"standard": (PASS,)} if textured else lookup(description.method).passes
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
@@ -115,6 +119,7 @@ def build_asset(
         coordinate_frame=description.coordinate_frame,
         source=description.source,
         training=description.training,
+        version=VERSION if textured else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
     for item in check_manifest(manifest.to_dict()):

@@ -11,6 +11,7 @@ from typing import Any
 
 from msb.asset.manifest import ALIGNMENT, DTYPES, FORMAT, MAJOR, MINOR, VERSION
 from msb.asset.schema import check_schema, describe, escape, manifest_schema
+from msb.asset.texture import CHOICES, KIND, MAX_SIDE, NAME, PASS, Sampler
 from msb.errors import Finding, finding, shorten
 from msb.registry import METHODS
 
@@ -30,6 +31,8 @@ _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, .
     "opacity": (("float32",), None, ("vertex", "face", "corner")),
     "sigma": (("float32",), None, ("vertex", "face", "corner", "global")),
     "color": (("uint8", "float32"), (3, 4), ("vertex", "face", "corner")),
+    "uv": (("float32",), (2,), ("vertex", "corner")),
+    "face_texture": (("uint32",), None, ("face",)),
 }
 
 
@@ -53,6 +56,7 @@ def check_manifest(data: Any) -> list[Finding]:
     for name, spec in data["buffers"].items():
         findings += _check_buffer(name, spec, data)
     findings += _check_required_buffers(data)
+    findings += _check_textures(data)
     findings += _check_layout(data["buffers"])
     return _newer_minor(data) + findings
 
@@ -214,6 +218,59 @@ def _check_required_buffers(data: Json) -> Iterator[Finding]:
         text = f"appearance.f_rest_order is {describe(order)}; with a buffer f_rest it must be "
         text += " or ".join(F_REST_ORDERS)
         yield finding("TRIASSET_FIELD", text, pointer="/appearance/f_rest_order", value=order)
+
+
+def _check_textures(data: Json) -> Iterator[Finding]:
+    """Yield what is wrong with textures, and with what else belongs to them or needs them."""
+    appearance, buffers = data["appearance"], data["buffers"]
+    names = [name for name in buffers if name.partition(".")[0] == "texture"]
+    passes = data["required_passes"].get("standard", [])
+    if appearance["kind"] != KIND:
+        if PASS in passes:
+            text = f"the pass {PASS} is for an asset whose appearance.kind is {KIND}"
+            yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")
+        return
+    if _version(data)[1] < MINOR:
+        text = f"version is {data['version']}; textures came with {VERSION}"
+        yield finding("TRIASSET_FIELD", text, pointer="/version", value=data["version"], limit=VERSION)
+    if PASS not in passes:
+        text = f"/required_passes/standard is {describe(passes)}; textures need {PASS}"
+        yield finding("TRIASSET_FIELD", text, pointer="/required_passes/standard")
+    yield from _check_sampler(appearance)
+    wanted = ["uv", *(f"texture.{number}" for number in range(max(1, len(names))))]
+    for name in wanted:
+        if name not in buffers:
+            text = f"the manifest declares no buffer {name}, which textures need"
+            yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}")
+    for name in names:
+        yield from _check_texture(name, buffers[name])
+    if (len(names) > 1) != ("face_texture" in buffers):
+        text = f"several textures need a buffer face_texture, and one needs none; there are {len(names)}"
+        yield finding("TRIASSET_BUFFER", text, pointer="/buffers/face_texture")
+
+
+def _check_sampler(appearance: Json) -> Iterator[Finding]:
+    for key in Sampler.__dataclass_fields__:
+        value, pointer = appearance.get(key), f"/appearance/{key}"
+        if key in CHOICES:
+            right, rule = value in CHOICES[key], f"one of {', '.join(CHOICES[key])}"
+        elif key == "mipmaps":
+            right, rule = isinstance(value, bool), "true or false"
+        else:
+            number = isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1
+            right, rule = key in appearance and (value is None or number), "null, or a number from 0 to 1"
+        if not right:
+            text = f"{pointer} is {describe(value) if key in appearance else 'missing'}; it must be {rule}"
+            yield finding("TRIASSET_FIELD", text, pointer=pointer, value=value)
+
+
+def _check_texture(name: str, spec: Json) -> Iterator[Finding]:
+    shape = spec["shape"]
+    right = len(shape) == 3 and shape[2] in (3, 4) and max(shape[:2]) <= MAX_SIDE
+    if not (NAME.fullmatch(name) and right and (spec["dtype"], spec["domain"]) == ("uint8", "global")):
+        text = f"buffer {name} is {spec['dtype']} {shape} of domain {spec['domain']}; a texture.N is uint8, "
+        text += f"H x W x 3 or 4, at most {MAX_SIDE} a side, of domain global"
+        yield finding("TRIASSET_BUFFER", text, pointer=f"/buffers/{name}/shape", value=shape, limit=MAX_SIDE)
 
 
 def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from msb.asset.activation import sigmoid
 from msb.asset.sh import SH_C0
+from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
 
 if TYPE_CHECKING:
     from msb.asset.asset import Asset
@@ -53,8 +54,41 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
 
 
 def colors_of(asset: Asset) -> StaticColors | None:
-    """Return the `static_colors` of an asset."""
+    """Return the `static_colors` of an asset; of one with textures what they show at its corners."""
+    textured = textures_of(asset)
+    return tint_of(asset) if textured is None else corner_colors(textured, tint_of(asset), asset)
+
+
+def tint_of(asset: Asset) -> StaticColors | None:
+    """Return the `static_colors` of an asset, which are multiplied with its textures if it has any."""
     return static_colors(asset.buffers, {name: spec.domain for name, spec in asset.manifest.buffers.items()})
+
+
+def corner_colors(textured: Textured, tint: StaticColors | None, asset: Asset) -> StaticColors:
+    """Return the sRGB colours (3F, 3) float32 of the corners: what the textures show there, times `tint`.
+
+    What draws no textures draws these.
+    """
+    made = np.zeros((textured.uvs.size // 2, 4), np.float32)
+    faces = len(textured.uvs)
+    shown = np.zeros(faces, np.uint32) if textured.face_texture is None else textured.face_texture
+    for number, image in enumerate(textured.images):
+        rows = np.repeat(shown == number, 3)
+        made[rows] = sample([image], textured.uvs.reshape(-1, 2)[rows], textured.sampler)
+    if tint is not None:
+        made *= corner_tint(tint, asset.buffers["indices"])
+    return StaticColors(np.clip(linear_to_srgb(made[:, :3]), 0, 1), "corner")
+
+
+def corner_tint(tint: StaticColors, indices: NDArray[np.uint32]) -> NDArray[np.float32]:
+    """Return colours as linear light and alpha (3F, 4) float32 at the corners of the faces (F, 3)."""
+    values = tint.values if tint.values.dtype == np.float32 else tint.values / np.float32(255)
+    made = np.ones((len(values), 4), np.float32)
+    made[:, : values.shape[1]] = values
+    made[:, :3] = srgb_to_linear(made[:, :3])
+    if tint.domain == "corner":
+        return made
+    return np.repeat(made, 3, axis=0) if tint.domain == "face" else made[indices.reshape(-1)]
 
 
 def drawn_colors(asset: Asset) -> StaticColors:

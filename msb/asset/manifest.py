@@ -14,9 +14,11 @@ if TYPE_CHECKING:
     from msb.registry import SettingSource, SettingValue
 
 FORMAT = "triasset"
-VERSION = "1.0"
+VERSION = "1.1"
+"""The newest version that is known; `PLAIN_VERSION` is written where there is no texture."""
+PLAIN_VERSION = "1.0"
 MAJOR = 1
-MINOR = 0
+MINOR = 1
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
 ALIGNMENT = 64
@@ -131,7 +133,7 @@ class Manifest:
     training: Parameters = field(default_factory=dict)
     """What the training's files say of how it was trained; empty, and absent from the file, if nothing."""
     format: str = FORMAT
-    version: str = VERSION
+    version: str = PLAIN_VERSION
     extra: Parameters = field(default_factory=dict, repr=False)
     """Keys of a newer minor version, kept so that a copy loses nothing."""
 

@@ -21,6 +21,7 @@ from msb.asset.container import Container, open_container
 from msb.asset.manifest import Manifest
 from msb.asset.reader import check_files, map_buffers
 from msb.asset.strict_json import parse_strict_json
+from msb.asset.texture import is_textured, texture_images
 from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
 
 MAGNITUDE_LIMIT = 1e18
@@ -111,6 +112,8 @@ def check_values(asset: Asset) -> list[Finding]:
     if not any(f.code == "TRIASSET_VALUE_NONFINITE" and f.pointer == "positions" for f in findings):
         findings += _check_positions(asset)
     findings += _check_indices(asset)
+    if is_textured(asset):
+        findings += _check_texturing(asset)
     if "color" in asset.buffers and asset.buffers["color"].dtype.kind == "f":
         findings += _check_color(asset.buffers["color"])
     return findings
@@ -182,6 +185,24 @@ def _check_indices(asset: Asset) -> Iterator[Finding]:
                 where = {"pointer": f"indices[{at // 3}, {at % 3}]", "value": value, "limit": at}
                 yield finding("TRIASSET_VALUE_RANGE", text, **where)
                 return
+
+
+def _check_texturing(asset: Asset) -> Iterator[Finding]:
+    textures = len(texture_images(asset.buffers))
+    count, first = _count(asset.buffers["uv"], lambda rows: (rows < 0) | (rows > 1))
+    if count:
+        appearance = asset.manifest.appearance
+        text = f"{count} values of uv lie outside 0 to 1, the first in row {first // 2}; there the texture "
+        text += f"goes on as wrap_u {appearance['wrap_u']} and wrap_v {appearance['wrap_v']} say"
+        yield finding("TRIASSET_VALUE_RANGE", text, severity="info", pointer="uv", value=count)
+    if textures > 1:
+        shown = asset.buffers["face_texture"]
+        count, first = _count(shown, lambda rows: rows >= textures)
+        if count:
+            text = f"{count} faces show a texture that is not there, the first is face {first}: "
+            text += f"{shown[first]}; there are {textures}"
+            where: dict[str, Any] = {"pointer": f"face_texture[{first}]", "value": int(shown[first])}
+            yield finding("TRIASSET_INDEX_OUT_OF_RANGE", text, **where, limit=textures - 1)
 
 
 def _check_color(color: NDArray[np.float32]) -> Iterator[Finding]:

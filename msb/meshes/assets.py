@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
-from msb.asset.look import colors_of, stored_threshold, visible_faces, written_up
+from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame
+from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported
 from msb.meshes.formats import FORMATS
@@ -19,22 +20,22 @@ from msb.meshes.transform import turned_upright
 from msb.meshes.writing import as_float32, check_indices
 
 if TYPE_CHECKING:
-    from msb.asset.manifest import Domain
+    from msb.asset.manifest import Domain, Parameters
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:
     """Return `mesh` as an asset of method "mesh": float32 positions, its colours as stored."""
-    buffers, domains, kind = mesh_buffers(mesh)
+    buffers, domains, appearance = mesh_buffers(mesh)
     description = Description(
-        appearance={"kind": kind}, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
+        appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
     )
     return build_asset(buffers, domains, description)
 
 
-def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], str]:
-    """Return the buffers of `mesh`, their domains, and the kind of its appearance.
+def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], Parameters]:
+    """Return the buffers of `mesh`, their domains, and its appearance.
 
-    Vertex colours are kept; without any, face colours.
+    Vertex colours are kept; without any, face colours. Textures are kept with their coordinates.
     """
     check_indices(mesh)
     with np.errstate(over="ignore"):
@@ -46,12 +47,22 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{row}]")
     buffers: dict[str, NDArray[Any]] = {"positions": positions, "indices": mesh.faces.astype(np.uint32)}
     domains: dict[str, Domain] = {}
-    kind = "none"
+    appearance: Parameters = {"kind": "none"}
     for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
         if colors is not None and not domains:
-            buffers["color"], kind = colors, "static_color"
+            buffers["color"], appearance = colors, {"kind": "static_color"}
             domains["color"] = domain  # type: ignore[assignment]
-    return buffers, domains, kind
+    if mesh.textures:
+        appearance = mesh.sampler.appearance
+        by_vertex = mesh.corner_uvs is None
+        buffers["uv"] = mesh.vertex_uvs if by_vertex else mesh.corner_uvs  # type: ignore[assignment]
+        domains["uv"] = "vertex" if by_vertex else "corner"
+        for number, image in enumerate(mesh.textures):
+            buffers[f"texture.{number}"], domains[f"texture.{number}"] = image, "global"
+        if len(mesh.textures) > 1:
+            assert mesh.face_textures is not None
+            buffers["face_texture"], domains["face_texture"] = mesh.face_textures, "face"
+    return buffers, domains, appearance
 
 
 def mesh_from_asset(asset: Asset) -> Mesh:
@@ -59,8 +70,8 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
     Its look is that of `msb.asset.look`, except that no colours are written if the asset brings none. The
     colour of a soup's face goes to its three vertices. Colours of corners become colours of vertices, which
-    needs unshared vertices, so the mesh is then a soup. Faces that the asset's STE threshold hides are left
-    out.
+    needs unshared vertices, so the mesh is then a soup. Textures stay textures. Faces that the asset's STE
+    threshold hides are left out.
 
     Raises
     ------
@@ -73,7 +84,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     vertices, up = asset.buffers["positions"], written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
-    colors = colors_of(asset)
+    colors = tint_of(asset)
     if colors is None:
         mesh = Mesh(vertices, faces, up=up)
     elif colors.domain == "vertex":
@@ -84,8 +95,26 @@ def mesh_from_asset(asset: Asset) -> Mesh:
         mesh = Mesh(vertices, faces, np.repeat(colors.values, 3, axis=0), up=up)
     else:
         mesh = Mesh(vertices, faces, None, colors.values, up=up)
+    if is_textured(asset):
+        mesh = _with_textures(mesh, asset)
     keep = visible_faces(asset, stored_threshold(asset))
     return mesh if keep is None or keep.all() else _with_faces(mesh, keep)
+
+
+def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
+    """Return `mesh`, whose faces are those of `asset`, with the textures of `asset`."""
+    uv, manifest = asset.buffers["uv"], asset.manifest
+    by_vertex = manifest.buffers["uv"].domain == "vertex"
+    if by_vertex and len(mesh.vertices) != len(uv):  # colours of corners have taken the vertices apart
+        uv, by_vertex = uv[asset.buffers["indices"].reshape(-1)], False
+    return replace(
+        mesh,
+        vertex_uvs=uv if by_vertex else None,
+        corner_uvs=None if by_vertex else uv,
+        textures=texture_images(asset.buffers),
+        face_textures=asset.buffers.get("face_texture"),
+        sampler=Sampler.of(manifest.appearance),
+    )
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
@@ -121,11 +150,27 @@ def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
     used[faces] = True
     number = np.cumsum(used) - 1
     vertex_colors = None if mesh.vertex_colors is None else mesh.vertex_colors[used]
-    face_colors = None if mesh.face_colors is None else mesh.face_colors[keep]
-    return Mesh(mesh.vertices[used], number[faces], vertex_colors, face_colors, up=mesh.up)
+    return replace(
+        mesh,
+        vertices=mesh.vertices[used],
+        faces=number[faces],
+        vertex_colors=vertex_colors,
+        face_colors=None if mesh.face_colors is None else mesh.face_colors[keep],
+        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[used],
+        corner_uvs=None if mesh.corner_uvs is None else mesh.corner_uvs[np.repeat(keep, 3)],
+        face_textures=None if mesh.face_textures is None else mesh.face_textures[keep],
+    )
 
 
 def _unshared(mesh: Mesh, colors: NDArray[Any] | None) -> Mesh:
     """Return `mesh` with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
-    corners = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    return Mesh(mesh.vertices[mesh.faces.reshape(-1)], corners, colors, up=mesh.up)
+    corners = mesh.faces.reshape(-1)
+    return replace(
+        mesh,
+        vertices=mesh.vertices[corners],
+        faces=np.arange(len(corners), dtype=np.int64).reshape(-1, 3),
+        vertex_colors=colors,
+        face_colors=None,
+        vertex_uvs=mesh.corner_uvs if mesh.vertex_uvs is None else mesh.vertex_uvs[corners],
+        corner_uvs=None,
+    )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import Sampler
 from msb.errors import MeshError, finding
 
 if TYPE_CHECKING:
@@ -29,7 +30,15 @@ class Mesh:
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
         One row per triangle, that is per row of `faces`.
     vertex_uvs : (V, 2) float32, optional
-        Texture coordinates, v downwards as in glTF. GLB is written with them; no reader gives any.
+        Texture coordinates, v downwards as in glTF.
+    corner_uvs : (3F, 2) float32, optional
+        The same by corner, for a format that has them so; a mesh has one of the two.
+    textures : tuple of (H, W, 3) or (H, W, 4) uint8
+        sRGB images that the texture coordinates are about; colours are multiplied with them in linear light.
+    face_textures : (F,) uint32, optional
+        Which texture a face shows; None where there are fewer than two.
+    sampler : Sampler
+        How the textures are read.
     left_out : tuple of str
         What else the file holds, which no reader keeps: "normals", "UVs", "2 textures".
     up : str, optional
@@ -48,6 +57,10 @@ class Mesh:
     vertex_colors: NDArray[Any] | None = None
     face_colors: NDArray[Any] | None = None
     vertex_uvs: NDArray[np.float32] | None = None
+    corner_uvs: NDArray[np.float32] | None = None
+    textures: tuple[NDArray[np.uint8], ...] = ()
+    face_textures: NDArray[np.uint32] | None = None
+    sampler: Sampler = field(default_factory=Sampler)
     left_out: tuple[str, ...] = ()
     up: str | None = None
     wrong_face: str | None = None
@@ -61,6 +74,8 @@ class Mesh:
             _check("face_colors", self.face_colors, len(self.faces), (3, 4), (np.uint8, np.float32))
         if self.vertex_uvs is not None:
             _check("vertex_uvs", self.vertex_uvs, len(self.vertices), (2,), (np.float32,))
+        if self.corner_uvs is not None:
+            _check("corner_uvs", self.corner_uvs, 3 * len(self.faces), (2,), (np.float32,))
 
 
 def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:

@@ -35,6 +35,7 @@ PASSES: dict[str, str] = {
     "z_buffer": "nearest face per pixel with the method's opacity test",
     "decode": "neural decoder of the lattice features seen by each pixel",
     "downsample": "box filter from the supersampled raster to the image",
+    "opaque_unlit_texture": "as opaque_unlit, with textures: filtered in linear light, times the colours",
 }
 """Name that a manifest's `required_passes` may use -> what the pass asks of a renderer."""
 

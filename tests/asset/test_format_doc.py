@@ -10,7 +10,7 @@ import pytest
 from msb.asset import load, write_asset
 from msb.asset.schema import manifest_schema
 from tests.conftest import ROOT
-from tests.corpus.good import decoder, mesh, soup
+from tests.corpus.good import decoder, mesh, soup, textured
 
 DOC = (ROOT / "docs/triasset.md").read_text()
 SCHEMA = manifest_schema()
@@ -22,7 +22,7 @@ def code_block(language: str) -> str:
     return match.group(1)
 
 
-@pytest.mark.parametrize("make", [mesh, soup, decoder])
+@pytest.mark.parametrize("make", [mesh, soup, decoder, textured])
 def test_the_minimal_reader_reads_what_we_write(make, tmp_path: Path) -> None:
     write_asset(make(), tmp_path / "a.triasset")
     code = code_block("python")

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from msb.asset import Asset, build_asset, load, validate
+from msb.asset.texture import textures_of
 from msb.asset.validation import check_values
 from msb.errors import AssetError
 from tests.corpus.forge import forge
-from tests.corpus.good import Parts, mesh, parts, soup
+from tests.corpus.good import Parts, mesh, parts, soup, textured
 
 
 def report(changed: Parts, path: Path) -> list[tuple[str, str | None]]:
@@ -49,6 +50,16 @@ def test_all_findings_of_the_values_are_reported(tmp_path: Path) -> None:
     assert (index.pointer, index.value, index.limit) == ("indices[2, 1]", 4, 3)
     assert index.message.startswith("2 indices are 4 or more, the first is 4 in face 2")
     assert findings["TRIASSET_DAMAGED"].pointer == "/buffers/indices/sha256"
+
+
+def test_textures_that_are_not_there_are_errors_and_coordinates_outside_are_none(tmp_path: Path) -> None:
+    bad = parts(textured()).set_array("face_texture", np.array([0, 2], np.uint32))
+    bad.set_array("uv", textured().buffers["uv"] * 2).write_packed(tmp_path / "a")
+    uv, index = validate(tmp_path / "a").findings
+    assert (uv.severity, uv.code, uv.pointer, uv.value) == ("info", "TRIASSET_VALUE_RANGE", "uv", 6)
+    assert (index.code, index.pointer) == ("TRIASSET_INDEX_OUT_OF_RANGE", "face_texture[1]")
+    with pytest.raises(AssetError, match="face 1 shows texture 2, but there are 2"):
+        textures_of(load(tmp_path / "a"))
 
 
 def test_a_container_says_at_which_byte(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from msb.asset.schema import manifest_schema
 from tests.corpus.case import Case, packed
-from tests.corpus.good import REMOVE, Parts, decoder, mesh, parts, soup
+from tests.corpus.good import REMOVE, Parts, decoder, mesh, parts, soup, textured
 
 
 def _value(
@@ -73,7 +73,7 @@ _ENUMS = [
     ("topology_unknown", "FIELD", "/topology", "quads"),
     ("kernel_unknown", "FIELD", "/coverage/kernel", "box"),
     ("encoding_unknown", "FIELD", "/opacity/encoding", "sigmoid"),
-    ("appearance_unknown", "FIELD", "/appearance/kind", "texture"),
+    ("appearance_unknown", "FIELD", "/appearance/kind", "ptex"),
     ("compositing_unknown", "FIELD", "/compositing/kind", "oit"),
     ("color_space_unknown", "FIELD", "/color_space", "sRGB"),
     ("handedness_left", "FIELD", "/coordinate_frame/handedness", "left"),
@@ -105,7 +105,28 @@ def _rest_at_0() -> Parts:
     return parts(soup()).change("/sh_degree", 0).change("/settings", {})
 
 
+_TEXTURED: list[tuple[str, str, str, Any]] = [
+    ("version", "FIELD", "/version", "1.0"),
+    ("pass", "FIELD", "/required_passes/standard", ["opaque_unlit"]),
+    ("filter", "FIELD", "/appearance/filter", "cubic"),
+    ("wrap", "FIELD", "/appearance/wrap_v", REMOVE),
+    ("mipmaps", "FIELD", "/appearance/mipmaps", 1),
+    ("cutoff", "FIELD", "/appearance/alpha_cutoff", 1.5),
+    ("cutoff_absent", "FIELD", "/appearance/alpha_cutoff", REMOVE),
+    ("uv_wide", "BUFFER", "/buffers/uv/shape", [4, 3]),
+    ("uv_face", "BUFFER", "/buffers/uv/domain", "face"),
+    ("uv_absent", "BUFFER", "/buffers/uv", REMOVE),
+    ("flat", "BUFFER", "/buffers/texture.0/shape", [6, 2]),
+    ("huge", "BUFFER", "/buffers/texture.0/shape", [16385, 100_000, 3]),
+    ("grey", "BUFFER", "/buffers/texture.0/shape", [2, 6, 1]),
+    ("of_faces", "BUFFER", "/buffers/texture.0/domain", "face"),
+    ("first_absent", "BUFFER", "/buffers/texture.0", REMOVE),
+    ("face_texture", "BUFFER", "/buffers/face_texture", REMOVE),
+]
+
 FIELD_CASES = [
+    *(_value(f"texture_{name}", code, pointer, value, textured) for name, code, pointer, value in _TEXTURED),
+    _value("texture_pass_alone", "FIELD", "/required_passes/standard", ["opaque_unlit_texture"]),
     *(_value(f"no_{key}", "FIELD", f"/{key}", REMOVE) for key in _REQUIRED),
     *(
         _value("no_" + pointer[1:].replace("/", "_"), "FIELD", pointer, REMOVE, soup)
@@ -130,7 +151,7 @@ FIELD_CASES = [
     *(_value(f"version_{i}", "MANIFEST", "/version", version) for i, version in enumerate(_VERSIONS)),
     _value("version_0_9", "VERSION_UNSUPPORTED", "/version", "0.9"),
     _value("version_2_0", "VERSION_UNSUPPORTED", "/version", "2.0"),
-    _value("version_1_1", "VERSION_NEWER", "/version", "1.1", severity="warning"),
+    _value("version_1_2", "VERSION_NEWER", "/version", "1.2", severity="warning"),
     _value("unknown_key", "FIELD_UNKNOWN", "/lod", 3, severity="warning"),
     _value("method_elsewhere", "METHOD_NOT_INSTALLED", "/method", "nerf", severity="warning"),
     _value("unknown_escape", "FIELD_UNKNOWN", "/\x1b[2J\r", 0, severity="warning"),

@@ -14,6 +14,7 @@ import numpy as np
 from msb.asset import Asset, Description, build_asset
 from msb.asset.build import as_bytes
 from msb.asset.manifest import Source, SourceFile, StoredSetting
+from msb.asset.texture import Sampler
 from tests.corpus.forge import Entry, forge
 
 SHA_OF_NOTHING = hashlib.sha256().hexdigest()
@@ -60,6 +61,22 @@ def soup() -> Asset:
             source=Source((SourceFile("point_cloud_state_dict.pt", SHA_OF_NOTHING, 0),)),
         ),
     )
+
+
+def textured() -> Asset:
+    """Return a square of two faces, each with a texture of its own: V = 4, F = 2."""
+    texels = np.arange(24, dtype=np.uint8).reshape(2, 2, 2, 3) * 10
+    buffers = {
+        "positions": np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32),
+        "indices": np.array([[0, 1, 2], [2, 1, 3]], np.uint32),
+        "uv": np.array([[0, 1], [1, 1], [0, 0], [0, 0], [1, 1], [1, 0]], np.float32),
+        "texture.0": texels[0],
+        "texture.1": texels[1],
+        "face_texture": np.array([0, 1], np.uint32),
+    }
+    domains: dict[str, Any] = {"uv": "corner", "face_texture": "face"}
+    domains |= {"texture.0": "global", "texture.1": "global"}
+    return build_asset(buffers, domains, Description(appearance=Sampler().appearance))
 
 
 def decoder() -> Asset:

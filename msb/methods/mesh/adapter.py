@@ -29,8 +29,8 @@ def read(place: Place, content: Content, options: Options) -> Model:
     Settings("mesh", options.settings)  # it has none: any name is an error
     mesh = read_mesh(place.file)
     with about(place.file):
-        buffers, domains, kind = mesh_buffers(mesh)
+        buffers, domains, appearance = mesh_buffers(mesh)
     description = Description(
-        appearance={"kind": kind}, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
+        appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
     )
     return Model(buffers, domains, description, place.root, (place.file,), left_out_finding(mesh))
