@@ -7,11 +7,11 @@ import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.atomic import new_file
 from msb.bench.folder import RESULT, Results, check_run
-from msb.bench.job import MAIN, Done
+from msb.bench.job import MAIN, Done, Job, Part
 from msb.bench.parts import (
     measure_audit,
     measure_chamfer,
@@ -24,9 +24,6 @@ from msb.bench.parts import (
 from msb.bench.quality import measure_quality
 from msb.bench.records import Reason, Result
 from msb.errors import MsbError, shorten
-
-if TYPE_CHECKING:
-    from msb.bench.job import Job, Part
 
 INTERNAL = "INTERNAL"
 """The code of a failure that is a bug of ours."""

@@ -12,16 +12,12 @@ import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.atomic import new_file, remove_leftovers
 from msb.base.extras import need_extra
 from msb.bench.checked import read_json
-from msb.bench.records import read_result
+from msb.bench.records import Cell, Result, read_result
 from msb.errors import InputError, MsbError, OutputError, UsageError
-
-if TYPE_CHECKING:
-    from msb.bench.records import Cell, Result
 
 RESULT = "result.json"
 _LOCK = ".lock"

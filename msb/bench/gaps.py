@@ -14,13 +14,12 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 from msb.bench.aggregate import METRICS, mean_over
-from msb.bench.intervals import interval, view_values
+from msb.bench.intervals import Interval, interval, view_values
 from msb.bench.machine import OF_THE_MOMENT
 from msb.metrics.identity import defined
 from msb.metrics.registry import IMAGE_METRICS
 
 if TYPE_CHECKING:
-    from msb.bench.intervals import Interval
     from msb.bench.records import Result
 
     Conditions = Mapping[str, Result]

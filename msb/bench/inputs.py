@@ -18,17 +18,15 @@ from msb.bench.digest import digest
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, views_of
 from msb.bench.quality import metrics_digest
-from msb.bench.renders import find_renders
+from msb.bench.renders import Renders, find_renders
 from msb.errors import MsbError
 from msb.metrics.identity import defined
-from msb.scenes.datasets import scaled_note, trained_otherwise
+from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
 
 if TYPE_CHECKING:
     from msb.bench.job import Inputs, Job, Part
     from msb.bench.models import Model
     from msb.bench.protocol_tables import TrialTable
-    from msb.bench.renders import Renders
-    from msb.scenes.datasets import Scene, SceneAt
 
 _SHORT = 16
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.folder import Results
-from msb.bench.records import TIER_OF
+from msb.bench.records import TIER_OF, Cell, Reason, Status
 
 if TYPE_CHECKING:
     from msb.bench.models import Model
     from msb.bench.photographs import Views
     from msb.bench.protocol_tables import TrialTable
-    from msb.bench.records import Cell, Reason, Status
     from msb.registry import Tier
     from msb.scenes.datasets import SceneAt
 

@@ -7,28 +7,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from msb.base.files import file_sha256
 from msb.bench.cell import reason_of
 from msb.bench.folder import Results, check_names
 from msb.bench.inputs import Known, inputs_of
-from msb.bench.job import MAIN, Job
+from msb.bench.job import MAIN, Inputs, Job, Part
 from msb.bench.models import Model, ModelTask, method_of
-from msb.bench.protocol import overrides
-from msb.bench.protocol_tables import AUTO, REFERENCE
-from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason
+from msb.bench.protocol import ProtocolFile, overrides
+from msb.bench.protocol_tables import AUTO, REFERENCE, DatasetTable, MethodTable, VariantTable
+from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason, Result
 from msb.errors import InputError, MsbError, UsageError
 from msb.registry import METHODS, TIERS, lookup
 from msb.render.backend import find_renderer
-from msb.scenes.datasets import find_scenes, scene_at
-
-if TYPE_CHECKING:
-    from msb.bench.job import Inputs, Part
-    from msb.bench.protocol import ProtocolFile
-    from msb.bench.protocol_tables import DatasetTable, MethodTable, VariantTable
-    from msb.bench.records import Result
-    from msb.scenes.datasets import SceneAt
+from msb.scenes.datasets import SceneAt, find_scenes, scene_at
 
 
 @dataclass(frozen=True, eq=False)

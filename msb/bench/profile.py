@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from msb.bench.timing import Timing
-from msb.render.backend import SETTLED_AT
+from msb.render.backend import SETTLED_AT, Drawn
 
 if TYPE_CHECKING:
     from msb.render import Renderer
-    from msb.render.backend import Drawn
     from msb.scenes import Camera
 
 WARM_UP_FRAMES = 10

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from msb.adapters.training_cameras import CAMERAS
 from msb.base.atomic import new_file
@@ -24,20 +24,15 @@ from msb.bench.machine import machine
 from msb.bench.missing import Missing, find_missing, find_unknown, start_errors
 from msb.bench.models import Model, ModelTask, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
-from msb.bench.plan import Planned, Planner, pairs_of
-from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
+from msb.bench.plan import Pair, Planned, Planner, pairs_of
+from msb.bench.pool import DaskWorkers, LocalWorkers, Workers, run_all
 from msb.bench.progress import Stage
-from msb.bench.protocol import PROTOCOL_NAME
+from msb.bench.protocol import PROTOCOL_NAME, ProtocolFile
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Reason, Result
 from msb.bench.videos import video_tasks, write_video
 from msb.errors import EXIT_STATUS, InputError, MsbError
 from msb.scenes import write_cameras
-
-if TYPE_CHECKING:
-    from msb.bench.plan import Pair
-    from msb.bench.pool import Workers
-    from msb.bench.protocol import ProtocolFile
 
 _INTERNAL_STATUS = 70
 

@@ -22,12 +22,11 @@ from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.errors import MsbError
 from msb.render.images import image_names, to_bytes, write_film
-from msb.scenes import interpolated
+from msb.scenes import Camera, interpolated
 
 if TYPE_CHECKING:
     from msb.bench.job import Job
     from msb.bench.protocol_tables import VideosTable
-    from msb.scenes import Camera
 
 SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"

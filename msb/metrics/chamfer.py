@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import about
 from msb.meshes import read_mesh
-from msb.metrics.dtu_data import read_dtu_scan
+from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
-
-if TYPE_CHECKING:
-    from msb.metrics.dtu_data import DtuScan
 
 DENSITY = 0.2
 """The spacing of the samples and the radius of the thinning, in mm."""

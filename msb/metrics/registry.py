@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.packages import Lazy, PackageError, contained, installed, load, whose
-from msb.errors import MetricError, shorten
+from msb.errors import Finding, MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
 from msb.metrics.identity import ImageMetric
 from msb.metrics.images import PSNR_CAP, image_pair
@@ -22,7 +22,6 @@ from msb.metrics.images import PSNR_CAP, image_pair
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from msb.errors import Finding
     from msb.metrics.identity import Definition, Identity, Pixels
 
 BUILT_IN = (

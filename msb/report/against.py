@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import groupby
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msb.bench.aggregate import expected_scenes
-from msb.bench.gaps import gap_between
+from msb.bench.gaps import Gap, gap_between
 from msb.errors import UsageError, shorten
 from msb.report.findings import Finding
 from msb.report.layout import difference_cell
 from msb.report.metric_format import SHOWN, digits, title
-from msb.report.numbers import MEAN, QUALITY, Key, condition_title, dataset_title, method_title
-from msb.report.results import Place
+from msb.report.numbers import MEAN, QUALITY, Key, Numbers, condition_title, dataset_title, method_title
+from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.tables.gaps import REASONS, gap_cell
-
-if TYPE_CHECKING:
-    from msb.bench.gaps import Gap
-    from msb.report.numbers import Numbers
-    from msb.report.results import ResultSet
 
 LABEL = "against"
 _COLUMNS = (

@@ -13,17 +13,14 @@ from msb.errors import UsageError, shorten
 from msb.report import tables
 from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
-from msb.report.figures import figures
+from msb.report.figures import Figure, figures
 from msb.report.findings import find
-from msb.report.numbers import Numbers, dataset_title, method_title
+from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
 from msb.report.paper import contradictions, paper_numbers
-from msb.report.pictures import view_names, views
+from msb.report.pictures import View, view_names, views
 from msb.report.report import Report, Section, places_of
 
 if TYPE_CHECKING:
-    from msb.report.figures import Figure
-    from msb.report.numbers import Key, Number
-    from msb.report.pictures import View
     from msb.report.results import ResultSet
     from msb.report.table import Table
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from msb.bench.aggregate import AUDITED, METRICS, SCENES, expected_scenes, mean_over, scene_groups
-from msb.bench.gaps import dataset_gaps, scene_gaps, slowdown
+from msb.bench.gaps import Gaps, Ratio, dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import interval, view_values
 from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
@@ -28,14 +28,12 @@ from msb.report.numbers import (
     in_place_of,
     scene_title,
 )
-from msb.report.results import Place
+from msb.report.results import Place, ResultSet
 from msb.report.setups import with_setups
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
 
 if TYPE_CHECKING:
-    from msb.bench.gaps import Gaps, Ratio
     from msb.bench.records import Result
-    from msb.report.results import ResultSet
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 _IMAGES = (*_RATES, "memory", "driver_memory", "asset_size")

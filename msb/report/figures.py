@@ -24,19 +24,18 @@ from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,
     Key,
+    Numbers,
     condition_title,
     dataset_title,
     method_title,
     scene_title,
 )
 from msb.report.safe_names import plain_text, slug
-from msb.report.tables.reproducibility import SOURCES, pairs
+from msb.report.tables.reproducibility import SOURCES, Pair, pairs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from msb.report.numbers import Numbers
-    from msb.report.tables.reproducibility import Pair
 
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#999999", "#E69F00")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")

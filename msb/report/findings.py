@@ -5,20 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, GapName, Gaps
-from msb.bench.intervals import excludes_zero, interval
+from msb.bench.intervals import Interval, excludes_zero, interval
 from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import SHOWN, digits, text
-from msb.report.numbers import MEAN, QUALITY, GapKey, Key, condition_title, dataset_title, method_title
+from msb.report.numbers import (
+    MEAN,
+    QUALITY,
+    GapKey,
+    Key,
+    Numbers,
+    condition_title,
+    dataset_title,
+    method_title,
+)
 from msb.report.safe_names import slug
 from msb.report.table import NOT_SUPPORTED
-
-if TYPE_CHECKING:
-    from msb.bench.intervals import Interval
-    from msb.report.numbers import Numbers
 
 _MOST = 10
 """Findings; more are not read."""

@@ -15,22 +15,19 @@ from msb.base.extras import need_extra
 from msb.base.version import __version__
 from msb.bench.folder import Results
 from msb.report.numbers import dataset_title, method_title, scene_title
-from msb.report.pictures import GT, views
+from msb.report.pictures import GT, View, views
 from msb.report.repairs import repairs
-from msb.report.report import SCHEMA
+from msb.report.report import SCHEMA, Report
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
 from msb.report.trials import tried_tasks
-from msb.report.writers import WRITERS, markdown, markdown_text
+from msb.report.writers import WRITERS, Format, markdown, markdown_text
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from msb.report.pictures import View
-    from msb.report.report import Report
     from msb.report.results import Place
     from msb.report.verdict import Verdict
-    from msb.report.writers import Format
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
 _START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(SCHEMA).encode())

@@ -7,18 +7,15 @@ import os
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from msb.bench.checked import checked, read_json
-from msb.bench.gaps import Ratio, value_gaps
+from msb.bench.gaps import Gaps, Ratio, value_gaps
 from msb.registry import METHODS
 from msb.report.metric_format import SHOWN
 from msb.report.numbers import DRAWN_CONDITIONS, MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
-
-if TYPE_CHECKING:
-    from msb.bench.gaps import Gaps
 
 PAPER_TABLES = (
     "native_summary",

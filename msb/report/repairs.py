@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from msb.bench.documents import Strategy
+from msb.bench.documents import Look, RepairDocument, Strategy
 from msb.errors import shorten
 from msb.report.metric_format import text
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.trials import png_uri
 
 if TYPE_CHECKING:
-    from msb.bench.documents import Look, RepairDocument
     from msb.report.results import Loaded
 
 FOLDER = "repairs"

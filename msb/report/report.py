@@ -7,17 +7,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from msb.base.version import __version__
-from msb.report.results import Place
-from msb.report.verdict import judge
+from msb.report.results import Place, ResultSet
+from msb.report.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from msb.report.figures import Figure
     from msb.report.findings import Finding
     from msb.report.numbers import Numbers
     from msb.report.pictures import View
-    from msb.report.results import ResultSet
     from msb.report.table import Table
-    from msb.report.verdict import Verdict
 
 SCHEMA = "msb.report/1"
 

@@ -7,17 +7,14 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msb.base.files import file_sha256, is_folder
 from msb.base.paths import given_path
 from msb.bench.folder import Results
-from msb.bench.records import CONDITIONS, Result, read_result
+from msb.bench.records import CONDITIONS, ImageQuality, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
 from msb.metrics.identity import defined
-
-if TYPE_CHECKING:
-    from msb.bench.records import ImageQuality
 
 
 class Place(NamedTuple):

@@ -7,11 +7,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from msb.report.numbers import MEAN, QUALITY
+from msb.report.numbers import MEAN, QUALITY, Key, Number
 
 if TYPE_CHECKING:
     from msb.bench.records import Result
-    from msb.report.numbers import Key, Number
     from msb.report.results import Place
 
 WHITE = "photographs and renderings over white, as in the dataset's protocol"

@@ -14,13 +14,12 @@ from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY
 from msb.report.collect import REFERENCE
 from msb.report.metric_format import text
-from msb.report.numbers import GapKey, Key, condition_title, dataset_title, method_title, scene_title
+from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
 from msb.report.table import NOT_SUPPORTED
 from msb.report.trials import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
     from msb.bench.records import ImageQuality, Result
-    from msb.report.numbers import Numbers
     from msb.report.results import Loaded, Place
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]

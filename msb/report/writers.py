@@ -12,14 +12,11 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from msb.errors import formula_safe
 from msb.report.safe_names import plain_text
-from msb.report.table import NOT_THERE
-
-if TYPE_CHECKING:
-    from msb.report.table import Cell, Table
+from msb.report.table import NOT_THERE, Cell, Table
 
 Printed = Literal["md", "tex", "csv", "json"]
 Format = Printed | Literal["html"]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from msb.report.layout import Line, make_table, number_cell
 from msb.report.metric_format import SHOWN, text, title_with_unit
-from msb.report.numbers import QUALITY, Number, condition_title, method_title
+from msb.report.numbers import QUALITY, Number, Numbers, condition_title, method_title
 from msb.report.paper import methods_in, paper_row
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.gaps import scene_gaps_table
@@ -16,7 +16,6 @@ from msb.report.tables.structure import connectivity_columns
 
 if TYPE_CHECKING:
     from msb.bench.records import Memory, Result
-    from msb.report.numbers import Numbers
     from msb.report.results import Place
 
 _TIMES = ("fps", "p50_ms", "p95_ms", "memory", "asset_size")

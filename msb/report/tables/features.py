@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING
 
-from msb.registry import METHODS, Native
+from msb.registry import METHODS, Method, Native, Tier
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    from msb.registry import Method, Tier
 
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
 _SHOWN: dict[Tier, tuple[str, ...]] = {

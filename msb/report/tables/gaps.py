@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from msb.bench.gaps import PAIRS
+from msb.bench.gaps import PAIRS, Gap, GapName
 from msb.report.layout import PAPER_ROW, difference_cell
 from msb.report.metric_format import SHOWN, title
 from msb.report.numbers import (
@@ -13,6 +13,8 @@ from msb.report.numbers import (
     QUALITY,
     GapKey,
     Key,
+    Number,
+    Numbers,
     RatioKey,
     condition_title,
     dataset_title,
@@ -23,8 +25,6 @@ from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
 if TYPE_CHECKING:
-    from msb.bench.gaps import Gap, GapName
-    from msb.report.numbers import Number, Numbers
     from msb.report.results import Place
 
 REASONS = {
