@@ -175,10 +175,9 @@ def report(path: Path) -> None:
     from msb.bench.records import read_result
     from msb.report.collect import collect
     from msb.report.findings import find
-    from msb.report.repairs import repairs
     from msb.report.results import Loaded, result_set
     from msb.report.tables.asset import asset_tables, provenance
-    from msb.report.trials import tried_tasks
+    from msb.report.tried import repairs, tried_tasks
 
     results = result_set([Loaded(read_result(path), path, path.parents[5])])
     numbers = collect(results)

@@ -15,18 +15,32 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from msb.base.packages import Lazy
 from msb.metrics.registry import IMAGE_METRICS
 from msb.scenes.datasets.catalog import DATASETS
+from msb.topology.shown import DECIMALS
 
 if TYPE_CHECKING:
     from msb.bench.records import Result, Timing
 
 Better = Literal["higher", "lower"]
+_MIB = float(1 << 20)
 
 
 class Metric(NamedTuple):
-    """The place of a number in a record, and which way is better (None if neither is)."""
+    """How a number is printed, which way is better (None if neither is), and its place in a record.
 
+    `scale` is a printed unit in records' units.
+    """
+
+    title: str
+    unit: str
+    decimals: int
     better: Better | None
     get: Callable[[Result], float | None]
+    scale: float = 1.0
+
+    @property
+    def last_digit(self) -> float:
+        """What the last printed digit stands for, in the records' unit: no difference below it is shown."""
+        return float(10.0**-self.decimals * self.scale)
 
 
 def _quality(name: str) -> Callable[[Result], float | None]:
@@ -62,36 +76,50 @@ def _memory(result: Result) -> float | None:
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes
 
 
-_OTHERS: dict[str, Metric] = {
-    "fps": Metric("higher", lambda result: getattr(result.timing or result.renderer_timing, "fps", None)),
-    "p50_ms": Metric("lower", _at("timing.p50_ms")),
-    "p95_ms": Metric("lower", _at("timing.p95_ms")),
-    "spread_ms": Metric("lower", _of_timing(lambda timing: timing.p95_ms - timing.p50_ms)),
-    "busy_p50_ms": Metric("lower", _at("timing.busy_p50_ms")),
-    "host_ms": Metric("lower", _of_timing(lambda timing: 1000 / timing.fps - timing.p50_ms)),
-    "unsteady": Metric("lower", _of_timing(_unsteadiness)),
-    "memory": Metric("lower", _memory),
-    "driver_memory": Metric("lower", _at("memory.driver_bytes")),
-    "asset_size": Metric("lower", _at("asset.bytes")),
-    "train_seconds": Metric("lower", _at("training.seconds")),
-    "train_memory": Metric("lower", _at("training.peak_memory_bytes")),
-    "chamfer": Metric("lower", _at("chamfer.overall")),
-    "vf_ratio": Metric(None, _at("audit.metrics.vf_ratio")),
-    "mean_valence": Metric(None, _at("audit.metrics.mean_valence")),
-    "boundary_edge_ratio": Metric(None, _at("audit.metrics.boundary_edge_ratio")),
-    "nonmanifold_edge_ratio": Metric("lower", _at("audit.metrics.nonmanifold_edge_ratio")),
-    "nonmanifold_vertex_ratio": Metric("lower", _at("audit.metrics.nonmanifold_vertex_ratio")),
-    "lcc_face_ratio": Metric("higher", _at("audit.metrics.lcc_face_ratio")),
-    "lcc_area_ratio": Metric("higher", _at("audit.metrics.lcc_area_ratio")),
-    "components": Metric("lower", _at("audit.metrics.components")),
+def _fps(result: Result) -> float | None:
+    return getattr(result.timing or result.renderer_timing, "fps", None)
+
+
+_STRUCTURE: dict[str, tuple[str, Better | None]] = {
+    "vf_ratio": ("V/F", None),
+    "mean_valence": ("Valence", None),
+    "boundary_edge_ratio": ("Boundary edge", None),
+    "nonmanifold_edge_ratio": ("Non-manif. edge", "lower"),
+    "nonmanifold_vertex_ratio": ("Non-manif. vertex", "lower"),
+    "lcc_face_ratio": ("LCC face", "higher"),
+    "lcc_area_ratio": ("LCC area", "higher"),
+    "components": ("Components", "lower"),
 }
-AUDITED = tuple(_OTHERS)[list(_OTHERS).index("vf_ratio") :]
+AUDITED = tuple(_STRUCTURE)
 """The metrics of a mesh."""
+_OTHERS: dict[str, Metric] = {
+    "fps": Metric("FPS", "1/s", 0, "higher", _fps),
+    "p50_ms": Metric("P50", "ms", 1, "lower", _at("timing.p50_ms")),
+    "p95_ms": Metric("P95", "ms", 1, "lower", _at("timing.p95_ms")),
+    "spread_ms": Metric("P95 - P50", "ms", 1, "lower", _of_timing(lambda one: one.p95_ms - one.p50_ms)),
+    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _at("timing.busy_p50_ms")),
+    "host_ms": Metric("Host", "ms", 1, "lower", _of_timing(lambda one: 1000 / one.fps - one.p50_ms)),
+    "unsteady": Metric("Rounds apart (%)", "%", 0, "lower", _of_timing(_unsteadiness), 0.01),
+    "memory": Metric("Memory", "MiB", 0, "lower", _memory, _MIB),
+    "driver_memory": Metric("By the driver", "MiB", 0, "lower", _at("memory.driver_bytes"), _MIB),
+    "asset_size": Metric("Asset", "MiB", 0, "lower", _at("asset.bytes"), _MIB),
+    "train_seconds": Metric("Train time (min)", "min", 1, "lower", _at("training.seconds"), 60.0),
+    "train_memory": Metric("Peak mem. (MiB)", "MiB", 0, "lower", _at("training.peak_memory_bytes"), _MIB),
+    "chamfer": Metric("CD", "mm", 2, "lower", _at("chamfer.overall")),
+    **{
+        key: Metric(title, "1", DECIMALS, better, _at(f"audit.metrics.{key}"))
+        for key, (title, better) in _STRUCTURE.items()
+    },
+}
 
 
 @cache
 def _metrics() -> Mapping[str, Metric]:
-    return {key: Metric(each.better, _quality(key)) for key, each in IMAGE_METRICS.items()} | _OTHERS
+    images = {
+        key: Metric(each.title, each.unit, each.decimals, each.better, _quality(key))
+        for key, each in IMAGE_METRICS.items()
+    }
+    return images | _OTHERS
 
 
 METRICS: Mapping[str, Metric] = Lazy(_metrics)

@@ -20,6 +20,8 @@ from msb.bench.records import Cell, Result, read_result
 from msb.errors import InputError, MsbError, OutputError, UsageError
 
 RESULT = "result.json"
+TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
+"""The folders beside a record with the pictures of its trials and of repairs."""
 _LOCK = ".lock"
 _RUN = ".run.json"
 _MAX_RUN = 1 << 16

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
+from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
 from msb.bench.machine import machine
 from msb.bench.nvml import driver_memory
 from msb.bench.photographs import checked_scene
@@ -26,11 +27,6 @@ if TYPE_CHECKING:
     from msb.bench.protocol_tables import TrialTable
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
-
-TRIAL_FOLDER = "trial"
-"""The folder below a cell's with the pictures of its trials."""
-REPAIRS_FOLDER = "repairs"
-"""The folder below a cell's with the pictures of repairs."""
 
 
 def measure_timing(job: Job) -> dict[str, Any]:

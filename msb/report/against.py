@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from itertools import groupby
 from typing import NamedTuple
 
-from msb.bench.aggregate import expected_scenes
+from msb.bench.aggregate import METRICS, expected_scenes
 from msb.bench.gaps import Gap, gap_between
 from msb.errors import UsageError, shorten
 from msb.report.findings import Finding
 from msb.report.layout import difference_cell
-from msb.report.metric_format import SHOWN, digits, title
+from msb.report.metric_format import digits, title
 from msb.report.numbers import MEAN, QUALITY, Key, Numbers, condition_title, dataset_title, method_title
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
@@ -128,7 +128,7 @@ def _said(one: Comparison) -> str:
     assert gap.signed is not None
     assert interval is not None
     better = gap.signed >= 0
-    far = digits(abs(gap.signed), SHOWN["psnr"].decimals)
+    far = digits(abs(gap.signed), METRICS["psnr"].decimals)
     way = "apart" if not float(far) else "better" if better else "worse"
     said = f"{method_title(one.key.method)} is {far} dB {way}"
     parts = []

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from msb.base.version import __version__
 from msb.bench.aggregate import SCENES
 from msb.errors import UsageError, shorten
-from msb.report import tables
 from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
 from msb.report.figures import Figure, figures
@@ -19,6 +18,10 @@ from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.pictures import View, view_names, views
 from msb.report.report import Report, Section, places_of
+from msb.report.tables import measured
+from msb.report.tables.features import deployment_features, native_features
+from msb.report.tables.gaps import gaps_table, slowdown_table
+from msb.report.tables.reproducibility import reproducibility, reproducibility_statistics
 
 if TYPE_CHECKING:
     from msb.report.results import ResultSet
@@ -36,17 +39,46 @@ NOTHING_AGAINST = "against {}: no other method was measured under the same condi
 FEW_SCENES = ("tanksandtemples",)
 """The paper sets the scenes of these datasets side by side, and of others below each other."""
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
-    "native_summary": (tables.native_summary, ""),
-    "native_comprehensive_results": (tables.native_summary, ""),
-    "mip360_renderer_comparison": (tables.renderer_comparison, "mipnerf360"),
-    "tnt_renderer_comparison": (tables.scene_comparison, "tanksandtemples"),
-    "tnt_unity_runtime_resources": (tables.runtime_resources, "tanksandtemples"),
-    "mip360_unity_gpu_latency": (tables.latency, "mipnerf360"),
-    "mip360_unity_memory": (tables.memory, "mipnerf360"),
-    "mesh_connectivity": (tables.mesh_connectivity, "mipnerf360"),
-    "reproducibility_comparison": (tables.reproducibility, ""),
+    "native_summary": (measured.native_summary, ""),
+    "native_comprehensive_results": (measured.native_summary, ""),
+    "mip360_renderer_comparison": (measured.renderer_comparison, "mipnerf360"),
+    "tnt_renderer_comparison": (measured.scene_comparison, "tanksandtemples"),
+    "tnt_unity_runtime_resources": (measured.runtime_resources, "tanksandtemples"),
+    "mip360_unity_gpu_latency": (measured.latency, "mipnerf360"),
+    "mip360_unity_memory": (measured.memory, "mipnerf360"),
+    "mesh_connectivity": (measured.mesh_connectivity, "mipnerf360"),
+    "reproducibility_comparison": (reproducibility, ""),
 }
 """Label of a table of the paper -> the function that makes ours, and its dataset if it is of one."""
+
+_SECTIONS = {
+    "deployment": (
+        "From condition to condition",
+        "What each tier and engine makes of the same models, and what is lost on the way.",
+        "deployment_gap",
+    ),
+    "gaps": ("Deployment gaps", "How much quality each step costs.", ""),
+    "looks": ("What it looks like", "The same test view under every condition.", ""),
+    "native": ("With their own renderers", "The methods before any deployment.", ""),
+    "runtime": ("Speed and memory", "What drawing costs.", "quality_speed"),
+    "structure": (
+        "Structure of the meshes",
+        "Whether the exported mesh is more than a set of triangles.",
+        "",
+    ),
+    "reproducibility": (
+        "Against published results",
+        "How near this run comes to what was published.",
+        "reproducibility",
+    ),
+    "features": (
+        "What each tier keeps",
+        "What the representations have, and what the tiers keep of it.",
+        "",
+    ),
+    "scenes": ("Every scene", "The numbers behind the means.", ""),
+}
+"""Name of a section -> its title, its introduction and the kind of its charts."""
 
 
 def build_report(
@@ -109,19 +141,19 @@ def paper_report(*, pictures: bool = True) -> Report:
         replace(build(paper_numbers(label), *filter(None, [dataset])), label=label)
         for label, (build, dataset) in _PAPER.items()
     ]
-    derived = [tables.gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
+    derived = [gaps_table(numbers, dataset) for dataset in ("mipnerf360", "tanksandtemples")]
     sections = (
         Section(
             "tables",
             "The paper's tables",
             "Printed from the paper's numbers by the writer of ours.",
-            _with_contradictions(*own, tables.native_features(), tables.deployment_features()),
+            _with_contradictions(*own, native_features(), deployment_features()),
         ),
         Section(
             "derived",
             "What follows from them",
             "Gaps and ratios the paper states in prose, from the means it prints.",
-            _with_contradictions(*derived, tables.slowdown_table(numbers)),
+            _with_contradictions(*derived, slowdown_table(numbers)),
             tuple(figures(numbers)) if pictures else (),
         ),
     )
@@ -149,76 +181,41 @@ def _sections(
     few = [dataset for dataset in deployed if dataset in FEW_SCENES]
     audited = [dataset for dataset in datasets if numbers.methods(dataset, "exported_mesh")]
 
-    def section(
-        name: str, title: str, intro: str, *own: Table, charts_of: str = "", views: tuple[View, ...] = ()
-    ) -> Section:
-        """Return a section of the tables that are not empty and the charts of one kind."""
-        held = tuple(table for table in own if table.rows and table.columns)
-        drawn = tuple(chart for chart in charts if chart.name.partition("-")[0] == charts_of)
-        return Section(name, title, intro, held, drawn, views)
-
-    runtime = [tables.slowdown_table(numbers, paper)] if deployed else []
-    runtime += [tables.runtime_resources(numbers, dataset, paper) for dataset in few]
+    runtime = [slowdown_table(numbers, paper)] if deployed else []
+    runtime += [measured.runtime_resources(numbers, dataset, paper) for dataset in few]
     for dataset in deployed:
         if dataset not in few:
-            runtime += [tables.latency(numbers, dataset, paper), tables.memory(numbers, dataset, paper)]
-        runtime += [tables.frame_time(numbers, dataset)]
+            runtime += [measured.latency(numbers, dataset, paper), measured.memory(numbers, dataset, paper)]
+        runtime += [measured.frame_time(numbers, dataset)]
     published: list[Table] = []
     if any(key.source for key in paper.values if key.dataset in datasets):
-        published += [tables.reproducibility(numbers, paper)]
-        published += [tables.reproducibility_statistics(numbers, paper)]
+        published += [reproducibility(numbers, paper)]
+        published += [reproducibility_statistics(numbers, paper)]
     native = any("non_engine" in numbers.conditions(dataset) for dataset in drawn)
-    sections = (
-        section(
-            "deployment",
-            "From condition to condition",
-            "What each tier and engine makes of the same models, and what is lost on the way.",
-            *(tables.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
-            *(tables.scene_comparison(numbers, dataset, paper) for dataset in few),
-            charts_of="deployment_gap",
+    made: dict[str, Iterable[Table]] = {
+        "deployment": [
+            *(measured.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
+            *(measured.scene_comparison(numbers, dataset, paper) for dataset in few),
+        ],
+        "gaps": (gaps_table(numbers, dataset, paper) for dataset in deployed),
+        "native": [measured.native_summary(numbers, paper)] if native else [],
+        "runtime": runtime,
+        "structure": (measured.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
+        "reproducibility": published,
+        "features": [native_features(), deployment_features()],
+        "scenes": (
+            measured.per_scene(numbers, dataset, condition)
+            for dataset in drawn
+            for condition in numbers.conditions(dataset)
         ),
-        section(
-            "gaps",
-            "Deployment gaps",
-            "How much quality each step costs.",
-            *(tables.gaps_table(numbers, dataset, paper) for dataset in deployed),
-        ),
-        section("looks", "What it looks like", "The same test view under every condition.", views=shown),
-        section(
-            "native",
-            "With their own renderers",
-            "The methods before any deployment.",
-            *([tables.native_summary(numbers, paper)] if native else []),
-        ),
-        section("runtime", "Speed and memory", "What drawing costs.", *runtime, charts_of="quality_speed"),
-        section(
-            "structure",
-            "Structure of the meshes",
-            "Whether the exported mesh is more than a set of triangles.",
-            *(tables.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
-        ),
-        section(
-            "reproducibility",
-            "Against published results",
-            "How near this run comes to what was published.",
-            *published,
-            charts_of="reproducibility",
-        ),
-        section(
-            "features",
-            "What each tier keeps",
-            "What the representations have, and what the tiers keep of it.",
-            tables.native_features(),
-            tables.deployment_features(),
-        ),
-        section(
-            "scenes",
-            "Every scene",
-            "The numbers behind the means.",
-            *(tables.per_scene(numbers, d, condition) for d in drawn for condition in numbers.conditions(d)),
-        ),
-    )
-    return tuple(section for section in sections if not section.empty)
+    }
+    sections = []
+    for name, (title, intro, kind) in _SECTIONS.items():
+        own = tuple(table for table in made.get(name, ()) if table.rows and table.columns)
+        figures = tuple(chart for chart in charts if chart.name.partition("-")[0] == kind)
+        section = Section(name, title, intro, own, figures, shown if name == "looks" else ())
+        sections += [] if section.empty else [section]
+    return tuple(sections)
 
 
 def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:

@@ -29,7 +29,6 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.results import Place, ResultSet
-from msb.report.setups import with_setups
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
 
 if TYPE_CHECKING:
@@ -52,6 +51,13 @@ REFERENCE = "rendered by our reference renderer, not by the method's own code"
 SOUP = "a soup: no two faces share a vertex, so nothing of its connectivity can be good or bad"
 LPIPS = "LPIPS of VGG16's features, version 0.1, of images scaled to [-1, 1]"
 RESIZED = "against photographs resized here, not shipped in this size"
+WHITE = "photographs and renderings over white, as in the dataset's protocol"
+_OVER_WHITE = ("dtu", "nerf_synthetic")
+_COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
+_CAMERAS = {
+    "gs_fov": "gs_fov (the principal point in the middle)",
+    "full_K": "full_K (the principal point where it is)",
+}
 
 
 def collect(results: ResultSet) -> Numbers:
@@ -76,7 +82,7 @@ def collect(results: ResultSet) -> Numbers:
             for dedicated in ("dedicated", *in_place_of(conditions, "dedicated")):
                 for pair in (("standard", dedicated), (dedicated, "non_engine")):
                     ratios[RatioKey(dataset, method, *pair)] = slowdown(of_scenes, expected, *pair)
-    return Numbers(with_setups(values, records), gaps, ratios, views)
+    return Numbers(_with_setups(values, records), gaps, ratios, views)
 
 
 def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
@@ -258,3 +264,57 @@ def _add_gaps(
             gaps[GapKey(dataset, MEAN, method, metric, *pair)] = dataset_gaps(metric, compared, expected)
             for scene, own in compared.items():
                 gaps[GapKey(dataset, scene, method, metric, *pair)] = scene_gaps(metric, own)
+
+
+def _with_setups(
+    values: Mapping[Key, Number], records: Mapping[Place, Mapping[str, Result]]
+) -> dict[Key, Number]:
+    """Return `values`, with a note on image metrics wherever a setup is not that of most on its scene."""
+    setups = {
+        place: described
+        for place, conditions in records.items()
+        if (described := next(filter(None, map(_described, conditions.values())), None))
+    }
+    notes: dict[tuple[str, str], dict[str, None]] = {}
+    trained: dict[tuple[str, str, str], dict[str, None]] = {}
+    for (dataset, scene, method), conditions in records.items():
+        for text in dict.fromkeys(text for one in conditions.values() for text in one.trained):
+            for row in (scene, MEAN):  # in the same words, so that a table has them once
+                trained.setdefault((dataset, row, method), {})[f"{scene}: {text}"] = None
+    for place, own in setups.items():
+        others = [one for other, one in setups.items() if other[:2] == place[:2]]
+        for what, value in own.items():
+            usual = Counter(one[what] for one in others).most_common(1)[0][0]
+            if value != usual:
+                note = f"{what} {value}, where the other methods have {usual}"
+                notes.setdefault((place.dataset, place.method), {})[note] = None
+        if place.dataset in _OVER_WHITE and own["background"] == "white":
+            notes.setdefault((place.dataset, place.method), {})[WHITE] = None
+    return {
+        key: replace(
+            number,
+            notes=(
+                *number.notes,
+                *notes.get((key.dataset, key.method), ()),
+                *trained.get((key.dataset, key.scene, key.method), ()),
+            ),
+        )
+        if key.metric in QUALITY and number.value is not None
+        else number
+        for key, number in values.items()
+    }
+
+
+def _described(result: Result) -> dict[str, str] | None:
+    """Return what of a record's setup must be the same for two methods to be compared like for like."""
+    if result.setup is None:
+        return None
+    images = () if result.quality is None else result.quality.images
+    sizes = Counter((image.width, image.height) for image in images).most_common(1)
+    background = result.setup.background
+    return {
+        "images of": result.setup.image_folder,
+        "image size": f"{sizes[0][0][0]} x {sizes[0][0][1]}" if sizes else "unknown",
+        "camera convention": _CAMERAS[result.setup.camera_convention],
+        "background": _COLORS.get(background, ", ".join(f"{value:g}" for value in background)),
+    }

@@ -11,7 +11,7 @@ from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, GapName, Gaps
 from msb.bench.intervals import Interval, excludes_zero, interval
 from msb.report.collect import REFERENCE, SOUP
-from msb.report.metric_format import SHOWN, digits, text
+from msb.report.metric_format import digits, text
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -197,10 +197,10 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
     title, (key, gaps) = condition_title(dedicated), cases[0]
     gains = (gaps.adapt.signed or 0) < 0
     better = f"{title} is better than Non-Engine" if gains else f"Standard beats {title}"
-    losses = "losses" if len(cases) == 1 else f"losses in {SHOWN[key.metric].title}"
-    metrics = " and ".join(SHOWN[one.metric].title for one, _ in cases)
+    losses = "losses" if len(cases) == 1 else f"losses in {METRICS[key.metric].title}"
+    metrics = " and ".join(METRICS[one.metric].title for one, _ in cases)
     signs = ", ".join(
-        f"{name} {digits(gaps[name].signed or 0, SHOWN[key.metric].decimals, sign=True)}" for name in _GAPS
+        f"{name} {digits(gaps[name].signed or 0, METRICS[key.metric].decimals, sign=True)}" for name in _GAPS
     )
     sentence = (
         f"{_name(dataset, method)} is not monotone in {metrics}: {better} "
@@ -271,8 +271,8 @@ def _leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[s
     for metric in (*QUALITY, "chamfer"):
         best = _leader(numbers, dataset, "non_engine" if metric == "chamfer" else condition, metric)
         if best is not None:
-            unit = f" {SHOWN[metric].unit}" if SHOWN[metric].unit in ("dB", "mm") else ""
-            leaders.setdefault(best[0], []).append(f"{SHOWN[metric].title} {text(metric, best[1])}{unit}")
+            unit = f" {METRICS[metric].unit}" if METRICS[metric].unit in ("dB", "mm") else ""
+            leaders.setdefault(best[0], []).append(f"{METRICS[metric].title} {text(metric, best[1])}{unit}")
     return leaders
 
 
@@ -285,7 +285,7 @@ def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tupl
         and number.present == number.expected
     }
     ranked = sorted(means.items(), key=lambda one: one[1], reverse=METRICS[metric].better == "higher")
-    if len(ranked) < 2 or abs(ranked[0][1] - ranked[1][1]) < SHOWN[metric].last_digit:
+    if len(ranked) < 2 or abs(ranked[0][1] - ranked[1][1]) < METRICS[metric].last_digit:
         return None
     return ranked[0]
 
@@ -296,7 +296,7 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     if not cases:
         return
     first, last = min(cases), max(cases)
-    if last.value - first.value >= SHOWN["train_seconds"].last_digit:
+    if last.value - first.value >= METRICS["train_seconds"].last_digit:
         sentence = f"A training takes from {first.detail} ({first.name}) to {last.detail} ({last.name})."
         yield Finding("training", sentence, "native_summary")
 
@@ -313,7 +313,7 @@ def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list
 
 def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> list[tuple[str, str]]:
     """Return the pairs of methods of which the second overtakes the first, by what a table shows."""
-    digit, values = SHOWN["psnr"].last_digit, dict(after)
+    digit, values = METRICS["psnr"].last_digit, dict(after)
     return [
         (better, worse)
         for (better, first), (worse, second) in combinations(before, 2)

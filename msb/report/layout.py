@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from msb.bench.aggregate import METRICS
-from msb.report.metric_format import SHOWN, digits, printed_value, text, title
-from msb.report.numbers import ON_CPU, Key, Number, Numbers
+from msb.report.metric_format import digits, printed_value, text, title
+from msb.report.numbers import ON_CPU, Key, Number, Numbers, condition_title, dataset_title, method_title
 from msb.report.table import Cell, Column, Row, Table
 
 PAPER_ROW = "in the paper"
@@ -26,6 +26,19 @@ class Line:
     section: str = ""
     strong: bool = False
     bold: bool = False
+
+
+_TITLES: Mapping[str, Callable[[str], str]] = {
+    "dataset": dataset_title,
+    "method": method_title,
+    "condition": condition_title,
+    "metric": title,
+}
+
+
+def line(**of: str) -> Line:
+    """Return the line whose labels are the titles of the fields that it gives to its keys."""
+    return Line(tuple(_TITLES[name](value) for name, value in of.items()), of)
 
 
 def metric_columns(metrics: Iterable[str], *groups: str, **of: str) -> list[Column]:
@@ -68,7 +81,7 @@ def make_table(
 def number_cell(metric: str, number: Number) -> Cell:
     """Return the cell of one number."""
     parts: dict[str, Any] = {"notes": number.notes, "present": number.present, "expected": number.expected}
-    unit = SHOWN[metric].unit
+    unit = METRICS[metric].unit
     if number.value is None:
         return Cell(number.absent, None, metric, unit, reason=number.reason, **parts)
     value, printed = printed_value(metric, number.value), text(metric, number.value)
@@ -77,7 +90,7 @@ def number_cell(metric: str, number: Number) -> Cell:
 
 def difference_cell(metric: str, value: float, *, sign: bool = True, more: int = 0, **parts: Any) -> Cell:
     """Return the cell of a difference, printed with `more` decimals than the metric; `parts` are others."""
-    shown = SHOWN[metric]
+    shown = METRICS[metric]
     printed = digits(value, shown.decimals + more, sign=sign)
     return Cell(printed + _count(parts), value, metric, shown.unit, **parts)
 
@@ -111,7 +124,7 @@ def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool)
 
 def _as_printed(cell: Cell) -> float:
     assert isinstance(cell.value, float)
-    return round(cell.value, SHOWN[cell.metric].decimals)
+    return round(cell.value, METRICS[cell.metric].decimals)
 
 
 def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequence[str]) -> list[Row]:

@@ -16,11 +16,10 @@ from msb.base.version import __version__
 from msb.bench.folder import Results
 from msb.report.numbers import dataset_title, method_title, scene_title
 from msb.report.pictures import GT, View, views
-from msb.report.repairs import repairs
 from msb.report.report import SCHEMA, Report
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
-from msb.report.trials import tried_tasks
+from msb.report.tried import repairs, tried_tasks
 from msb.report.writers import WRITERS, Format, markdown, markdown_text
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from msb.bench.aggregate import METRICS
 from msb.bench.checked import checked, read_json
 from msb.bench.gaps import Gaps, Ratio, value_gaps
 from msb.registry import METHODS
-from msb.report.metric_format import SHOWN
 from msb.report.numbers import DRAWN_CONDITIONS, MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
 
 PAPER_TABLES = (
@@ -122,7 +122,7 @@ def published_numbers(path: str | os.PathLike[str]) -> dict[Key, Number]:
     cells = checked(_PaperTable, read_json(path, 1 << 24), file=Path(path), code="RECORD_INVALID").cells
     numbers = {}
     for cell in cells:
-        if cell.value is not None and (cell.metric in SHOWN or cell.metric in _OUR_METRICS):
+        if cell.value is not None and (cell.metric in METRICS or cell.metric in _OUR_METRICS):
             key, number = _entry(cell)
             numbers[key._replace(source=key.source or "paper")] = number
     return numbers
@@ -148,7 +148,7 @@ def _entry(cell: _Cell) -> tuple[Key, Number]:
     metric = _OUR_METRICS.get(cell.metric, cell.metric)
     method = OUR_METHODS.get(cell.method, cell.method)
     key = Key(cell.dataset, cell.scene, method, cell.condition, metric, cell.source)
-    scale = 1e6 if cell.unit == "1e6" else SHOWN[metric].scale
+    scale = 1e6 if cell.unit == "1e6" else METRICS[metric].scale
     return key, Number(None if cell.value is None else cell.value * scale, cell.na)
 
 

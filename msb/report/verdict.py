@@ -16,7 +16,7 @@ from msb.report.collect import REFERENCE
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
 from msb.report.table import NOT_SUPPORTED
-from msb.report.trials import TriedTask, tried_tasks
+from msb.report.tried import TriedTask, tried_tasks
 
 if TYPE_CHECKING:
     from msb.bench.records import ImageQuality, Result
@@ -100,16 +100,16 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
     dedicated = ["dedicated", *variants]
     looks = {"standard": "A plain mesh in any engine (Standard)"}
     looks |= {name: f"A model with its own shaders ({condition_title(name)})" for name in dedicated}
-    timed = [name for name in ("standard", *dedicated) if _could_run(records.get(name))]
+    able = {name for name, record in records.items() if record.status != "unsupported"}
+    timed = [name for name in ("standard", *dedicated) if name in able]
     statements = [
         *(
             replace(_looks(place, numbers, name, use, loaded), short=condition_title(name))
             for name, use in looks.items()
         ),
         *(replace(_runs(name, records[name]), short=f"real time {condition_title(name)}") for name in timed),
-        *(replace(one, short="editing") for one in _structure(records)),
-        *_trained(records),
-        *_notes(place, numbers),
+        replace(_structure(records), short="editing"),
+        *_notes(place, numbers, records),
     ]
     return Verdict(place, tuple(statements), tuple(tried_tasks(loaded.get("exported_mesh"), pictures=False)))
 
@@ -163,10 +163,6 @@ def _looks(
     return Statement(mark, use, f"{how} {own}: {said}.{why}")
 
 
-def _could_run(record: Result | None) -> bool:
-    return record is not None and record.status != "unsupported"
-
-
 def _runs(condition: str, record: Result) -> Statement:
     use = f"Real time, {condition_title(condition)}"
     timing = record.timing
@@ -186,25 +182,21 @@ def _runs(condition: str, record: Result) -> Statement:
     return Statement("NO", use, f"Does not hold 30 frames a second: {numbers}.")
 
 
-def _structure(records: Mapping[str, Result]) -> Iterator[Statement]:
+def _structure(records: Mapping[str, Result]) -> Statement:
     use = "Editing: subdivision, collision, UV unwrapping, printing"
     record = records.get("exported_mesh")
     if record is None or record.audit is None:
         reason = None if record is None else record.reason
         why = "the mesh was not audited" if reason is None else reason.message
-        yield Statement("UNKNOWN", use, f"Not known: {why}.")
-        return
+        return Statement("UNKNOWN", use, f"Not known: {why}.")
     verdict = record.audit.verdict
-    yield Statement(_LEVELS[verdict.level], use, f"{_capital(verdict.sentence)}.")
+    return Statement(_LEVELS[verdict.level], use, f"{_capital(verdict.sentence)}.")
 
 
-def _trained(records: Mapping[str, Result]) -> Iterator[Statement]:
+def _notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:
     texts = dict.fromkeys(text for one in records.values() for text in one.trained)
     if texts:
         yield Statement("NOTE", "Training", f"{_capital('; '.join(texts))}.")
-
-
-def _notes(place: Place, numbers: Numbers) -> Iterator[Statement]:
     taken = [
         f"{text('memory', value)} MiB {condition_title(condition)}"
         for condition in ("standard", "dedicated")

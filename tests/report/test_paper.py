@@ -9,11 +9,10 @@ from typing import Any
 
 import pytest
 
-from msb.bench.aggregate import scene_groups
+from msb.bench.aggregate import METRICS, scene_groups
 from msb.registry import METHODS
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
-from msb.report.metric_format import SHOWN
 from msb.report.numbers import MEAN, MEANS, GapKey, Key
 from msb.report.paper import PAPER_TABLES, contradictions, paper_numbers, paper_row, published_numbers
 from msb.report.table import Cell, Table
@@ -72,7 +71,7 @@ def words_of(label: str, cell: dict[str, Any]) -> list[str]:
     arrow = {"higher": " ↑", "lower": " ↓"}
     up = {"psnr", "ssim", "fps", "lcc_face_ratio", "lcc_area_ratio"}
     none = {"vf_ratio", "mean_valence", "boundary_edge_ratio"}
-    title = SHOWN[metric].title + ("" if metric in none else arrow["higher" if metric in up else "lower"])
+    title = METRICS[metric].title + ("" if metric in none else arrow["higher" if metric in up else "lower"])
     scene = MEANS.get(cell["scene"], cell["scene"])
     condition = TITLES.get(cell["condition"], "")
     datasets = {
@@ -88,9 +87,9 @@ def words_of(label: str, cell: dict[str, Any]) -> list[str]:
     if label == "tnt_renderer_comparison":
         return [condition, title_of(cell), scene, title]
     if label == "tnt_unity_runtime_resources":
-        return [condition, title_of(cell), scene, "Render" if metric == "memory" else SHOWN[metric].title]
+        return [condition, title_of(cell), scene, "Render" if metric == "memory" else METRICS[metric].title]
     if label == "mip360_unity_gpu_latency":
-        return [f"{condition} (ms ↓)", title_of(cell), scene, SHOWN[metric].title]
+        return [f"{condition} (ms ↓)", title_of(cell), scene, METRICS[metric].title]
     if label == "mip360_unity_memory":
         return [f"{condition} (MiB ↓)", title_of(cell), scene]
     if label == "mesh_connectivity":
@@ -156,7 +155,7 @@ def test_means_follow_from_the_rows_within_rounding(label: str) -> None:
             and other.value is not None
         ]
         if rows:
-            shown = SHOWN[key.metric]
+            shown = METRICS[key.metric]
             scale = 1e6 if key.metric == "components" else shown.scale
             # Half a unit of the last digit for the mean, and as much again for the rows it is of.
             assert abs(sum(rows) / len(rows) - number.value) <= 10**-shown.decimals * scale * (1 + 1e-9), key

@@ -12,7 +12,6 @@ from msb.bench.aggregate import SCENES
 from msb.bench.records import Cell as Place
 from msb.bench.records import Reason, RendererInfo, Result
 from msb.metrics.vgg import weights_source
-from msb.report import tables
 from msb.report.collect import NOT_RUN, REFERENCE
 from msb.report.layout import mark_best
 from msb.report.metric_format import text
@@ -20,8 +19,11 @@ from msb.report.numbers import MEAN, GapKey, Key, Number, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import Place as ResultPlace
 from msb.report.table import Cell, Column, Row, Table
+from msb.report.tables import measured
 from msb.report.tables.asset import asset_tables
-from msb.report.tables.runtime import DRIVER_NOTE
+from msb.report.tables.gaps import gaps_table, slowdown_table
+from msb.report.tables.measured import DRIVER_NOTE
+from msb.report.tables.reproducibility import reproducibility, reproducibility_statistics
 from tests.report.factory import (
     METRICS,
     make_result,
@@ -56,8 +58,8 @@ def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> Non
 
 
 def test_native_summary_bolds_the_best_of_a_dataset(numbers: Numbers) -> None:
-    table = tables.native_summary(numbers)
-    paper = tables.native_summary(paper_numbers("native_summary"))
+    table = measured.native_summary(numbers)
+    paper = measured.native_summary(paper_numbers("native_summary"))
     lpips = 2
     for ours, theirs in zip(table.rows, paper.rows, strict=True):
         assert ours.labels == theirs.labels
@@ -70,7 +72,7 @@ def test_native_summary_bolds_the_best_of_a_dataset(numbers: Numbers) -> None:
 
 
 def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
-    table = tables.native_summary(numbers, paper_numbers())
+    table = measured.native_summary(numbers, paper_numbers())
     first, second = table.rows[:2]
     assert (first.paper, second.paper) == (False, True)
     assert second.labels == ("Mip-NeRF 360", "in the paper")
@@ -95,7 +97,7 @@ def test_a_single_value_is_best_only_in_the_paper() -> None:
 
 
 def test_the_best_condition_of_each_method_is_bold(numbers: Numbers) -> None:
-    table = tables.renderer_comparison(numbers, "mipnerf360")
+    table = measured.renderer_comparison(numbers, "mipnerf360")
     methods = [column.title for column in table.columns]
     fps = row_of(table, "Dedicated", "FPS ↑").cells[methods.index("DiffSoup")]
     assert (fps.text, fps.bold) == ("1995", True)
@@ -114,7 +116,7 @@ def partial(root: Path) -> Numbers:
 
 def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
     numbers = partial(tmp_path)
-    table = tables.renderer_comparison(numbers, "mipnerf360")
+    table = measured.renderer_comparison(numbers, "mipnerf360")
     cell = row_of(table, "Standard", "PSNR ↑").cells[0]
     assert cell.text.endswith(" (7/9)")
     assert any(note.startswith("(7/9) is the mean over bicycle, ") for note in cell.notes)
@@ -137,7 +139,7 @@ def test_missing_failed_and_unsupported_are_told_apart(tmp_path: Path) -> None:
     assert unsupported.absent == "N/A"
     assert "decoder" in str(unsupported.reason)
     assert numbers.number(of._replace(method="diffsoup", scene=MEAN)).absent == "N/A"
-    table = tables.per_scene(numbers, "mipnerf360", "standard")
+    table = measured.per_scene(numbers, "mipnerf360", "standard")
     assert {cell.text for cell in row_of(table, "garden").cells} == {"--", "N/A"}
     assert all(cell.reason for cell in row_of(table, "garden").cells)
 
@@ -146,17 +148,17 @@ def test_no_cell_is_ever_blank(numbers: Numbers) -> None:
     paper = paper_numbers()
     for dataset in numbers.datasets():
         for table in (
-            tables.native_summary(numbers, paper),
-            tables.renderer_comparison(numbers, dataset, paper),
-            tables.scene_comparison(numbers, dataset, paper),
-            tables.latency(numbers, dataset, paper),
-            tables.memory(numbers, dataset, paper),
-            tables.runtime_resources(numbers, dataset, paper),
-            tables.mesh_connectivity(numbers, dataset, paper),
-            tables.gaps_table(numbers, dataset, paper),
-            tables.slowdown_table(numbers, paper),
-            tables.per_scene(numbers, dataset, "dedicated"),
-            tables.reproducibility(numbers, paper),
+            measured.native_summary(numbers, paper),
+            measured.renderer_comparison(numbers, dataset, paper),
+            measured.scene_comparison(numbers, dataset, paper),
+            measured.latency(numbers, dataset, paper),
+            measured.memory(numbers, dataset, paper),
+            measured.runtime_resources(numbers, dataset, paper),
+            measured.mesh_connectivity(numbers, dataset, paper),
+            gaps_table(numbers, dataset, paper),
+            slowdown_table(numbers, paper),
+            measured.per_scene(numbers, dataset, "dedicated"),
+            reproducibility(numbers, paper),
         ):
             assert table.rows
             for row in table.rows:
@@ -176,9 +178,9 @@ def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
             made.model_copy(update={"cell": cell, "renderer": own, "quality": quality(cell, 11, 0.3, 0.6)}),
         )
     numbers = numbers_of(tmp_path)
-    table = tables.renderer_comparison(numbers, "tanksandtemples")
+    table = measured.renderer_comparison(numbers, "tanksandtemples")
     assert row_of(table, "Standard, blender_cycles", "PSNR ↑").cells[0].text == "11.00"
-    gaps = tables.gaps_table(numbers, "tanksandtemples")
+    gaps = gaps_table(numbers, "tanksandtemples")
     assert row_of(gaps, "PSNR ↑", "2DTS, blender_cycles").cells[1].text == "8.26"
 
 
@@ -188,7 +190,7 @@ def test_not_monotone_gaps_are_flagged_with_their_excess(tmp_path: Path) -> None
     numbers = numbers_of(tmp_path)
     gaps = numbers.gaps[GapKey("capture", MEAN, "two_dts", "psnr")]
     assert (gaps.monotone, gaps.triangle_excess) == (False, 4.0)
-    row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
+    row = row_of(gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
     printed = ["2.00", "7.00", "5.00", "-2.00", "+7.00", "+5.00", "no", "4.00", "5.00"]
     assert [cell.text for cell in row.cells] == printed
 
@@ -197,7 +199,7 @@ def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
     measure(tmp_path, "non_engine")
     measure(tmp_path, "dedicated", setup={"background": (1.0, 1.0, 1.0)})
     numbers = numbers_of(tmp_path, allow_mixed=True)
-    row = row_of(tables.gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
+    row = row_of(gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
     assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
     assert row.cells[0].reason == "the two have another background or ground truth"
     assert row.cells[1].reason == "one of the two conditions was not run"
@@ -207,15 +209,15 @@ def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
     # Scenes of [1, 1, 1, 9] and [2, 2, 2, 2] ms: P95 7.8 and 2; of all frames it would be 6.55.
     for scene, p95 in (("train", 7.8), ("truck", 2.0)):
         measure(tmp_path, "dedicated", dataset="tanksandtemples", scene=scene, timing={"p95_ms": p95})
-    table = tables.latency(numbers_of(tmp_path), "tanksandtemples")
+    table = measured.latency(numbers_of(tmp_path), "tanksandtemples")
     assert row_of(table, "Mean").cells[1].text == "4.9"
 
 
 def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
     measure(tmp_path, "dedicated", timing={"device_kind": "cpu"})
     numbers = numbers_of(tmp_path)
-    assert "measured on a CPU device: Made-up GPU" in tables.latency(numbers, "capture").notes
-    assert not any("CPU" in note for note in tables.memory(numbers, "capture").notes)
+    assert "measured on a CPU device: Made-up GPU" in measured.latency(numbers, "capture").notes
+    assert not any("CPU" in note for note in measured.memory(numbers, "capture").notes)
 
 
 @pytest.mark.parametrize("kind", ["gpu", "cpu"])
@@ -223,7 +225,7 @@ def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind:
     for method in ("two_dts", "mesh_splatting"):
         timing = {"device_kind": kind, "fps": float(100 + len(method))}
         measure(tmp_path, "dedicated", method=method, timing=timing)
-    row = tables.per_scene(numbers_of(tmp_path), "capture", "dedicated").rows[0]
+    row = measured.per_scene(numbers_of(tmp_path), "capture", "dedicated").rows[0]
     bold = {cell.metric for cell in row.cells if cell.bold}
     assert ("fps" in bold, "psnr" in bold) == (kind == "gpu", True)
 
@@ -233,7 +235,7 @@ def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
     weights = {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}
     metrics = (*METRICS, {"name": "lpips_vgg", "weights": weights})
     measure(tmp_path, "non_engine", dataset="tanksandtemples", scene="train", quality={"metrics": metrics})
-    table = tables.native_summary(numbers_of(tmp_path))
+    table = measured.native_summary(numbers_of(tmp_path))
     assert f"LPIPS: {weights_source(weights)}" in table.notes
 
 
@@ -244,7 +246,7 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     driver = {"driver_bytes": told, "driver_reason": None if told else "what draws is no GPU"}
     made = measure(tmp_path, "dedicated", memory=driver)
     numbers = numbers_of(tmp_path)
-    per_scene = tables.memory(numbers, "capture")
+    per_scene = measured.memory(numbers, "capture")
     place = ResultPlace("capture", "desk", "two_dts")
     of_asset = asset_tables(place, {"dedicated": made}, numbers)["memory"]
     assert (per_scene.rows[0].cells[-1].text == "5120") is bool(told)
@@ -259,7 +261,7 @@ def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:
     own = RendererInfo(name="reference", version="1", kind="msb_reference")
     measure(tmp_path, "non_engine", renderer=own)
     measure(tmp_path, "non_engine", method="diffsoup")
-    first, second = tables.native_summary(numbers_of(tmp_path)).rows
+    first, second = measured.native_summary(numbers_of(tmp_path)).rows
     assert first.cells[0].notes == (REFERENCE,)
     assert second.cells[0].notes == ()
 
@@ -283,10 +285,10 @@ def test_what_a_training_did_otherwise_stands_under_every_quality_table(tmp_path
             measure(tmp_path, condition, method=method, trained=trained)
     numbers = numbers_of(tmp_path)
     shown = [
-        tables.native_summary(numbers),
-        tables.renderer_comparison(numbers, "capture"),
-        tables.scene_comparison(numbers, "capture"),
-        *(tables.per_scene(numbers, "capture", one) for one in ("non_engine", "standard")),
+        measured.native_summary(numbers),
+        measured.renderer_comparison(numbers, "capture"),
+        measured.scene_comparison(numbers, "capture"),
+        *(measured.per_scene(numbers, "capture", one) for one in ("non_engine", "standard")),
     ]
     for table in shown:
         said = [note for note in (*table.notes, *table.footnotes()) if text in note]
@@ -300,7 +302,7 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
     scene = Key("mipnerf360", "treehill", "triangle_splatting", "non_engine", "psnr", "paper")
     ours = numbers.value(scene._replace(source=""))
     published = replace(paper, values={**paper.values, scene: Number(ours + 0.2)})
-    table = tables.reproducibility_statistics(numbers, published)
+    table = reproducibility_statistics(numbers, published)
     row = row_of(table, "Paper", "scenes", "PSNR")
     assert [cell.text for cell in row.cells][:3] == ["1", "0.200", "0.200"]
     assert row.cells[4].text == "Triangle-Splatting, Mip-NeRF 360, treehill (-0.200)"
@@ -333,7 +335,7 @@ def test_headings_span_their_columns() -> None:
 
 
 def test_json_holds_full_doubles(numbers: Numbers) -> None:
-    data: dict[str, Any] = tables.renderer_comparison(numbers, "mipnerf360").to_dict()
+    data: dict[str, Any] = measured.renderer_comparison(numbers, "mipnerf360").to_dict()
     cell = data["rows"][0]["cells"][0]
     mean = numbers.value(Key("mipnerf360", MEAN, "two_dts", "non_engine", "psnr"))
     assert cell["value"] == mean

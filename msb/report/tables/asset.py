@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from msb.report.layout import Line, make_table, number_cell
-from msb.report.metric_format import SHOWN, text, title_with_unit
+from msb.bench.aggregate import METRICS
+from msb.report.layout import line, make_table, number_cell
+from msb.report.metric_format import text, title_with_unit
 from msb.report.numbers import QUALITY, Number, Numbers, condition_title, method_title
 from msb.report.paper import methods_in, paper_row
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.gaps import scene_gaps_table
-from msb.report.tables.runtime import DRIVER_NOTE
-from msb.report.tables.structure import connectivity_columns
+from msb.report.tables.measured import DRIVER_NOTE, connectivity_columns
 
 if TYPE_CHECKING:
     from msb.bench.records import Memory, Result
@@ -34,7 +34,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
             "Quality, speed and memory under each condition.",
             ("Condition",),
             [Column(title_with_unit(metric), (), {"metric": metric}) for metric in (*QUALITY, *_TIMES)],
-            [Line((condition_title(condition),), {"condition": condition}) for condition in conditions],
+            [line(condition=condition) for condition in conditions],
             place._asdict(),
         )
         tables["gaps"] = scene_gaps_table(numbers, place)
@@ -54,7 +54,7 @@ def _memory_table(held: Mapping[str, Memory]) -> Table:
         own += [(memory.driver_bytes, memory.driver_reason or "not measured")] if by_driver else []
         cells = (number_cell("memory", Number(value, reason=reason)) for value, reason in own)
         rows.append(Row((condition_title(condition),), tuple(cells)))
-    names = (*map(str.capitalize, _BYTES), *((SHOWN["driver_memory"].title,) if by_driver else ()))
+    names = (*map(str.capitalize, _BYTES), *((METRICS["driver_memory"].title,) if by_driver else ()))
     return Table(
         "memory",
         "Device memory by what it is for, MiB.",

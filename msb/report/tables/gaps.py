@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, Gap, GapName
 from msb.report.layout import PAPER_ROW, difference_cell
-from msb.report.metric_format import SHOWN, title
+from msb.report.metric_format import title
 from msb.report.numbers import (
     MEAN,
     QUALITY,
@@ -220,7 +221,7 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
 
 def absent_cell(ends: Iterable[Number], reason: str | None, metric: str) -> Cell:
     """Return the cell of a missing value: N/A if a number that it is made of is N/A."""
-    unit = SHOWN[metric].unit
+    unit = METRICS[metric].unit
     for end in ends:
         if end.value is None and end.absent == NOT_SUPPORTED:
             return Cell(NOT_SUPPORTED, None, metric, unit, reason=end.reason)

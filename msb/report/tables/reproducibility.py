@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from msb.bench.aggregate import METRICS
 from msb.report.layout import difference_cell, make_table, metric_columns
-from msb.report.metric_format import SHOWN, digits
+from msb.report.metric_format import digits
 from msb.report.numbers import (
     MEAN,
     MEANS,
@@ -19,7 +20,7 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
-from msb.report.tables.quality import native_lines
+from msb.report.tables.measured import native_lines
 
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
 """`Key.source` -> its heading: a method's own paper, its public code, the benchmark's paper, and ours."""
@@ -107,7 +108,7 @@ def _statistics_row(source: str, means: bool, metric: str, own: list[Pair]) -> R
     where = [method_title(key.method), dataset_title(key.dataset)]
     where += [] if key.scene == MEAN else [scene_title(key.scene)]
     where += [] if key.condition == "non_engine" else [condition_title(key.condition)]
-    signed = digits(worst.difference, SHOWN[metric].decimals + 1, sign=True)
+    signed = digits(worst.difference, METRICS[metric].decimals + 1, sign=True)
     cells = (
         Cell(str(len(own)), float(len(own))),
         difference_cell(metric, mean, sign=False, more=1),
@@ -115,4 +116,4 @@ def _statistics_row(source: str, means: bool, metric: str, own: list[Pair]) -> R
         Cell(NOT_THERE) if relative is None else Cell(f"{relative:.2f}", relative, metric, "%"),
         Cell(f"{', '.join(where)} ({signed})", ", ".join(where)),
     )
-    return Row((SOURCES[source], "means of datasets" if means else "scenes", SHOWN[metric].title), cells)
+    return Row((SOURCES[source], "means of datasets" if means else "scenes", METRICS[metric].title), cells)

@@ -1,23 +1,67 @@
-"""What would make an asset's mesh usable, and what that costs, as its page shows it."""
+"""What was tried on an asset's mesh, tasks and ways to repair it, as its page shows them."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
+from msb.base.files import read_file
 from msb.bench.documents import Look, RepairDocument, Strategy
+from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
 from msb.errors import shorten
 from msb.report.metric_format import text
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
-from msb.report.trials import png_uri
 
 if TYPE_CHECKING:
     from msb.report.results import Loaded
 
-FOLDER = "repairs"
-"""The folder beside a record with the pictures of repairs."""
+Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN"]
+_MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "not_run": "UNKNOWN"}
 _LEVELS = {"ok": 0, "limited": 1, "bad": 2}
+_PNG = b"\x89PNG\r\n\x1a\n"
+_MOST_BYTES = 4 << 20
+
+
+@dataclass(frozen=True)
+class TriedTask:
+    """One task: its mark, its name, what was made and what is wrong with it, and its picture."""
+
+    mark: Mark
+    task: str
+    title: str
+    why: str
+    picture: str | None = None
+
+    def to_dict(self) -> dict[str, str]:
+        """Return it as JSON data, without the picture."""
+        return {"mark": self.mark, "task": self.task, "why": self.why}
+
+
+def tried_tasks(loaded: Loaded | None, *, pictures: bool = True) -> list[TriedTask]:
+    """Return the tasks in the record of an exported mesh; `pictures` are for the page."""
+    if loaded is None or loaded.result.trial is None:
+        return []
+    tasks = []
+    for trial in loaded.result.trial.trials:
+        spent = "" if trial.outcome == "not_run" else f" ({trial.seconds:.1f} s)"
+        said = "; ".join(filter(None, (trial.says, trial.why)))
+        why = f"{shorten(said[:1].upper() + said[1:], 500)}{spent}."
+        picture = _png_uri(loaded, TRIAL_FOLDER, trial.picture) if pictures else None
+        tasks.append(TriedTask(_MARKS[trial.outcome], trial.task, trial.title, why, picture))
+    return tasks
+
+
+def _png_uri(loaded: Loaded, folder: str, name: str | None) -> str | None:
+    """Return the picture `name` in a folder beside a record as an address; None if it is none."""
+    path = None if name is None else loaded.file(f"{folder}/{name}")
+    if path is None:
+        return None
+    data = read_file(path, _MOST_BYTES)
+    if not data.startswith(_PNG) or len(data) > _MOST_BYTES:
+        return None
+    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
 
 
 @dataclass(frozen=True)
@@ -42,7 +86,7 @@ def repairs(loaded: Loaded | None) -> Repairs | None:
     pictures = [
         (row.strategy, uri)
         for row in others
-        if _changes(row, stored) and (uri := png_uri(loaded, FOLDER, row.picture)) is not None
+        if _changes(row, stored) and (uri := _png_uri(loaded, REPAIRS_FOLDER, row.picture)) is not None
     ]
     return Repairs(_table(loaded.result.repairs), tuple(says), plan, tuple(pictures))
 
@@ -50,8 +94,10 @@ def repairs(loaded: Loaded | None) -> Repairs | None:
 def _says(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str | None]:
     """Return what follows for the owner of the mesh, and the plan of the way that comes first."""
     better = [row for row in others if _grade(row) < _grade(stored)]
-    free = min((row for row in better if row.peer is None and _is_free(row)), key=_rank, default=None)
-    costly = min((row for row in better if not _is_free(row)), key=_rank, default=None)
+    free = min(
+        (row for row in better if row.peer is None and row.looks.standard.same), key=_rank, default=None
+    )
+    costly = min((row for row in better if not row.looks.standard.same), key=_rank, default=None)
     sentences, plan = [], None
     if free is not None:
         plan = ",".join(free.plan)
@@ -67,10 +113,6 @@ def _says(stored: Strategy, others: Sequence[Strategy]) -> tuple[list[str], str 
     if not sentences:
         sentences.append("None of the ways that were tried gives a better verdict, or lets more tasks work.")
     return sentences, plan
-
-
-def _is_free(row: Strategy) -> bool:
-    return row.looks.standard.same
 
 
 def _grade(row: Strategy) -> tuple[int, int]:

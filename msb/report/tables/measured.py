@@ -1,0 +1,345 @@
+"""Tables of what was measured: image quality, device time and memory, and the structure of meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from msb.bench.aggregate import METRICS, scene_groups
+from msb.report.collect import SOUP
+from msb.report.layout import Line, line, make_table, metric_columns
+from msb.report.metric_format import title_with_unit
+from msb.report.numbers import (
+    MEAN,
+    MEANS,
+    QUALITY,
+    Key,
+    Numbers,
+    condition_title,
+    dataset_title,
+    method_title,
+    scene_title,
+)
+from msb.report.safe_names import slug
+from msb.report.table import NOT_SUPPORTED, Column, Table
+
+TIME_NOTE = (
+    "P50 and P95 of the device time of a frame, from the start of its first command to the end of its last, "
+    "per scene; a mean is the mean of the scenes' percentiles"
+)
+MEMORY_NOTE = (
+    "bytes of all buffers and images held after every test view was drawn, each as large as the most "
+    "demanding view needs; without the driver's own"
+)
+DRIVER_NOTE = (
+    "By the driver: all that the process held on NVIDIA's GPUs then, as NVML tells it, with what the driver "
+    "itself takes and what earlier cells of the same process left"
+)
+PARTS_NOTES = (
+    "Busy P50: the sum of the times of a frame's commands; P50 less it is time between commands",
+    "Host: 1000 / FPS - P50, the part of a frame's wall-clock time outside of the device's work on it",
+    "Rounds apart: the fastest less the slowest of five rounds of frames, as a share of the frame rate",
+)
+STRUCTURE_NOTES = (
+    "of the mesh as it is stored: nothing was merged, removed or repaired before",
+    "a boundary may be legitimate: of an open scene, of a sheet, of what no camera saw",
+    "the number of components depends on the resolution of the mesh and on the scene",
+    "self-intersections are not looked at",
+)
+"""What must be known to read the diagnostics of a mesh (paper, "Interpretation")."""
+_NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
+"""The metrics of a method's own images, besides those of `QUALITY`."""
+_TIMES = ("p50_ms", "p95_ms")
+_PARTS = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
+_CONNECTIVITY = {
+    "Local reuse": ("vf_ratio", "mean_valence"),
+    "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
+    "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
+}
+"""The paper's three groups of its eight columns."""
+_GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
+
+
+def native_lines(numbers: Numbers) -> list[Line]:
+    """Return a line per dataset and method with images of the method's own renderer."""
+    return [
+        line(dataset=dataset, method=method)
+        for dataset in numbers.datasets()
+        for method in numbers.methods(dataset, "non_engine")
+    ]
+
+
+def _deployment_lines(numbers: Numbers, dataset: str) -> list[Line]:
+    """Return a line per deployed condition and method of a dataset."""
+    conditions = [condition for condition in numbers.conditions(dataset) if condition != "non_engine"]
+    return [
+        line(condition=condition, method=method)
+        for condition in conditions
+        for method in numbers.methods(dataset, *conditions)
+    ]
+
+
+def _scene_lines(
+    numbers: Numbers,
+    dataset: str,
+    *,
+    groups: Sequence[str] = tuple(_GROUPS),
+    group_means: bool = True,
+    prefix: str = "",
+    of: Mapping[str, str] | None = None,
+) -> Iterator[Line]:
+    """Yield a line per scene and per mean; without any scene of a dataset, the mean alone.
+
+    `groups` is the order of a dataset's groups, each of which ends with its mean, or else (`group_means`) the
+    last row is bold. `prefix` starts each section's name; `of` are fields of all keys.
+    """
+    members = scene_groups(dataset)
+
+    def of_scene(scene: str, *section: str, bold: bool = False) -> Line:
+        heading = ", ".join(filter(None, (prefix, *section)))
+        return Line((scene_title(scene),), {"scene": scene, **(of or {})}, heading, scene in MEANS, bold)
+
+    left = numbers.scenes(dataset)
+    for group in groups if members else ():
+        own = [scene for scene in left if scene in members[group]]
+        left = [scene for scene in left if scene not in own]
+        for name in (*own, *([group] if own and group_means else [])):
+            yield of_scene(name, _GROUPS[group])
+    for scene in left:
+        yield of_scene(scene, "other scenes" if members else "")
+    yield of_scene(MEAN, "all scenes" if members and prefix else "", bold=not group_means)
+
+
+def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
+    """Return what the methods reach with their own renderers; the best method of a dataset is bold."""
+    return make_table(
+        numbers,
+        paper,
+        "native_summary",
+        "Non-Engine results: each method with its own renderer, means over the scenes of a dataset.",
+        ("Dataset", "Method"),
+        metric_columns((*QUALITY, *_NATIVE)),
+        native_lines(numbers),
+        {"scene": MEAN, "condition": "non_engine"},
+        best_of=("dataset",),
+    )
+
+
+def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return a row per condition and metric, a column per method; each method's best condition is bold."""
+    conditions = numbers.conditions(dataset)
+    return make_table(
+        numbers,
+        paper,
+        f"renderer_comparison-{slug(dataset)}",
+        f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
+        "scenes. Bold: a method's best condition.",
+        ("Condition", "Metric"),
+        [
+            Column(method_title(method), (), {"method": method})
+            for method in numbers.methods(dataset, *conditions)
+        ],
+        [
+            line(condition=condition, metric=metric)
+            for condition in conditions
+            for metric in (*QUALITY, "fps")
+        ],
+        {"dataset": dataset, "scene": MEAN},
+        best_of=("method",),
+    )
+
+
+def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return deployed condition x method of a dataset of few scenes, a block per scene.
+
+    In each scene the best of a method's deployments is bold.
+    """
+    scenes = [*numbers.scenes(dataset), MEAN]
+    return make_table(
+        numbers,
+        paper,
+        f"scene_comparison-{slug(dataset)}",
+        f"{dataset_title(dataset)}: Dedicated and Standard deployment per scene. Bold: the better of a "
+        "method's deployments.",
+        ("Condition", "Method"),
+        [
+            column
+            for scene in scenes
+            for column in metric_columns((*QUALITY, "fps"), scene_title(scene), scene=scene)
+        ],
+        _deployment_lines(numbers, dataset),
+        {"dataset": dataset},
+        best_of=("method", "scene"),
+    )
+
+
+def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
+    """Return every scene of a dataset in one condition, a block per method; the best method is bold."""
+    chamfer = ("chamfer",) if (dataset, condition) == ("dtu", "non_engine") else ()
+    return make_table(
+        numbers,
+        None,
+        f"scenes-{slug(dataset)}-{slug(condition)}",
+        f"{dataset_title(dataset)}, {condition_title(condition)}: every scene. Bold: the best method.",
+        ("Scene",),
+        [
+            column
+            for method in numbers.methods(dataset, condition)
+            for column in metric_columns((*QUALITY, "fps", *chamfer), method_title(method), method=method)
+        ],
+        _scene_lines(numbers, dataset),
+        {"dataset": dataset, "condition": condition},
+        best_of=("scene",),
+    )
+
+
+def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return P50 and P95 per scene of every deployment."""
+    pairs, omitted = _deployments(numbers, dataset, "p50_ms")
+    columns = [
+        Column(
+            METRICS[metric].title,
+            (f"{condition_title(condition)} (ms ↓)", method_title(method)),
+            {"condition": condition, "method": method, "metric": metric},
+        )
+        for condition, method in pairs
+        for metric in _TIMES
+    ]
+    return make_table(
+        numbers,
+        paper,
+        f"latency-{slug(dataset)}",
+        f"{dataset_title(dataset)}: device time of a frame per scene, ms; lower is better.",
+        ("Scene",),
+        columns,
+        _scene_lines(numbers, dataset),
+        {"dataset": dataset},
+        definitions=(TIME_NOTE,),
+        notes=omitted,
+    )
+
+
+def frame_time(numbers: Numbers, dataset: str) -> Table:
+    """Return where the time of a frame goes: on the device, between its commands, on the host."""
+    pairs, omitted = _deployments(numbers, dataset, "p50_ms")
+    return make_table(
+        numbers,
+        None,
+        f"frame_time-{slug(dataset)}",
+        f"{dataset_title(dataset)}: where the time of a frame goes, means over scenes.",
+        ("Condition", "Method"),
+        [Column(title_with_unit(metric), (), {"metric": metric}) for metric in _PARTS],
+        [line(condition=condition, method=method) for condition, method in pairs],
+        {"dataset": dataset, "scene": MEAN},
+        definitions=(TIME_NOTE, *PARTS_NOTES),
+        notes=omitted,
+    )
+
+
+def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return device memory per scene of every deployment."""
+    pairs, omitted = _deployments(numbers, dataset, "memory")
+    columns = []
+    by_driver = False
+    for condition, method in pairs:
+        of = {"condition": condition, "method": method}
+        group, name = (f"{condition_title(condition)} (MiB ↓)",), method_title(method)
+        columns.append(Column(name, group, {**of, "metric": "memory"}))
+        if numbers.value(Key(dataset, MEAN, method, condition, "driver_memory")) is not None:
+            columns.append(Column(f"{name}, by the driver", group, {**of, "metric": "driver_memory"}))
+            by_driver = True
+    return make_table(
+        numbers,
+        paper,
+        f"memory-{slug(dataset)}",
+        f"{dataset_title(dataset)}: device memory per scene, MiB; lower is better.",
+        ("Scene",),
+        columns,
+        _scene_lines(numbers, dataset),
+        {"dataset": dataset},
+        definitions=(MEMORY_NOTE, DRIVER_NOTE) if by_driver else (MEMORY_NOTE,),
+        notes=omitted,
+    )
+
+
+def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return device time, memory and asset size of a dataset of few scenes, side by side."""
+    blocks = {
+        "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _TIMES},
+        "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
+    }
+    columns = [
+        Column(name, (heading, scene_title(scene)), {"scene": scene, "metric": metric})
+        for heading, names in blocks.items()
+        for scene in (*numbers.scenes(dataset), MEAN)
+        for metric, name in names.items()
+    ]
+    return make_table(
+        numbers,
+        paper,
+        f"runtime_resources-{slug(dataset)}",
+        f"{dataset_title(dataset)}: device time (ms), memory while drawing and size of the asset (MiB).",
+        ("Condition", "Method"),
+        columns,
+        _deployment_lines(numbers, dataset),
+        {"dataset": dataset},
+        definitions=(
+            TIME_NOTE,
+            f"Render: {MEMORY_NOTE}; Asset: the files of the asset, the same on both tiers",
+        ),
+    )
+
+
+def _deployments(
+    numbers: Numbers, dataset: str, metric: str
+) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
+    """Return the (condition, method) pairs shown, and a note on each that nothing can be shown of."""
+    pairs, omitted = [], []
+    for condition in numbers.conditions(dataset):
+        if condition == "non_engine":
+            continue
+        for method in numbers.methods(dataset, condition):
+            number = numbers.number(Key(dataset, MEAN, method, condition, metric))
+            if number.value is None and number.absent == NOT_SUPPORTED:
+                why = f": {number.reason}" if number.reason else ""
+                omitted.append(f"{method_title(method)} is N/A under {condition_title(condition)}{why}")
+            else:
+                pairs.append((condition, method))
+    return pairs, tuple(omitted)
+
+
+def connectivity_columns() -> list[Column]:
+    """Return the columns of the diagnostics of a mesh."""
+    return [column for block, metrics in _CONNECTIVITY.items() for column in metric_columns(metrics, block)]
+
+
+def mesh_connectivity(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
+    """Return the audit of every exported mesh of a dataset, soups last. The mean is bold."""
+
+    def is_soup(method: str) -> bool:
+        mean = Key(dataset, MEAN, method, "exported_mesh", "nonmanifold_vertex_ratio")
+        return SOUP in numbers.number(mean).notes
+
+    methods = sorted(numbers.methods(dataset, "exported_mesh"), key=is_soup)
+    who = "" if len(methods) != 1 else f" of {method_title(methods[0])}"
+    return make_table(
+        numbers,
+        paper,
+        f"mesh_connectivity-{slug(dataset)}",
+        f"{dataset_title(dataset)}: the structure of the exported meshes{who}, as stored.",
+        ("Scene",),
+        connectivity_columns(),
+        [
+            own
+            for method in methods
+            for own in _scene_lines(
+                numbers,
+                dataset,
+                groups=("outdoor_mean", "indoor_mean"),
+                group_means=False,
+                prefix=method_title(method) if len(methods) > 1 else "",
+                of={"method": method},
+            )
+        ],
+        {"dataset": dataset, "condition": "exported_mesh"},
+        definitions=STRUCTURE_NOTES,
+    )

@@ -1,0 +1,114 @@
+"""What was tried on a mesh, and what would make it usable, on the asset's page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from msb.errors import InputError
+from msb.report.build import build_report
+from msb.report.pages import report_files
+from msb.report.results import read_results
+from msb.trial.repairs import Row
+from tests.report.documents import SAME, TASK, repairs, trial, way
+from tests.report.factory import make_result, write
+
+PNG = b"\x89PNG\r\n\x1a\nwhatever"
+IN_PAGE = "data:image/png;base64,iVBORw0KGgp3aGF0ZXZlcg=="
+
+
+def written(root: Path, pictures: dict[str, bytes] | None = None, **parts: Any) -> None:
+    """Write the record of an exported mesh with some of its keys, and pictures beside it."""
+    path = write(root, make_result("capture", "desk", "mesh_splatting", "exported_mesh"), **parts)
+    for name, content in (pictures or {}).items():
+        picture = path.parent / name
+        picture.parent.mkdir()
+        picture.write_bytes(content)
+
+
+def page(root: Path, start: str, end: str = "\0") -> str:
+    """Return the asset's page between two texts."""
+    files = report_files(build_report(read_results(root), pictures=False), formats=("html",))
+    (text,) = (data.decode() for name, data in files.items() if name.startswith("verdict-"))
+    return text.partition(start)[2].partition(end)[0]
+
+
+def tried(root: Path) -> str:
+    return page(root, "What happened when it was tried")
+
+
+def repaired(root: Path) -> str:
+    return page(root, "What would make it usable, and what that costs", "Where the numbers are from")
+
+
+def test_the_page_shows_outcome_reason_and_picture(tmp_path: Path) -> None:
+    written(tmp_path, {"trial/uv.png": PNG}, trial=trial(TASK))
+    assert "9 charts; it falls into &lt;9&gt; charts (1.2 s)." in tried(tmp_path)
+    assert IN_PAGE in tried(tmp_path)
+
+
+@pytest.mark.parametrize(("content", "name"), [(b"GIF89a", "uv.png"), (b"", "../../uv.png")])
+def test_a_picture_that_is_none_is_left_out(tmp_path: Path, content: bytes, name: str) -> None:
+    written(tmp_path, {"trial/uv.png": content}, trial=trial({**TASK, "picture": name}))
+    assert "image/png" not in page(tmp_path, "<html")
+
+
+def test_the_page_names_the_free_way_first_and_then_what_a_better_one_costs(tmp_path: Path) -> None:
+    free = way("orient,pair", verdict_after="limited", edges_cut=7, picture="orient-pair.png")
+    looks = {"standard": {"psnr": 34.56, "same": False, "why": None}, "dedicated": SAME}
+    costly = way("drop", verdict_after="ok", faces_kept=75, looks=looks, trials_passed_after=3)
+    failed = Row("cut by igl", ("cut",), "igl", why="PEER_FAILED: it <died>").to_dict()
+    found = repairs(way("as stored"), free, costly, failed)
+    written(tmp_path, {"repairs/orient-pair.png": PNG}, repairs=found)
+    text = repaired(tmp_path)
+    first = text.index(
+        "With orient,pair nothing visible changes, and the verdict is LIMITED instead of BAD; "
+    )
+    second = text.index("With drop the mesh keeps 75 % of its faces, looks 34.6 dB like the original, ")
+    assert first < text.index("-o repaired.triasset --plan orient,pair</code>") < second
+    assert "3 of 3 tasks work, 1 before." in text
+    assert "PEER_FAILED: it &lt;died&gt;" in text
+    assert text.count(IN_PAGE) == 1
+
+
+def test_where_no_way_helps_the_page_says_so(tmp_path: Path) -> None:
+    written(tmp_path, repairs=repairs(way("as stored"), way("orient,pair")))
+    assert "None of the ways that were tried gives a better verdict" in repaired(tmp_path)
+
+
+def test_where_nothing_was_tried_the_page_has_the_commands(tmp_path: Path) -> None:
+    written(tmp_path)
+    assert "<code>msb trial " in page(tmp_path, "<html")
+    assert "<code>msb repair --compare " in repaired(tmp_path)
+
+
+def with_task(**changes: Any) -> dict[str, Any]:
+    return {"trial": trial({**TASK, **changes})}
+
+
+def with_way(**changes: Any) -> dict[str, Any]:
+    return {"repairs": repairs(way("as stored", **changes))}
+
+
+@pytest.mark.parametrize(
+    ("parts", "pointer"),
+    [
+        (with_task(outcome="good"), "/trial/trials/0/outcome"),
+        (with_task(title=3), "/trial/trials/0/title"),
+        (with_task(seconds=None), "/trial/trials/0/seconds"),
+        (with_way(strategy="orient"), "/repairs/strategies"),
+        (with_way(components="4"), "/repairs/strategies/0/components"),
+        (with_way(verdict_after="fine"), "/repairs/strategies/0/verdict_after"),
+        (with_way(looks={"standard": SAME}), "/repairs/strategies/0/looks/dedicated"),
+        (with_way(trials=["uv"]), "/repairs/strategies/0/trials"),
+        (with_way(cuts=1), "/repairs/strategies/0/cuts"),
+        (with_way(why="it died"), "/repairs/strategies/0/faces_kept"),
+    ],
+)
+def test_documents_that_are_none_are_refused(tmp_path: Path, parts: dict[str, Any], pointer: str) -> None:
+    written(tmp_path, **parts)
+    with pytest.raises(InputError) as caught:
+        read_results(tmp_path)
+    assert (caught.value.code, caught.value.pointer) == ("RECORD_INVALID", pointer)
