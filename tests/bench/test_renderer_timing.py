@@ -18,8 +18,8 @@ from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, RatioKey
 from msb.report.results import read_results
 from tests.bench.protocols import cell, protocol
-from tests.bench.records import result, timing
 from tests.cli.forks import run_msb
+from tests.report.factory import result
 
 GOOD: dict[str, Any] = {
     "schema": "msb.renderer_timing/1",
@@ -78,10 +78,8 @@ def test_rates_are_held_against_it_on_the_same_device_only(
     elsewhere = RendererTiming(frames=10, seconds=1.0, device=device, timed="x", whole_command=whole)
     about = {"device": {"platform": "p", "name": "Some CPU", "driver": "1", "kind": "cpu"}}
     own = result("non_engine", renderer_timing=elsewhere, device=None, timing=None)
-    ours = result("dedicated", device=about, timing=timing())
-    found = slowdown(
-        {"garden": {"non_engine": own, "dedicated": ours}}, ["garden"], "dedicated", "non_engine"
-    )
+    records = {"garden": {"non_engine": own, "dedicated": result("dedicated", device=about)}}
+    found = slowdown(records, ["garden"], "dedicated", "non_engine")
     assert found.reason == reason
     assert (found.value is None) == (reason is not None)
 

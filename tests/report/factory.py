@@ -28,6 +28,8 @@ from msb.bench.records import (
     Reason,
     RendererInfo,
     Result,
+    Setup,
+    Timing,
     Training,
 )
 from msb.registry import METHODS
@@ -37,13 +39,17 @@ from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import read_results
 from msb.report.verdict import Statement
-from tests.bench.records import SETUP, timing
 from tests.report.documents import AUDIT, chamfer
 
 METHODS_OF_PAPER = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
 CONDITIONS = ("non_engine", "dedicated", "standard", "exported_mesh")
 VIEWS = ("a/0001.png", "a/0002.png", "a/0003.png")
 SIZE = (96, 64)
+SHIFTS = (-0.5, 0.0, 0.5)
+"""What the PSNR of each view is above the mean."""
+SETUP = Setup(
+    camera_convention="gs_fov", image_folder="images_4", gt_resized=False, background=(0.0, 0.0, 0.0)
+)
 METRICS: tuple[dict[str, Any], ...] = ({"name": "psnr", "data_range": 1.0}, {"name": "ssim", "window": 11})
 
 
@@ -86,7 +92,15 @@ def note_hashes(path: Path) -> None:
 
 
 def measure(
-    root: Path, condition: str, psnr: float | None = None, ssim: float = 0.5, /, **changes: Any
+    root: Path,
+    condition: str,
+    psnr: float | None = None,
+    ssim: float = 0.5,
+    /,
+    *,
+    shifts: tuple[float, ...] = SHIFTS,
+    images: bool = False,
+    **changes: Any,
 ) -> Result:
     """Write a record of 2DTS on the scene desk, or of what `changes` names, and return it.
 
@@ -96,11 +110,11 @@ def measure(
     dataset, scene, method = (changes.pop(name, default) for name, default in where.items())
     made = make_result(dataset, scene, method, condition)
     if psnr is not None:
-        changes["quality"] = quality(made.cell, psnr, ssim, None)
+        changes["quality"] = quality(psnr, ssim, shifts=shifts, cell=made.cell)
     for part, value in changes.items():
         changes[part] = getattr(made, part).model_copy(update=value) if isinstance(value, dict) else value
     made = made.model_copy(update=changes)
-    write(root, made)
+    write(root, made, images=images)
     return made
 
 
@@ -134,14 +148,33 @@ def make_result(dataset: str, scene: str, method: str, condition: str, **changes
     return Result(**{**parts, **changes})
 
 
+def result(condition: str = "dedicated", **changes: Any) -> Result:
+    """Return the record of 2DTS on Mip-NeRF 360's garden, as `make_result`."""
+    return make_result("mipnerf360", "garden", "two_dts", condition, **changes)
+
+
+def timing(fps: float = 100.0, **changes: Any) -> Timing:
+    """Return the timing of 100 frames that all take the same."""
+    spans = ("p50_ms", "p95_ms", "mean_ms", "busy_p50_ms", "busy_p95_ms")
+    parts: dict[str, Any] = dict.fromkeys(spans, 1000 / fps)
+    parts |= {"frames": 100, "seconds": 100 / fps, "fps": fps, "round_fps": (fps, fps)}
+    parts |= {"queued_p50_ms": None, "queued_p95_ms": None, "stages_ms": {}, "device_kind": "cpu"}
+    return Timing(**{**parts, **changes})
+
+
 def quality(
-    cell: Cell,
-    psnr: float,
-    ssim: float,
-    lpips: float | None,
-    shifts: tuple[float, float, float] = (-0.5, 0.0, 0.5),
+    psnr: float = 20.0,
+    ssim: float = 0.5,
+    lpips: float | None = None,
+    *,
+    shifts: tuple[float, ...] = SHIFTS,
+    cell: Cell | None = None,
 ) -> Quality:
-    """Return a quality whose means are these, over views that differ a little, in PSNR by `shifts`."""
+    """Return a quality whose means are these, over views that differ a little, in PSNR by `shifts`.
+
+    The files are those of a `cell`, by default of 2DTS on Mip-NeRF 360's garden.
+    """
+    cell = cell or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="dedicated")
     depth = "../../../../.."
     images = tuple(
         ImageQuality(
@@ -198,14 +231,14 @@ def _drawn(cell: Cell) -> dict[str, Any]:
     lpips = values["lpips"] if cell.dataset != "dtu" else None
     found: dict[str, Any] = {
         "setup": SETUP,
-        "quality": quality(cell, values["psnr"], values["ssim"], lpips),
+        "quality": quality(values["psnr"], values["ssim"], lpips, cell=cell),
         "device": {"device": {"name": "Made-up GPU", "platform": "none"}},
     }
     kind: Any = "upstream" if cell.condition == "non_engine" else "msb"
     found["renderer"] = RendererInfo(name=cell.condition, version="1", kind=kind)
     p50, p95 = ({f"{kind}{name}": values[name] for kind in ("", "busy_")} for name in ("p50_ms", "p95_ms"))
     of_gpu = {**p50, **p95, "round_fps": (), "device_kind": "gpu"}
-    found["timing"] = timing(values["fps"]).model_copy(update=of_gpu)
+    found["timing"] = timing(values["fps"], **of_gpu)
     memory = int(_value(cell, "memory"))
     found["memory"] = Memory(geometry=memory, appearance=0, scratch=0, targets=0, uses={"all": memory})
     if cell.condition == "non_engine":

@@ -18,18 +18,16 @@ from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.report import Report
 from msb.report.results import read_results
-from tests.report.factory import make_result, quality, write
+from tests.report.factory import measure
 
 SCENES = ("desk", "chair", "room", "hall")
 
 
-def measure(root: Path, method: str, scene: str, psnr: float, **changes: Any) -> list[float]:
+def shown(root: Path, method: str, scene: str, psnr: float, **changes: Any) -> list[float]:
     """Write a record of three views around `psnr`, and return their values."""
     shifts = np.random.default_rng(len(method + scene) + round(psnr)).normal(0, 0.3, 3)
     shifts -= shifts.mean()
-    made = make_result("capture", scene, method, "standard")
-    changes |= {"quality": quality(made.cell, psnr, 0.5, None, tuple(shifts))}
-    write(root, made.model_copy(update=changes))
+    measure(root, "standard", psnr, shifts=tuple(shifts), method=method, scene=scene, **changes)
     return list(psnr + shifts)
 
 
@@ -39,8 +37,8 @@ def report(root: Path) -> Report:
 
 def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> None:
     for number, scene in enumerate(SCENES):
-        measure(tmp_path, "mesh_splatting", scene, 24.0 + number)
-        measure(tmp_path, "two_dts", scene, 24.5 + 1.1 * number)
+        shown(tmp_path, "mesh_splatting", scene, 24.0 + number)
+        shown(tmp_path, "two_dts", scene, 24.5 + 1.1 * number)
     wanted = ttest_rel([24.5 + 1.1 * n for n in range(4)], [24.0 + n for n in range(4)])
     ends = wanted.confidence_interval(0.95)
     made = report(tmp_path)
@@ -59,8 +57,8 @@ def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> 
 
 
 def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_path: Path) -> None:
-    theirs = measure(tmp_path, "mesh_splatting", "desk", 24.0)
-    ours = measure(tmp_path, "two_dts", "desk", 21.0)
+    theirs = shown(tmp_path, "mesh_splatting", "desk", 24.0)
+    ours = shown(tmp_path, "two_dts", "desk", 21.0)
     made = report(tmp_path)
     better, _, _, p, *_ = made.tables["against"].rows[0].cells
     assert (better.text, p.value) == ("-3.00", pytest.approx(ttest_rel(ours, theirs).pvalue, rel=1e-9))
@@ -73,10 +71,10 @@ def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_
 def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Path) -> None:
     setup = Setup(camera_convention="gs_fov", image_folder="images_8", gt_resized=False, background=(1, 1, 1))
     for scene in SCENES[:3]:
-        measure(tmp_path, "mesh_splatting", scene, 24.0)
-        measure(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
+        shown(tmp_path, "mesh_splatting", scene, 24.0)
+        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
     for scene in SCENES[1:]:
-        measure(tmp_path, "two_dts", scene, 25.0 + len(scene))
+        shown(tmp_path, "two_dts", scene, 25.0 + len(scene))
     rows = {
         row.labels[2]: row.cells for row in report(tmp_path).tables["against"].rows if "PSNR" in row.labels[1]
     }
@@ -87,9 +85,9 @@ def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Pat
 def test_another_background_is_a_methods_own_and_noted(tmp_path: Path) -> None:
     setup = Setup(camera_convention="full_K", image_folder="images_4", gt_resized=False, background=(1, 1, 1))
     for scene in SCENES:
-        measure(tmp_path, "mesh_splatting", scene, 24.0)
-        measure(tmp_path, "two_dts", scene, 24.0)
-        measure(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
+        shown(tmp_path, "mesh_splatting", scene, 24.0)
+        shown(tmp_path, "two_dts", scene, 24.0)
+        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
     table = report(tmp_path).tables["against"]
     cell = next(row.cells[0] for row in table.rows if row.labels[2] == "Triangle-Splatting")
     assert cell.value == pytest.approx(1.0)
@@ -97,13 +95,13 @@ def test_another_background_is_a_methods_own_and_noted(tmp_path: Path) -> None:
 
 
 def test_no_such_method_is_wrong_usage_and_names_those_there_are(tmp_path: Path) -> None:
-    measure(tmp_path, "two_dts", "desk", 24.0)
+    shown(tmp_path, "two_dts", "desk", 24.0)
     with pytest.raises(UsageError, match=r"no method \"mesh_splatting\" in the results; there are two_dts"):
         report(tmp_path)
 
 
 def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
-    measure(tmp_path, "mesh_splatting", "desk", 24.0)
+    shown(tmp_path, "mesh_splatting", "desk", 24.0)
     made = report(tmp_path)
     assert "against" not in made.tables
     assert made.notes[0] == (
@@ -113,8 +111,8 @@ def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
 
 def test_every_format_holds_it(tmp_path: Path) -> None:
     for number, scene in enumerate(SCENES):
-        measure(tmp_path, "mesh_splatting", scene, 24.0)
-        measure(tmp_path, "two_dts", scene, 24.0 + number)
+        shown(tmp_path, "mesh_splatting", scene, 24.0)
+        shown(tmp_path, "two_dts", scene, 24.0 + number)
     files = report_files(report(tmp_path))
     rows = list(csv.DictReader(files["tables/against.csv"].decode().splitlines()))
     assert (rows[0]["Better by"], rows[0]["p"]) == ("+1.50", "0.103")

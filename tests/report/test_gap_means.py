@@ -13,20 +13,18 @@ from msb.report.findings import find
 from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, Key, Numbers
 from msb.report.tables.gaps import gaps_table
-from tests.report.factory import make_result, measure, numbers_of, quality, write
+from tests.report.factory import measure, numbers_of
 
 
 @pytest.fixture
 def gap_with_a_scene_missing(tmp_path: Path) -> Numbers:
     """20 and 40 dB under one condition, 15 dB and a failure on the next."""
-    for scene, dedicated, standard in (("garden", 20.0, 15.0), ("bonsai", 40.0, None)):
-        for condition, psnr in (("dedicated", dedicated), ("standard", standard)):
-            made = make_result("mipnerf360", scene, "two_dts", condition)
-            parts: dict[str, Any] = {"status": "failed", "quality": None, "timing": None}
-            if psnr is not None:
-                shifts = (-0.5, 0.0, 0.5) if condition == "dedicated" else (-0.4, 0.0, 0.4)
-                parts = {"quality": quality(made.cell, psnr, 0.5, None, shifts)}
-            write(tmp_path, made.model_copy(update=parts))
+    here: dict[str, Any] = {"dataset": "mipnerf360", "scene": "garden"}
+    measure(tmp_path, "dedicated", 20.0, **here)
+    measure(tmp_path, "standard", 15.0, shifts=(-0.4, 0.0, 0.4), **here)
+    there = {**here, "scene": "bonsai"}
+    measure(tmp_path, "dedicated", 40.0, **there)
+    measure(tmp_path, "standard", **there, status="failed", quality=None, timing=None)
     return numbers_of(tmp_path)
 
 

@@ -26,10 +26,8 @@ from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility, reproducibility_statistics
 from tests.report.factory import (
     METRICS,
-    make_result,
     measure,
     numbers_of,
-    quality,
     write,
     write_results,
 )
@@ -170,13 +168,9 @@ def test_no_cell_is_ever_blank(numbers: Numbers) -> None:
 def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
     write_results(tmp_path, datasets=["tanksandtemples"], methods=["two_dts"])
     for scene in SCENES["tanksandtemples"]:
-        made = make_result("tanksandtemples", scene, "two_dts", "standard")
-        cell = Place(**{**made.cell.model_dump(), "renderer": "blender_cycles"})
         own = RendererInfo(name="blender_cycles", version="4", kind="engine")
-        write(
-            tmp_path,
-            made.model_copy(update={"cell": cell, "renderer": own, "quality": quality(cell, 11, 0.3, 0.6)}),
-        )
+        there = {"dataset": "tanksandtemples", "scene": scene, "cell": {"renderer": "blender_cycles"}}
+        measure(tmp_path, "standard", 11.0, 0.3, **there, renderer=own)
     numbers = numbers_of(tmp_path)
     table = measured.renderer_comparison(numbers, "tanksandtemples")
     assert row_of(table, "Standard, blender_cycles", "PSNR ↑").cells[0].text == "11.00"

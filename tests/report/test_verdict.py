@@ -8,17 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from msb.bench.folder import Results
 from msb.report.report import Report
 from msb.report.results import Place
-from tests.report.factory import (
-    VIEWS,
-    make_result,
-    measure,
-    note_hashes,
-    quality,
-    verdict_of,
-    write,
-)
+from tests.report.factory import VIEWS, measure, note_hashes, verdict_of
 
 
 def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
@@ -80,8 +73,8 @@ def test_looks_are_those_of_the_two_renderings(
     random = np.random.default_rng(3)
     picture = random.integers(70, 180, (64, 96, 3))
     for condition, value, change in zip(("non_engine", "dedicated"), psnr, (0, noise), strict=True):
-        made = make_result("capture", "desk", "two_dts", condition)
-        file = write(tmp_path, made.model_copy(update={"quality": quality(made.cell, value, 0.5, None)}))
+        made = measure(tmp_path, condition, value)
+        file = Results(tmp_path).record(made.cell)
         for name in VIEWS:
             place = (file.parent / "images" / name).with_suffix(".png")
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -95,9 +88,7 @@ def test_looks_are_those_of_the_two_renderings(
 @pytest.mark.parametrize("pictures", [True, False])
 def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: Path, pictures: bool) -> None:
     for condition, psnr in (("dedicated", 30.0), ("standard", 28.5)):
-        made = make_result("capture", "desk", "two_dts", condition)
-        made = made.model_copy(update={"quality": quality(made.cell, psnr, 0.5, None)})
-        write(tmp_path, made, images=pictures)
+        measure(tmp_path, condition, psnr, images=pictures)
     said = verdict_of(tmp_path)
     plain = said["A plain mesh in any engine (Standard)"]
     assert plain.mark == "WITH CARE"
