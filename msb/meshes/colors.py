@@ -26,3 +26,12 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
     else:
         return values.clip(0, 255).astype(np.uint8)
     return values.astype(np.float32)
+
+
+def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
+    """Return colours (N, 3 | 4) as (N, 4); what had no alpha is opaque."""
+    if colors.shape[1] == 4:
+        return colors
+    opaque = 255 if colors.dtype == np.uint8 else 1
+    alpha = np.full((len(colors), 1), opaque, dtype=colors.dtype)
+    return np.concatenate((colors, alpha), axis=1)

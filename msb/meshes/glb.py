@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.errors import OutputError, shorten
-from msb.meshes.colors import stored_colors
+from msb.errors import shorten
+from msb.meshes.colors import stored_colors, with_alpha
 from msb.meshes.formats import Format
+from msb.meshes.glb_write import write
 from msb.meshes.gltf import (
-    CHUNK,
-    HEADER,
     IDENTITY,
     Accessor,
     Document,
@@ -26,7 +24,6 @@ from msb.meshes.gltf import (
 )
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
-from msb.meshes.writing import as_float32
 
 if TYPE_CHECKING:
     from msb.meshes.source import Source
@@ -114,87 +111,6 @@ def read(source: Source) -> Mesh:
     parts = {mesh: [_read_part(each) for each in primitives[mesh]] for mesh in primitives}
     joined = _join([_moved(part, matrix) for mesh, matrix in placed for part in parts[mesh]])
     return replace(joined, left_out=_left_out(document, [mesh for mesh, _ in placed]), up=FORMAT.up)
-
-
-def write(mesh: Mesh, stream: BinaryIO) -> None:
-    """Write one unlit, two-sided mesh; positions become float32, and face colours are lost.
-
-    uint8 colours are padded to four components, since glTF aligns elements to four bytes; float32 colours
-    stay as they are.
-    """
-    if not len(mesh.faces):
-        raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")
-    positions = as_float32(mesh.vertices, "GLB")
-    arrays: list[tuple[NDArray[Any], str]] = [
-        (positions.astype("<f4", copy=False), "POSITION"),
-        (mesh.faces.ravel().astype("<u4"), "indices"),
-    ]
-    if mesh.vertex_colors is not None:
-        arrays.append((_aligned_colors(mesh.vertex_colors), "COLOR_0"))
-    if mesh.vertex_uvs is not None:
-        arrays.append((mesh.vertex_uvs.astype("<f4", copy=False), "TEXCOORD_0"))
-    text = json.dumps(_description(arrays, positions), separators=(",", ":")).encode("ascii")
-    text += b" " * (-len(text) % 4)
-    size = sum(array.nbytes for array, _ in arrays)
-    total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + size
-    if total >= 2**32:
-        raise OutputError(
-            "OUTPUT_FORMAT_LIMIT", f"a GLB has at most 4 GiB, this one would have {total} bytes"
-        )
-    stream.write(HEADER.pack(b"glTF", 2, total) + CHUNK.pack(len(text), b"JSON") + text)
-    stream.write(CHUNK.pack(size, b"BIN\0"))
-    for array, _ in arrays:
-        stream.write(np.ascontiguousarray(array).data)
-
-
-def _aligned_colors(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (V, 3 | 4) whose rows take a multiple of four bytes."""
-    if colors.dtype == np.uint8 and colors.shape[1] == 3:
-        return _with_alpha(colors)
-    return colors.astype(colors.dtype.newbyteorder("<"), copy=False)
-
-
-def _with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (N, 3 | 4) as (N, 4); what had no alpha is opaque."""
-    if colors.shape[1] == 4:
-        return colors
-    opaque = 255 if colors.dtype == np.uint8 else 1
-    alpha = np.full((len(colors), 1), opaque, dtype=colors.dtype)
-    return np.concatenate((colors, alpha), axis=1)
-
-
-def _description(arrays: list[tuple[NDArray[Any], str]], positions: NDArray[np.float32]) -> dict[str, Any]:
-    """Return the JSON for `arrays`, which lie in the binary chunk one after the other."""
-    views: list[dict[str, Any]] = []
-    accessors: list[dict[str, Any]] = []
-    start = 0
-    for array, role in arrays:
-        target = 34963 if role == "indices" else 34962
-        views.append({"buffer": 0, "byteOffset": start, "byteLength": array.nbytes, "target": target})
-        component = {"f4": 5126, "u4": 5125, "u1": 5121}[array.dtype.str[1:]]
-        kind = "SCALAR" if array.ndim == 1 else f"VEC{array.shape[1]}"
-        entry = {"bufferView": len(accessors), "componentType": component, "count": len(array), "type": kind}
-        if array.dtype == np.uint8:
-            entry["normalized"] = True
-        accessors.append(entry)
-        start += array.nbytes
-    accessors[0] |= {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
-    attributes = {role: number for number, (_, role) in enumerate(arrays) if role != "indices"}
-    primitive = {"attributes": attributes, "indices": 1, "material": 0, "mode": _TRIANGLES}
-    unlit = "KHR_materials_unlit"
-    plain = {"baseColorFactor": [1, 1, 1, 1], "metallicFactor": 0, "roughnessFactor": 1}
-    return {
-        "asset": {"version": "2.0", "generator": "MeshSplatBench"},
-        "extensionsUsed": [unlit],
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [primitive]}],
-        "materials": [{"pbrMetallicRoughness": plain, "extensions": {unlit: {}}, "doubleSided": True}],
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": start}],
-    }
 
 
 def _refuse_extensions(document: Document) -> None:
@@ -323,7 +239,7 @@ def _join_colors(parts: list[_Part]) -> NDArray[Any]:
             colors = np.full((len(part.vertices), 3), 255, dtype=np.uint8)
         if not as_bytes and colors.dtype == np.uint8:
             colors = (colors / 255).astype(np.float32)
-        joined.append(_with_alpha(colors) if wide else colors)
+        joined.append(with_alpha(colors) if wide else colors)
     return np.concatenate(joined)
 
 

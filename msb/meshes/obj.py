@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,10 @@ from numpy.typing import NDArray
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
+from msb.meshes.obj_write import write
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.text import Words, first_not_whole, word_blocks
-from msb.meshes.writing import write_rows
 
 _COLOR_WIDTHS = {6: 3, 7: 4}
 """Number of values on a `v` line -> how many of the last ones are a colour."""
@@ -69,22 +68,6 @@ def read(source: Source) -> Mesh:
     left_out = tuple(what for word, what in _LEFT_OUT.items() if word in parts.left_out)
     vertices = np.concatenate(parts.vertices)
     return Mesh(vertices, faces, colors, left_out=left_out, wrong_face=wrong_face)
-
-
-def write(mesh: Mesh, stream: BinaryIO) -> None:
-    """Write `v` and `f` lines; float32 and float64 coordinates read back as exactly the same number.
-
-    Colours are written after the coordinates, as 0..1 with nine digits.
-    """
-    columns, form = mesh.vertices, "v %r %r %r"
-    if mesh.vertex_colors is not None:
-        colors: NDArray[Any] = mesh.vertex_colors
-        if colors.dtype == np.uint8:
-            colors = colors / 255
-        columns = np.column_stack((columns, colors))
-        form += " %.9g" * colors.shape[1]
-    write_rows(stream, form, columns)
-    write_rows(stream, "f %d %d %d", mesh.faces + 1)
 
 
 def _refuse_unsupported(words: Words) -> None:
