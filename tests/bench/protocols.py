@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from msb.bench.machine import OF_THE_MOMENT
+from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import read_result
 from msb.bench.run import Report
@@ -44,6 +49,45 @@ def protocol(
             each,
         ]
     return parse_protocol("\n".join([*lines, tail]).encode(), folder / "protocol.toml")
+
+
+def changed(
+    file: ProtocolFile, *, method: Any = None, dataset: Any = None, alone: bool = False, **tables: Any
+) -> ProtocolFile:
+    """Return the protocol with tables replaced; a mapping replaces keys of a table.
+
+    `method` and `dataset` are keys of the first one, of which it may be `alone`.
+    """
+    protocol = file.protocol
+    for name, keys in (("methods", method), ("datasets", dataset)):
+        if keys is not None:
+            first, *others = getattr(protocol, name)
+            tables[name] = (first.model_copy(update=keys), *([] if alone else others))
+    for name, value in tables.items():
+        if isinstance(value, dict):
+            tables[name] = getattr(protocol, name).model_copy(update=value)
+    return replace(file, protocol=protocol.model_copy(update=tables))
+
+
+class Notes:
+    """Hears what a run says."""
+
+    def __init__(self) -> None:
+        self.said: list[str] = []
+
+    def stage(self, stage: Stage) -> Any:
+        return contextlib.nullcontext(lambda _name: None)
+
+    def note(self, text: str) -> None:
+        self.said.append(text)
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait until something is so, for a minute at most."""
+    end = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < end, "it takes too long"
+        time.sleep(0.05)
 
 
 def records(results: Path) -> dict[str, Any]:

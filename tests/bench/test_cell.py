@@ -24,7 +24,7 @@ from msb.bench.records import read_result
 from msb.metrics import registry
 from msb.render.backend import renderers
 from msb.render.frame import Frame
-from tests.bench.protocols import protocol
+from tests.bench.protocols import changed, protocol
 
 
 class Bench:
@@ -79,8 +79,7 @@ def fake_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path, fake_network: None) -> None:
-    table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
-    bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
+    bench.file = changed(bench.file, metrics={"vgg_weights": "vgg.pth"})
     assert bench.job("standard").vgg_weights == tmp_path / "vgg.pth"
     found = bench.record(bench.compute("standard", "quality")).quality
     assert found.lpips == pytest.approx(np.mean([image.lpips for image in found.images]))
@@ -95,8 +94,7 @@ def test_the_weights_of_lpips_decide_whether_a_cell_is_done(bench: Bench, fake_n
     bench.compute("standard", "quality", "timing")
     (planned,) = bench.plan("standard")
     assert dict(planned.why) == {}
-    table = bench.file.protocol.metrics.model_copy(update={"vgg_weights": "vgg.pth"})
-    bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"metrics": table}))
+    bench.file = changed(bench.file, metrics={"vgg_weights": "vgg.pth"})
     (planned,) = bench.plan("standard")
     assert dict(planned.why) == {"quality": "metrics changed"}
 
@@ -165,7 +163,7 @@ def red(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     there = {**renderers(), "red": "tests.bench.test_cell:Engine"}
     for module in ("msb.render.backend", "msb.bench.plan"):
         monkeypatch.setattr(f"{module}.renderers", lambda: there, raising=False)
-    bench.file = replace(bench.file, protocol=bench.file.protocol.model_copy(update={"engines": ("red",)}))
+    bench.file = changed(bench.file, engines=("red",))
     return bench
 
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,7 +19,7 @@ from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import MsbError
-from tests.bench.protocols import differences, images, records
+from tests.bench.protocols import Notes, differences, images, records, until
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
@@ -36,10 +35,7 @@ class Cluster:
         self.folder = folder
         file = folder / "scheduler.json"
         self.processes = [self._start("dask_scheduler", "--port", "0", "--scheduler-file", str(file))]
-        end = time.monotonic() + 60
-        while not (file.exists() and file.read_text().endswith("}")):
-            assert time.monotonic() < end, "the scheduler does not start"
-            time.sleep(0.05)
+        until(lambda: file.exists() and file.read_text().endswith("}"))
         self.address: str = json.loads(file.read_text())["address"]
         self.processes += [
             self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny") for _ in range(WORKERS)
@@ -75,23 +71,20 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     made.stop()
 
 
-class KillsOne:
+class KillsOne(Notes):
     """Watches a run, and kills a worker when the first cell is done."""
 
     def __init__(self, cluster: Cluster) -> None:
-        self.cluster, self.killed = cluster, threading.Event()
+        super().__init__()
+        self.cluster, self.killed = cluster, False
 
-    def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
-        import contextlib
-
+    def stage(self, stage: Stage) -> Any:
         def step(_name: str) -> None:
-            if stage.title == "cells" and not self.killed.is_set():
-                self.killed.set()
+            if stage.title == "cells" and not self.killed:
+                self.killed = True
                 self.cluster.kill_worker()
 
         return contextlib.nullcontext(step)
-
-    def note(self, _text: str) -> None: ...
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
@@ -102,7 +95,7 @@ def test_a_worker_killed_in_the_middle_costs_nothing(
     watch = KillsOne(cluster)
     found = run_protocol(there, scheduler=cluster.address, watch=watch)
     assert {str(row.reasons) for row in found.rows} == {"{}"}
-    assert watch.killed.is_set()
+    assert watch.killed
     assert cluster.processes[1].wait(10) != 0
     assert found.exit_status == 0
     assert all(row.result is not None and not row.reasons for row in found.rows)

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import BrokenExecutor, Executor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, cast
@@ -17,6 +16,7 @@ import pytest
 from msb.bench import pool
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.errors import MsbError
+from tests.bench.protocols import until
 from tests.bench.workers import double, moody
 from tests.conftest import ROOT
 
@@ -87,12 +87,12 @@ def test_workers_end_with_their_parent(tmp_path: Path, number: int) -> None:
         stderr=subprocess.DEVNULL,
     )
     try:
-        _until(lambda: len(list(seen.iterdir())) == 2)
+        until(lambda: len(list(seen.iterdir())) == 2)
         children = [int(path.name) for path in seen.iterdir()]
         assert all(psutil.pid_exists(child) for child in children)
         parent.send_signal(number)
         parent.wait(30)
-        _until(lambda: not any(_runs(child) for child in children))
+        until(lambda: not any(_runs(child) for child in children))
     finally:
         parent.kill()
 
@@ -102,13 +102,6 @@ def _runs(pid: int) -> bool:
         return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
     except psutil.Error:
         return False
-
-
-def _until(condition: object, seconds: float = 60) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it takes too long"
-        time.sleep(0.05)
 
 
 @pytest.mark.slow

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
-from tests.bench.protocols import cell, planned
+from tests.bench.protocols import cell, changed, planned
 
 pytestmark = pytest.mark.slow
 
 
 def upstream(file: ProtocolFile, folder: Path) -> ProtocolFile:
     """Return the protocol with the renderings in `folder` as the official ones of two_dts, alone."""
-    method = file.protocol.methods[0].model_copy(update={"non_engine": str(folder), "model": None})
-    return replace(file, protocol=file.protocol.model_copy(update={"methods": (method,)}))
+    return changed(file, method={"non_engine": str(folder), "model": None}, alone=True)
 
 
 @pytest.fixture

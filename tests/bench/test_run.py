@@ -19,12 +19,13 @@ from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
 from msb.bench.ground_truth import ground_truth
 from msb.bench.protocol import ProtocolFile
+from msb.bench.protocol_tables import MethodTable
 from msb.bench.records import CONDITIONS, read_result
-from msb.bench.run import _Nobody, run_protocol
+from msb.bench.run import run_protocol
 from msb.errors import MsbError
 from msb.scenes.datasets import read_scene
 from msb.views import choose_views
-from tests.bench.protocols import PEBBLE, STUBS, cell, images, planned, protocol, records
+from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, images, planned, protocol, records
 
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 
@@ -128,13 +129,8 @@ def test_a_dry_run_tells_and_writes_nothing(finished: ProtocolFile, tmp_path: Pa
 
 
 def test_only_what_changed_is_done_again_and_it_says_what(again: ProtocolFile) -> None:
-    method = again.protocol.methods[0].model_copy(update={"settings": {"gamma": 2.0}})
-    timing = again.protocol.timing.model_copy(update={"frames": 3})
-    changed = again.protocol.model_copy(
-        update={"methods": (method, again.protocol.methods[1]), "timing": timing}
-    )
-    found = run_protocol(replace(again, protocol=changed), only=["nerf_synthetic"])
-    told = planned(found)
+    other = changed(again, method={"settings": {"gamma": 2.0}}, timing={"frames": 3})
+    told = planned(run_protocol(other, only=["nerf_synthetic"]))
     assert told["two_dts/dedicated"] == {"quality": "settings changed", "timing": "settings, clock changed"}
     assert told["two_dts/non_engine"] == {"quality": "settings changed"}
     assert told["two_dts/exported_mesh"] == "done"
@@ -149,10 +145,8 @@ def test_only_what_changed_is_done_again_and_it_says_what(again: ProtocolFile) -
 def test_a_changed_photograph_or_model_is_noticed(again: ProtocolFile, tmp_path: Path) -> None:
     shutil.copytree(SCENE.parent, tmp_path / "scenes")
     shutil.copytree(PEBBLE / "two_dts", tmp_path / "model")
-    dataset = again.protocol.datasets[0].model_copy(update={"path": str(tmp_path / "scenes")})
-    method = again.protocol.methods[0].model_copy(update={"model": str(tmp_path / "model")})
-    moved = again.protocol.model_copy(update={"datasets": (dataset,), "methods": (method,)})
-    here = replace(again, protocol=moved)
+    places = {"dataset": {"path": str(tmp_path / "scenes")}, "method": {"model": str(tmp_path / "model")}}
+    here = changed(again, **places, alone=True)
     assert set(planned(run_protocol(here)).values()) == {"done"}, "another place is no other content"
     first, second = (Path(str(camera.image_path)) for camera in read_scene(SCENE).test[:2])
     shutil.copy(second, tmp_path / "scenes" / "pebble" / first.relative_to(SCENE))
@@ -169,15 +163,12 @@ def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path)
     broken = tmp_path / "broken"
     (broken / "ckpt").mkdir(parents=True)
     (broken / "ckpt" / "30000.ckpt").write_bytes(b"not a checkpoint")
-    method = again.protocol.methods[0].model_copy(
-        update={"name": "triangle_splatting", "model": str(broken), "non_engine": None}
+    method, lost = (
+        MethodTable(name=name, model=str(model))
+        for name, model in (("triangle_splatting", broken), ("auto", tmp_path / "nowhere"))
     )
-    lost = method.model_copy(update={"name": "auto", "model": str(tmp_path / "nowhere")})
-    dataset = again.protocol.datasets[0].model_copy(update={"scenes": ("pebble", "gone")})
-    changed = again.protocol.model_copy(
-        update={"methods": (method, lost, *again.protocol.methods), "datasets": (dataset,)}
-    )
-    found = run_protocol(replace(again, protocol=changed))
+    methods = (method, lost, *again.protocol.methods)
+    found = run_protocol(changed(again, methods=methods, dataset={"scenes": ("pebble", "gone")}))
     assert found.exit_status == 3
     states = {
         (row.planned.cell.scene, row.planned.cell.method, row.planned.cell.condition_name): row
@@ -193,9 +184,9 @@ def test_a_failure_costs_its_own_cells_only(again: ProtocolFile, tmp_path: Path)
 
 @pytest.mark.slow
 def test_two_models_of_one_method_on_one_scene_are_refused(again: ProtocolFile) -> None:
-    twice = again.protocol.model_copy(update={"methods": (again.protocol.methods[0],) * 2})
+    twice = changed(again, methods=(again.protocol.methods[0],) * 2)
     with pytest.raises(MsbError, match=r'PROTOCOL_INVALID: .*two models of two_dts on pebble.*"ours"'):
-        run_protocol(replace(again, protocol=twice))
+        run_protocol(twice)
 
 
 @pytest.mark.slow
@@ -218,11 +209,8 @@ def test_training_records_are_read_and_may_fail_alone(again: ProtocolFile, tmp_p
         "tool_version": "0.1.0",
     }
     record.write_text(json.dumps(track))
-    methods = tuple(
-        method.model_copy(update={"training": str(tmp_path / "{method}.json")})
-        for method in again.protocol.methods
-    )
-    here = replace(again, protocol=again.protocol.model_copy(update={"methods": methods}))
+    training = {"training": str(tmp_path / "{method}.json")}
+    here = changed(again, methods=tuple(one.model_copy(update=training) for one in again.protocol.methods))
     found = run_protocol(here, only=["dedicated"])
     assert planned(found) == {
         "two_dts/dedicated": {"training": "new"},
@@ -263,13 +251,7 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     assert 0 < result.chamfer.overall < 5
     assert result.chamfer.metric["name"] == "chamfer_dtu"
     assert result.audit is not None
-    worse = replace(
-        file,
-        protocol=file.protocol.model_copy(
-            update={"chamfer": file.protocol.chamfer.model_copy(update={"data": str(tmp_path)})}
-        ),
-    )
-    assert run_protocol(worse).exit_status == 3
+    assert run_protocol(changed(file, chamfer={"data": str(tmp_path)})).exit_status == 3
     result = read_result(Results(file.results).record(found.rows[0].planned.cell))
     assert (result.status, result.chamfer, result.reasons["chamfer"].code) == ("done", None, "FILE_NOT_FOUND")
 
@@ -287,18 +269,14 @@ def test_what_a_training_did_otherwise_is_warned_of_once_and_recorded(tmp_path: 
     model = tmp_path / "models" / "triangle_splatting"
     shutil.copytree(PEBBLE / "triangle_splatting", model)
     (model / "cfg_args").write_text("Namespace(white_background=False, eval=False)")
-    file = protocol(tmp_path, ("triangle_splatting",))
-    method = file.protocol.methods[0].model_copy(update={"model": str(model)})
-    file = replace(file, protocol=file.protocol.model_copy(update={"methods": (method,)}))
-    said: list[str] = []
-    watch = _Nobody()
-    watch.note = said.append
+    file = changed(protocol(tmp_path, ("triangle_splatting",)), method={"model": str(model)})
+    watch = Notes()
     assert run_protocol(file, only=["dedicated", "exported_mesh"], watch=watch).exit_status == 0
     for text in (
         "it was trained on the test views (eval=False)",
         "trained over black and is drawn over white",
     ):
-        assert sum(text in line for line in said) == 1
+        assert sum(text in line for line in watch.said) == 1
         for name in ("dedicated", "exported_mesh"):
             found = cell(file, f"triangle_splatting/{name}").trained
             assert sum(text in one for one in found) == 1

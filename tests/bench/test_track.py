@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,6 +15,7 @@ import pytest
 from msb.bench.nvml import Gpus, driver_memory
 from msb.bench.track import read_track, track
 from msb.errors import MsbError
+from tests.bench.protocols import until
 from tests.conftest import ROOT
 
 TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
@@ -144,28 +144,15 @@ def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:
         f"signal.signal({number}, lambda *_: sys.exit(42))\n"
         f"open({str(tmp_path / 'ready')!r}, 'w').close()\ntime.sleep(60)"
     )
+    words = ["track", "-o", str(tmp_path / "t.json"), "--", sys.executable, "-c", child]
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "msb",
-            "track",
-            "-o",
-            str(tmp_path / "t.json"),
-            "--",
-            sys.executable,
-            "-c",
-            child,
-        ],
+        [sys.executable, "-m", "msb", *words],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
     try:
-        end = time.monotonic() + 60
-        while not (tmp_path / "ready").exists():
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        until((tmp_path / "ready").exists)
         process.send_signal(number)
         assert process.wait(30) == 42
     finally:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import shutil
 from collections.abc import Callable, Iterator
@@ -20,7 +19,7 @@ from msb.errors import InputError, MsbError
 from msb.report.build import build_report
 from msb.report.results import read_results
 from msb.scenes.datasets import SceneAt
-from tests.bench.protocols import STUBS, cell, planned
+from tests.bench.protocols import STUBS, Notes, cell, planned
 
 CELLS = "cells/nerf_synthetic/pebble"
 
@@ -42,19 +41,6 @@ def edit(path: Path, **changes: Any) -> None:
             place = place[name]
         place[last] = value
     path.write_text(json.dumps(data))
-
-
-class Notes:
-    """Hears what a run says."""
-
-    def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def stage(self, _stage: Any) -> Any:
-        return contextlib.nullcontext(lambda _name: None)
-
-    def note(self, text: str) -> None:
-        self.said.append(text)
 
 
 @pytest.fixture

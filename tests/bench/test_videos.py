@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from msb import metrics
 from msb.bench.protocol import ProtocolFile
 from msb.bench.protocol_tables import VideosTable
 from msb.bench.run import run_protocol
-from tests.bench.protocols import planned
+from tests.bench.protocols import changed, planned
 
 pytestmark = pytest.mark.slow
 
@@ -28,7 +27,7 @@ def frames(path: Path) -> list[NDArray[np.uint8]]:
 @pytest.mark.parametrize("path", ["flight", "test"])
 def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
     options = VideosTable(path=path, frames=8, fps=8)
-    file = replace(again, protocol=again.protocol.model_copy(update={"videos": options}))
+    file = changed(again, videos=options)
     only = ["two_dts/dedicated", "two_dts/standard"]
     assert set(planned(run_protocol(file, only=only)).values()) == {"done"}
     film = file.results / "videos" / "nerf_synthetic" / "pebble" / "two_dts.mp4"

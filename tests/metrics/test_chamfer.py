@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import struct
 from pathlib import Path
 from typing import Any
 
@@ -47,52 +46,11 @@ def test_golden_meshes(case: dict[str, Any], run: dict[str, Any]) -> None:
     assert found["identity"]["parameters"]["seed"] == run["shuffle_seed"]
 
 
-@pytest.mark.parametrize("binary", [True, False])
-def test_a_file_of_triangles_and_quads_is_measured_as_a_run_measures_it(tmp_path: Path, binary: bool) -> None:
-    mesh = read_mesh(DTU / "mesh1.ply")
-    # Every third face is a quad: the order of the samples is that of the fans.
-    polygons = [[*map(int, face)] for face in mesh.faces[:200]]
-    polygons[::3] = [[*face, other[2]] for face, other in zip(polygons[::3], polygons[1::3], strict=False)]
-    vertices = mesh.vertices.astype("<f4")
-    header = f"element vertex {len(vertices)}\n" + "".join(f"property float {axis}\n" for axis in "xyz")
-    header += f"element face {len(polygons)}\nproperty list uchar int vertex_indices\nend_header\n"
-    if binary:
-        rows = b"".join(struct.pack(f"<B{len(face)}i", len(face), *face) for face in polygons)
-        content = b"ply\nformat binary_little_endian 1.0\n" + header.encode() + vertices.tobytes() + rows
-    else:
-        lines = [" ".join(map(repr, map(float, point))) for point in vertices]
-        lines += [" ".join(map(str, (len(face), *face))) for face in polygons]
-        content = ("ply\nformat ascii 1.0\n" + header + "\n".join(lines) + "\n").encode()
-    file = tmp_path / "mixed.ply"
-    file.write_bytes(content)
-    fans = [[face[0], *face[k : k + 2]] for face in polygons for k in range(1, len(face) - 1)]
-    expected = metrics.chamfer_surface(vertices, fans, metrics.read_dtu_scan(DTU, 1))
-    assert metrics.chamfer_dtu(file, DTU, 1) == {**expected, "scan": 1}
-    stored = read_mesh(file)
-    assert np.array_equal(stored.faces, fans)
-
-
-def test_a_scan_may_bring_normals_colours_and_no_faces(dataset: Path) -> None:
-    path = dataset / "Points/stl/stl001_total.ply"
-    points = read_mesh(path).vertices
-    fields = [("place", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)]
-    rows = np.zeros(len(points), fields)
-    rows["place"] = points
-    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
-    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
-    header += "element face 0\nproperty list uchar int vertex_indices\nend_header\n"
-    path.write_bytes(header.encode() + rows.tobytes())
-    found = metrics.read_dtu_scan(dataset, 1).points
-    assert found.dtype == np.float64
-    assert np.array_equal(found, points)
-
-
 @pytest.mark.parametrize("case", CLOUDS, ids=lambda case: case["id"])
 def test_golden_points(case: dict[str, Any]) -> None:
     data = metrics.read_dtu_scan(DTU, scan_of(case))
     cloud = read_mesh(DTU / case["points"])
-    assert len(cloud.faces) == 0
+    assert (len(cloud.faces), data.points.dtype) == (0, np.float64)
     points = cloud.vertices
     assert_is(metrics.chamfer_points(points, data), {**case["deterministic"], **case})
     shorter = metrics.chamfer_points(points, data, max_distance=1)
