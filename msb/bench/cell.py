@@ -77,8 +77,7 @@ def compute(job: Job) -> Done:
         **record,
     )
     write_result(job.folder, result)
-    reasons = {**result.reasons, **({} if failed is None else {"cell": failed})}
-    return Done(job.cell, result.status, reasons, time.perf_counter() - start)
+    return Done(job.cell, result.status, time.perf_counter() - start)
 
 
 def _kept(job: Job) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from msb.bench.folder import Results
-from msb.bench.records import TIER_OF, Cell, Reason, Status
+from msb.bench.records import TIER_OF, Cell, Status
 
 if TYPE_CHECKING:
     from msb.bench.models import Model
@@ -84,6 +84,4 @@ class Done:
 
     cell: Cell
     status: Status
-    reasons: Mapping[str, Reason]
-    """Part -> the reason why it is missing."""
     seconds: float

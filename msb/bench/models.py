@@ -111,7 +111,7 @@ def prepare_model(task: ModelTask) -> Model:
         warnings=tuple(warning.to_line(source) for warning in asset.warnings),
     )
     with new_file(_record(results, task)) as file:
-        file.write(model.model_dump_json(indent=1).encode() + b"\n")
+        file.write(model.to_json())
     return model
 
 

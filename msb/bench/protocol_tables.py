@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from msb.bench.checked import Record
 from msb.bench.records import CONDITIONS, Condition
 from msb.bench.timing import Timing
 from msb.registry import Order, Sampling
@@ -28,13 +29,7 @@ Color = tuple[Unit, Unit, Unit]
 Setting = bool | int | float | str
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, protected_namespaces=()
-    )
-
-
-class SceneOptions(_Table):
+class SceneOptions(Record):
     """Options of a scene, set by its dataset; where a method sets one too, the method counts."""
 
     image_folder: Annotated[str, Field(min_length=1)] | None = None
@@ -68,7 +63,7 @@ class MethodTable(SceneOptions):
     """The checkpoint, .triasset or mesh of each scene. Without it there are official renderings only."""
     datasets: tuple[FolderName, ...] = ()
     """Those that the method is evaluated on; all, if not given."""
-    settings: dict[str, Setting] = {}
+    settings: dict[str, Setting] = Field(default_factory=dict)
     """Values that replace settings, as ``--set`` takes them."""
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
     """Those of the protocol, if not given."""
@@ -82,7 +77,7 @@ class MethodTable(SceneOptions):
     """The mesh whose Chamfer distance is measured; the asset's own triangles if not given."""
 
 
-class VariantTable(_Table):
+class VariantTable(Record):
     """``[[variants]]``: a condition of its own, drawn on the dedicated tier, but not as officially."""
 
     label: FolderName
@@ -92,7 +87,7 @@ class VariantTable(_Table):
     sampling: Sampling | None = None
     renderer: Annotated[str, Field(min_length=1)] | None = None
     """A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given."""
-    settings: dict[str, Setting] = {}
+    settings: dict[str, Setting] = Field(default_factory=dict)
     """Overrides, as ``--set`` takes them, on top of the method's."""
 
     @property
@@ -102,27 +97,27 @@ class VariantTable(_Table):
         return {name: value for name, value in given.items() if value is not None}
 
 
-class MetricsTable(_Table):
+class MetricsTable(Record):
     """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16, without which LPIPS is "--"."""
 
     vgg_weights: str | None = None
 
 
-class TimingTable(_Table):
+class TimingTable(Record):
     """``[timing]``: the clock runs for at least `frames` and `seconds`; 0 frames mean no timing."""
 
     frames: Annotated[int, Field(ge=0)] = Timing.frames
     seconds: Annotated[float, Field(ge=0)] = Timing.seconds
 
 
-class ChamferTable(_Table):
+class ChamferTable(Record):
     """``[chamfer]``, for scenes of DTU: the official evaluation data, and the seed of the sampling."""
 
     data: Annotated[str, Field(min_length=1)]
     seed: Annotated[int, Field(ge=0)] = 0
 
 
-class VideosTable(_Table):
+class VideosTable(Record):
     """``[videos]``: films that show conditions side by side along a path.
 
     The `path` "flight" goes smoothly through the test cameras; "test" shows the test views themselves, and
@@ -134,7 +129,7 @@ class VideosTable(_Table):
     fps: Annotated[int, Field(ge=1, le=240)] = 24
 
 
-class TrialTable(_Table):
+class TrialTable(Record):
     """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library."""
 
     tasks: tuple[str, ...] = ()
@@ -147,7 +142,7 @@ class TrialTable(_Table):
     """GiB."""
 
 
-class Protocol(_Table):
+class Protocol(Record):
     """The whole file. docs/protocol.md has it with comments."""
 
     results: Annotated[str, Field(min_length=1)] = "results"

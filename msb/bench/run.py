@@ -29,7 +29,7 @@ from msb.bench.pool import DaskWorkers, LocalWorkers, Workers, run_all
 from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME, ProtocolFile
 from msb.bench.protocol_tables import AUTO
-from msb.bench.records import Reason, Result
+from msb.bench.records import Cell, Reason, Result
 from msb.bench.videos import video_tasks, write_video
 from msb.errors import EXIT_STATUS, InputError, MsbError
 from msb.scenes import write_cameras
@@ -42,17 +42,15 @@ class Watch(Protocol):
 
     def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
         """Begin a stage, which says how far it is; call the function with the name of each ended task."""
+        return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:
         """Report a line of text."""
-
-
-class _Nobody:
-    def stage(self, _stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
-        return contextlib.nullcontext(lambda _name: None)
-
-    def note(self, _text: str) -> None:
         return
+
+
+class _Nobody(Watch):
+    """Hears nothing."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +176,7 @@ class _Run:
     def __init__(self, file: ProtocolFile, run: str, workers: Workers, watch: Watch) -> None:
         self.file, self.run, self.workers, self.watch = file, run, workers, watch
         self.results = Results(file.results)
-        self.spent: dict[str, float] = {}
+        self.spent: dict[Cell, float] = {}
 
     def all(self, only: Sequence[str], redo: bool, start: float) -> Report:
         """Go through all stages."""
@@ -203,7 +201,7 @@ class _Run:
         timed = [job for job in second if job.parts and job.name not in failed]
         self.cells("timing", timed, later, alone=True)
         self.videos(planned)
-        rows = tuple(_row(self.results, one, self.spent.get(_name(one), 0.0)) for one in planned)
+        rows = tuple(_row(self.results, one, self.spent.get(one.cell, 0.0)) for one in planned)
         unknown = {
             str(pair.model): reason_of(model)
             for pair, model in models.items()
@@ -252,7 +250,7 @@ class _Run:
         failed = set()
         for job, answer in self.each(stage, compute, jobs, then, alone=alone):
             if isinstance(answer, Done):
-                self.spent[job.name] = self.spent.get(job.name, 0.0) + answer.seconds
+                self.spent[job.cell] = self.spent.get(job.cell, 0.0) + answer.seconds
                 if answer.status == "failed":
                     failed.add(job.name)
             else:
@@ -323,10 +321,6 @@ def _kind(task: Any) -> str:
 def _only(job: Job, *, timing: bool) -> Job:
     parts = {part: inputs for part, inputs in job.parts.items() if (part == "timing") is timing}
     return replace(job, parts=parts)
-
-
-def _name(planned: Planned) -> str:
-    return " ".join(planned.cell.names)
 
 
 def _row(results: Results, planned: Planned, seconds: float) -> Row:
