@@ -87,7 +87,7 @@ def archive(method: int = zipfile.ZIP_STORED, **members: bytes) -> bytes:
     return stream.getvalue()
 
 
-BIAS = "features.0.bias"
+WEIGHT, BIAS = "features.0.weight", "features.0.bias"
 _PNG: dict[str, tuple[bytes, str]] = {
     "bomb": (png(60_000, 60_000), "3600000000 pixels"),
     "compressed text": (
@@ -119,6 +119,11 @@ _GRID: dict[str, tuple[bytes, str]] = {
     "text": (grid(Res="x"), "Res"),
     "complex": (grid(BB=GRID["BB"] * 1j), "no real numbers"),
     "NaN": (grid(Res=np.array([[np.nan]])), "finite numbers"),
+    "no size": (grid(Res=0.0), "must be positive"),
+    "negative size": (grid(Res=-1.0), "must be positive"),
+    "several sizes": (grid(Res=np.zeros((2, 2))), "Res is 2 x 2; it must have 1 x 1"),
+    "box of three corners": (grid(BB=np.zeros((3, 3))), "BB is 3 x 3; it must have 2 x 3"),
+    "plane of voxels": (grid(ObsMask=np.zeros((4, 4))), "ObsMask is 4 x 4; it must have three axes"),
     "no plane": (matlab(P=np.ones((4, 1))), "no variable ObsMask"),
 }
 
@@ -138,6 +143,9 @@ _WEIGHTS: dict[str, tuple[bytes, str]] = {
         "features.0.bias is too long",
     ),
     "objects": (archive(**{BIAS: npy(shape("1", "|O"), bytes(8))}), "cannot be read"),
+    "shape": (archive(**{WEIGHT: npy(shape("32, 3, 3, 3"), bytes(3456))}), "of shape (64, 3, 3, 3)"),
+    "integers": (archive(**{WEIGHT: npy(shape("64, 3, 3, 3", "<i4"), bytes(6912))}), "it must be floats"),
+    "NaN": (archive(**{WEIGHT: npy(shape("64, 3, 3, 3"), b"\xff" * 6912)}), "holds NaN or infinity"),
 }
 
 _NEUS: dict[str, tuple[bytes, str]] = {

@@ -7,7 +7,7 @@ from typing import Any
 
 from msb.bench.documents import STORED
 from tests.bench.test_protocol import MINIMAL
-from tests.report.documents import AUDIT, TASK, chamfer, repairs, trial, way
+from tests.report.documents import AUDIT, SAME, TASK, chamfer, repairs, trial, way
 from tests.report.factory import make_result
 
 Bad = tuple[str, bytes, str, str]
@@ -34,6 +34,14 @@ def without(held: dict[str, Any], key: str) -> dict[str, Any]:
     return {name: value for name, value in held.items() if name != key}
 
 
+def audited(**changes: Any) -> bytes:
+    return result(audit={**AUDIT, **changes})
+
+
+def repaired(**changes: Any) -> bytes:
+    return result(repairs=repairs(way(STORED, **changes)))
+
+
 def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
     """Return a good record with some keys of its quality, or of its first image, replaced."""
     quality = json.loads(result())["quality"]
@@ -41,6 +49,13 @@ def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
     return result(quality={**quality, **changes})
 
 
+TIMING: dict[str, Any] = {
+    "schema": "msb.renderer_timing/1",
+    "frames": 300,
+    "seconds": 2.5,
+    "device": "NVIDIA RTX 4090",
+    "timed": "render() of the test views",
+}
 _NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
 
 _PROTOCOL: dict[str, tuple[bytes, str]] = {
@@ -85,26 +100,32 @@ _RESULT: dict[str, tuple[bytes, str]] = {
     "unknown key": (result(more=1), "/more: there is no such key"),
     "true for a number": (result(seconds=True), "/seconds"),
     "status": (result(status="fine"), "/status"),
-    "audit of a text": (
-        result(audit={**AUDIT, "counts": {**AUDIT["counts"], "faces": "9"}}),
-        "/audit/counts/faces",
-    ),
+    "audit of a text": (audited(counts={**AUDIT["counts"], "faces": "9"}), "/audit/counts/faces"),
+    "audit without counts": (result(audit=without(AUDIT, "counts")), "/audit/counts"),
+    "audit of few metrics": (audited(metrics={"vf_ratio": "0.5"}), "/audit/metrics/vf_ratio"),
+    "verdict": (audited(verdict={"level": "good", "sentence": "x"}), "/audit/verdict/level"),
+    "unknown count": (audited(counts={**AUDIT["counts"], "face": 1}), "/audit/counts/face: there is no"),
     "chamfer of a text": (result(chamfer={**chamfer(1), "overall": "0.5"}), "/chamfer/overall"),
+    "chamfer of a truth": (result(chamfer={**chamfer(1), "overall": True}), "/chamfer/overall"),
+    "chamfer of nothing": (result(chamfer={}), "/chamfer/mean_d2s"),
     "negative PSNR": (measured({"psnr": -3.0}), "/quality/images/0/psnr: -3 dB, and no PSNR is negative"),
     "PSNR that is not there": (measured({"psnr": None}), "/quality/images/0/psnr: it must be there"),
     "other mean of PSNR": (measured(psnr=99.0), "/quality/psnr: it is 99.0, and the mean of its images is"),
     "other mean of SSIM": (measured({"ssim": 0.25}), "/quality/ssim: it is "),
     "trial of no outcome": (result(trial=trial({**TASK, "outcome": []})), "/trial/trials/0/outcome"),
     "trial without a reason": (result(trial=trial(without(TASK, "why"))), "/trial/trials/0/why"),
-    "repair of no verdict": (
-        result(repairs=repairs(way(STORED, verdict_after=[]))),
-        "/repairs/strategies/0/verdict_after",
-    ),
+    "trial of another title": (result(trial=trial({**TASK, "title": 3})), "/trial/trials/0/title"),
+    "trial of no time": (result(trial=trial({**TASK, "seconds": None})), "/trial/trials/0/seconds"),
+    "repair of no verdict": (repaired(verdict_after=[]), "/repairs/strategies/0/verdict_after"),
+    "repair of another verdict": (repaired(verdict_after="fine"), "/repairs/strategies/0/verdict_after"),
+    "repair of something else": (repaired(strategy="orient"), "/repairs/strategies"),
+    "repair of a text": (repaired(components="4"), "/repairs/strategies/0/components"),
+    "repair of one look": (repaired(looks={"standard": SAME}), "/repairs/strategies/0/looks/dedicated"),
+    "repair with a list of trials": (repaired(trials=["uv"]), "/repairs/strategies/0/trials"),
+    "repair with more": (repaired(cuts=1), "/repairs/strategies/0/cuts"),
+    "repair that failed and was made": (repaired(why="it died"), "/repairs/strategies/0/faces_kept"),
     "repair without a reason": (result(repairs=repairs(without(way(STORED), "why"))), "/strategies/0/why"),
-    "repair without a picture": (
-        result(repairs=repairs(without(way(STORED), "picture"))),
-        "/strategies/0/picture",
-    ),
+    "repair without a picture": (result(repairs=repairs(without(way(STORED), "picture"))), "0/picture"),
     "image without width": (
         result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
         "/quality",
@@ -131,6 +152,30 @@ _RECORDS: dict[str, Bad] = {
             ("no object", b"[1]", ""),
         )
     },
+    **{
+        f"renderer_timing: {pointer} is {value!r}": (
+            "renderer_timing",
+            json.dumps({**TIMING, pointer[1:]: value}).encode(),
+            "RECORD_INVALID",
+            f"{pointer}: ",
+        )
+        for pointer, value in (
+            ("/schema", "msb.track/1"),
+            ("/frames", 0),
+            ("/frames", 1.5),
+            ("/seconds", 0),
+            ("/device", ""),
+            ("/timed", None),
+            ("/peak_gpu_memory_bytes", -1),
+            ("/fps", 9),
+        )
+    },
+    "renderer_timing: no seconds": (
+        "renderer_timing",
+        json.dumps(without(TIMING, "seconds")).encode(),
+        "RECORD_INVALID",
+        "/seconds: ",
+    ),
     "published: text for a value": (
         "published",
         b'{"schema": "msb-paper-table/1", "cells": [{"dataset": "dtu", "scene": "1", "method": "2dts",'

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.io import savemat
 from scipy.spatial.distance import cdist
 
 from msb import metrics
@@ -213,27 +212,6 @@ def test_a_missing_or_damaged_file_is_named(dataset: Path, name: str, damage: st
         metrics.chamfer_dtu(dataset / "mesh1.ply", dataset, 1)
     assert caught.value.file == str(path)
     assert caught.value.exit_status == 3
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"BB": np.zeros((3, 3))},
-        {"Res": 0.0},
-        {"Res": -1.0},
-        {"Res": np.zeros((2, 2))},
-        {"ObsMask": np.zeros((4, 4))},
-        {"ObsMask": None},
-    ],
-)
-def test_wrong_variables_are_refused(dataset: Path, change: dict[str, Any]) -> None:
-    variables = {"ObsMask": np.ones((4, 4, 4), np.uint8), "BB": np.zeros((2, 3)), "Res": 0.5, **change}
-    path = dataset / "ObsMask" / "ObsMask1_10.mat"
-    savemat(path, {key: value for key, value in variables.items() if value is not None})
-    with pytest.raises(MetricError) as caught:
-        metrics.read_dtu_scan(dataset, 1)
-    assert caught.value.code == "METRIC_DTU"
-    assert caught.value.file == str(path)
 
 
 def test_the_dataset_folder_must_exist(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from msb.errors import InputError
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
@@ -82,33 +81,3 @@ def test_where_nothing_was_tried_the_page_has_the_commands(tmp_path: Path) -> No
     written(tmp_path)
     assert "<code>msb trial " in page(tmp_path, "<html")
     assert "<code>msb repair --compare " in repaired(tmp_path)
-
-
-def with_task(**changes: Any) -> dict[str, Any]:
-    return {"trial": trial({**TASK, **changes})}
-
-
-def with_way(**changes: Any) -> dict[str, Any]:
-    return {"repairs": repairs(way("as stored", **changes))}
-
-
-@pytest.mark.parametrize(
-    ("parts", "pointer"),
-    [
-        (with_task(outcome="good"), "/trial/trials/0/outcome"),
-        (with_task(title=3), "/trial/trials/0/title"),
-        (with_task(seconds=None), "/trial/trials/0/seconds"),
-        (with_way(strategy="orient"), "/repairs/strategies"),
-        (with_way(components="4"), "/repairs/strategies/0/components"),
-        (with_way(verdict_after="fine"), "/repairs/strategies/0/verdict_after"),
-        (with_way(looks={"standard": SAME}), "/repairs/strategies/0/looks/dedicated"),
-        (with_way(trials=["uv"]), "/repairs/strategies/0/trials"),
-        (with_way(cuts=1), "/repairs/strategies/0/cuts"),
-        (with_way(why="it died"), "/repairs/strategies/0/faces_kept"),
-    ],
-)
-def test_documents_that_are_none_are_refused(tmp_path: Path, parts: dict[str, Any], pointer: str) -> None:
-    written(tmp_path, **parts)
-    with pytest.raises(InputError) as caught:
-        read_results(tmp_path)
-    assert (caught.value.code, caught.value.pointer) == ("RECORD_INVALID", pointer)
