@@ -1,16 +1,18 @@
 """The three.js page: one file that any browser with WebGL 2 opens offline, with or without an asset in it.
 
-three.js and its GLTFLoader, which `web/three` holds as published, go into the page when it is written, with
-their licence.
+The modules of three.js, which `web/three` holds as published, go into the page when it is written, packed and
+with their licence.
 """
 
 from __future__ import annotations
 
 import base64
+import gzip
 import html
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,13 +87,25 @@ def filled(scene: Mapping[str, Any], scripts: Sequence[str], *, glb: str = "", a
         ("@GLB@", glb),
         ("@ARRAYS@", arrays),
         ("@LICENSE@", (three / "LICENSE").read_text("utf-8").rstrip()),
-        ("@THREE@", (three / "three.min.js").read_text("utf-8")),
-        ("@LOADER@", (three / "GLTFLoader.js").read_text("utf-8")),
+        ("@THREE@", _three_modules()),
         ("@SCRIPT@", '"use strict";\n' + "".join(read_script(name) for name in scripts)),
+        ("@LOADER@", read_script("loader.js")),
     ):
         before, rest = rest.split(mark, 1)
         parts += [before, value]
     return "".join([*parts, rest]).encode(errors="backslashreplace")  # a file name need not be text
+
+
+@cache
+def _three_modules() -> str:
+    """Return the elements that hold the modules of three.js, gzip in base64."""
+    folder = files("msb.engines") / "web" / "three"
+    elements = []
+    for name in _origin()["files"]:
+        if name.endswith(".js"):
+            packed = base64.b64encode(gzip.compress((folder / name).read_bytes(), 6, mtime=0)).decode("ascii")
+            elements.append(f'<script type="text/plain" data-module="{name}">{packed}</script>')
+    return "\n".join(elements)
 
 
 def read_script(name: str) -> str:
@@ -115,6 +129,9 @@ def camera_data(camera: Camera) -> dict[str, Any]:
 
 
 def three_revision() -> str:
-    """Return the revision of three.js in the page, such as "140"."""
-    origin = tomllib.loads((files("msb.engines") / "web" / "three" / "ORIGIN.toml").read_text("utf-8"))
-    return str(origin["revision"])
+    """Return the revision of three.js in the page, such as "187"."""
+    return str(_origin()["revision"])
+
+
+def _origin() -> dict[str, Any]:
+    return tomllib.loads((files("msb.engines") / "web" / "three" / "ORIGIN.toml").read_text("utf-8"))

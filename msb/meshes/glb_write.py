@@ -78,7 +78,7 @@ def _description(arrays: list[tuple[NDArray[Any], str]], positions: NDArray[np.f
     unlit = "KHR_materials_unlit"
     plain = {"baseColorFactor": [1, 1, 1, 1], "metallicFactor": 0, "roughnessFactor": 1}
     return {
-        "asset": {"version": "2.0", "generator": "MeshSplatBench"},
+        "asset": {"version": "2.0", "generator": "MeshSplatBench", "extras": {"color_space": "srgb"}},
         "extensionsUsed": [unlit],
         "scene": 0,
         "scenes": [{"nodes": [0]}],

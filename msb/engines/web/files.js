@@ -1,6 +1,6 @@
 "use strict";
 // What only the page of a mesh file has: colours by two rules, and files that are dropped.
-byId("colors").addEventListener("change", (event) => { setColors(event.target.value === "stored"); show(); });
+byId("colors").addEventListener("change", (event) => { setColors(event.target.value); show(); });
 window.addEventListener("dragover", (event) => { event.preventDefault(); document.body.classList.add("over"); });
 window.addEventListener("dragleave", () => document.body.classList.remove("over"));
 window.addEventListener("drop", (event) => {
@@ -12,7 +12,6 @@ byId("file").addEventListener("change", (event) => event.target.files.length && 
 
 async function openFirst(asked) {
   const element = byId("glb"), url = asked.get("url");
-  byId("colors").value = state.exact ? "stored" : "linear";
   try {
     if (url) {
       const answer = await fetch(url);

@@ -59,6 +59,7 @@ function makeMesh() {
     }
   }
   if (drawn) geometry.setIndex(new THREE.BufferAttribute(drawn, 1));
+  setColors("stored");
   setMesh(new THREE.Group().add(new THREE.Mesh(geometry)));
 }
 

@@ -1,12 +1,10 @@
 "use strict";
-// Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face, colours as stored. A
-// mesh that brings no colours is grey in daylight, as ours are before they are written into a page.
+// Shows one mesh with three.js as the standard tier does: unlit, two-sided, nearest face. A mesh that brings no
+// colours is grey in daylight, as ours are before they are written into a page.
 const NEAR = 0.01;
 const FOV_Y = 40 * Math.PI / 180;
-const byId = (id) => document.getElementById(id);
 const canvas = byId("view");
 const start = JSON.parse(byId("scene").textContent);
-const say = (text) => { byId("message").textContent = text; byId("message").hidden = !text; };
 
 const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
 if (!gl) {
@@ -17,7 +15,9 @@ const renderer = new THREE.WebGLRenderer({ canvas, context: gl });
 renderer.autoClear = false;
 renderer.setPixelRatio(1);
 renderer.toneMapping = THREE.NoToneMapping;
-if (THREE.ColorManagement) THREE.ColorManagement.legacyMode = true;
+// Materials below say themselves what becomes of colours.
+THREE.ColorManagement.enabled = false;
+renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
 // Depth 1 at the near plane and 0 infinitely far, in float32, loses nothing to a far plane; where a browser
 // cannot (no EXT_clip_control), the usual -1 .. 1, without a far plane either.
 function extended() {
@@ -36,7 +36,7 @@ const scene = new THREE.Scene();
 const camera = new THREE.PerspectiveCamera();
 camera.matrixAutoUpdate = false;
 const world = { mesh: null, center: new THREE.Vector3(), radius: 1, bytes: {} };
-const state = { view: null, fitted: true, target: new THREE.Vector3(), background: start.background, exact: true };
+const state = { view: null, fitted: true, target: new THREE.Vector3(), background: start.background };
 
 // ---- drawing
 
@@ -86,23 +86,20 @@ function paint(into, color) {
   renderer.render(scene, camera);
 }
 
-// The picture goes to the screen through three.js's own conversion, which in "as stored" does nothing.
-const encode = THREE.ShaderChunk.colorspace_fragment ? "colorspace_fragment" : "encodings_fragment";
 const copy = new THREE.Mesh(new THREE.PlaneGeometry(2, 2), new THREE.ShaderMaterial({
   uniforms: { picture: { value: null } }, depthTest: false, depthWrite: false, toneMapped: false,
   vertexShader: "void main() { gl_Position = vec4(position.xy, 0.5, 1.0); }",
   fragmentShader: `uniform sampler2D picture;
-    void main() { gl_FragColor = vec4(texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb, 1.0); #include <${encode}>
-    }`.replace("#include", "\n#include"),
+    void main() { gl_FragColor = vec4(texelFetch(picture, ivec2(gl_FragCoord.xy), 0).rgb, 1.0); }`,
 }));
 copy.frustumCulled = false;
 const copyScene = new THREE.Scene().add(copy);
 
-function setColors(exact) {
-  state.exact = exact;
-  if ("outputColorSpace" in renderer) renderer.outputColorSpace = exact ? "srgb-linear" : "srgb";
-  else renderer.outputEncoding = exact ? THREE.LinearEncoding : THREE.sRGBEncoding;
-  copy.material.needsUpdate = true;
+// Whether colours of vertices are linear light, as glTF says, or sRGB as it goes to the screen.
+const linear = { value: true };
+function setColors(rule) {
+  linear.value = rule !== "stored";
+  byId("colors").value = linear.value ? "linear" : "stored";
 }
 
 let queued = false;
@@ -142,21 +139,30 @@ const lit = () => new THREE.ShaderMaterial({
     }`,
 });
 
+// A picture holds sRGB: linear light is encoded where a material ends. What a texture gives is linear light always.
 function materialOf(geometry, old) {
-  const colored = geometry.attributes.color !== undefined;
-  if (!colored && !old?.map) return lit();
-  return new THREE.MeshBasicMaterial({
-    vertexColors: colored, color: old ? old.color : 0xffffff, map: old?.map || null, side: THREE.DoubleSide,
+  const colored = geometry.attributes.color !== undefined, map = old?.map || null;
+  if (!colored && !map && (!old || old.color.getHex() === 0xffffff)) return lit();
+  const made = new THREE.MeshBasicMaterial({
+    vertexColors: colored, color: old ? old.color : 0xffffff, map, alphaTest: old?.alphaTest || 0, side: THREE.DoubleSide,
     // At equal depths the first face stays.
     toneMapped: false, depthFunc: clip ? THREE.GreaterDepth : THREE.LessDepth,
   });
+  made.onBeforeCompile = (shader) => {
+    shader.uniforms.linear = map || !colored ? { value: true } : linear;
+    shader.fragmentShader = `uniform bool linear;\n${shader.fragmentShader}`.replace("#include <colorspace_fragment>",
+      "if (linear) gl_FragColor = sRGBTransferOETF(gl_FragColor);");
+  };
+  return made;
 }
+
+const asked = new URLSearchParams(location.search);
 
 async function open(buffer, name) {
   say(`Reading ${name} ...`);
   await new Promise((done) => setTimeout(done, 20));  // for the message to be seen
-  const gltf = await new Promise((done, failed) => new THREE.GLTFLoader().parse(buffer, "", done, failed));
-  gltf.scene.traverse((node) => { if (node.isMesh && node.material.map) node.material.map.encoding = THREE.LinearEncoding; });
+  const gltf = await new THREE.GLTFLoader().setMeshoptDecoder(THREE.MeshoptDecoder).parseAsync(buffer, "");
+  setColors(asked.get("colors") || (gltf.asset.extras?.color_space === "srgb" ? "stored" : "linear"));
   const faces = setMesh(gltf.scene);
   const sphere = new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
   setName(name, faces, sphere.center, sphere.radius);
@@ -177,10 +183,13 @@ function setMesh(group) {
     node.material = materialOf(geometry, node.material);
     node.frustumCulled = false;
     faces += (geometry.index || geometry.attributes.position).count / 3;
-    const { position, color } = geometry.attributes;
-    for (const [use, part] of [["positions", position], ["vertex colors", color], ["indices", geometry.index]]) {
+    const { position, color, uv } = geometry.attributes;
+    const parts = { positions: position, "vertex colors": color, "texture coordinates": uv, indices: geometry.index };
+    for (const [use, part] of Object.entries(parts)) {
       if (part) world.bytes[use] = (world.bytes[use] || 0) + part.array.byteLength;
     }
+    const image = node.material.map?.image;
+    if (image) world.bytes.textures = (world.bytes.textures || 0) + Math.round(image.width * image.height * 4 * 4 / 3);
   });
   world.mesh = group;
   canvas.hidden = false;

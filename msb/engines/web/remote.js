@@ -38,10 +38,23 @@ function pixels(view) {
   return values;
 }
 
+// Where a texture is cut out its material has to say so, and ends in the distance in place of the colour.
+function depthOf(material) {
+  if (!material.alphaTest) return depthMaterial;
+  const made = material.clone();
+  made.onBeforeCompile = (shader) => {
+    shader.fragmentShader = shader.fragmentShader.replace("#include <colorspace_fragment>",
+      "gl_FragColor = vec4(1.0 / gl_FragCoord.w, 0.0, 0.0, 1.0);");
+  };
+  return made;
+}
+
 function depths(view) {
-  scene.overrideMaterial = depthMaterial;
+  const own = new Map();
+  world.mesh.traverse((node) => { if (node.isMesh) own.set(node, node.material); });
+  for (const [node, material] of own) node.material = depthOf(material);
   paint(target(THREE.FloatType, view.width, view.height), [0, 0, 0]);
-  scene.overrideMaterial = null;
+  for (const [node, material] of own) node.material = material;
   const values = pixels(view), depth = new Float32Array(view.width * view.height);
   for (let i = 0; i < depth.length; i += 1) depth[i] = values[4 * i];
   return depth;

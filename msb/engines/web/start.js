@@ -1,12 +1,10 @@
 "use strict";
-// The beginning: what is asked for in the address, the model, a first view.
+// The beginning, once all scripts are there: what is asked for in the address, the model, a first view.
 async function main() {
-  const asked = new URLSearchParams(location.search);
   byId("panel").hidden = asked.has("bare");
   const other = start.dedicated ? "mesh" : "dedicated";
   for (const part of document.querySelectorAll(`[data-for=${other}]`)) part.hidden = true;
   byId("panel").open = window.innerWidth > 1200;
-  setColors(asked.get("colors") !== "linear");
   byId("up").value = start.up;
   byId("background").value = "#" + start.background
     .map((value) => Math.round(255 * Math.min(1, Math.max(0, value))).toString(16).padStart(2, "0")).join("");
@@ -19,4 +17,3 @@ async function main() {
   if (index >= 0) choose(index); else fit();
   return true;
 }
-const ready = main();
