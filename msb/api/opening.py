@@ -135,7 +135,7 @@ def _stored_file(path: Path) -> StoredMesh:
     from msb.meshes.mesh import left_out_finding
     from msb.meshes.writing import check_indices
 
-    mesh = read_mesh(path)
+    mesh = read_mesh(path, images=False)
     if mesh.wrong_face is not None:  # whoever uses the faces would refuse them, and could not name the line
         with about(path):
             check_indices(mesh)

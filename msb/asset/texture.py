@@ -24,6 +24,9 @@ PASS = "opaque_unlit_texture"
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 MAX_SIDE = 16_384
 """The most texels along a side of a texture."""
+MAX_TEXTURES = 59
+"""The most textures of an asset, whose 64 buffers also hold positions, indices, colours, coordinates and
+`face_texture`."""
 _ROWS = 1 << 22
 """Texels of a mip level that are made together."""
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from msb.asset.texture import LINEAR, linear_to_srgb
+
+_SAME = 1e-6
+"""Floats in [0, 1] that differ by less are one number, written by two programs."""
 
 
 def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
@@ -35,3 +41,29 @@ def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
     opaque = 255 if colors.dtype == np.uint8 else 1
     alpha = np.full((len(colors), 1), opaque, dtype=colors.dtype)
     return np.concatenate((colors, alpha), axis=1)
+
+
+def srgb_colors(linear: NDArray[Any], step: float) -> NDArray[Any]:
+    """Return colours (N, 3 | 4) in linear light, uint8 or float32, as sRGB; alpha is what it was.
+
+    They are uint8 where these stand for the values that are given, which differ by `step` if at all (0: of
+    floats), else float32.
+    """
+    values = linear / np.float32(255) if linear.dtype == np.uint8 else linear
+    levels = np.concatenate(
+        (_nearest_levels()[_rounded(values[:, :3], 65535)], _rounded(values[:, 3:], 255)), axis=1
+    )
+    back: NDArray[Any] = np.concatenate((LINEAR[levels[:, :3]], levels[:, 3:] / np.float32(255)), axis=1)
+    if (np.abs(back - values) < step / 2 + _SAME).all():
+        return levels.astype(np.uint8)
+    return np.concatenate((linear_to_srgb(values[:, :3]), values[:, 3:]), axis=1).astype(np.float32)
+
+
+def _rounded(values: NDArray[Any], most: int) -> NDArray[np.intp]:
+    return np.asarray(np.rint(values * np.float32(most)).astype(np.intp))
+
+
+@cache
+def _nearest_levels() -> NDArray[np.intp]:
+    """Return the byte of sRGB that is nearest to each 65535th of linear light."""
+    return _rounded(linear_to_srgb(np.arange(65536) / 65535), 255)

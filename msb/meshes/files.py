@@ -33,13 +33,16 @@ MESH_SUFFIXES = FORMATS.keys()
 """The suffixes of the files `read_mesh` knows, in lower case."""
 
 
-def read_mesh(path: str | os.PathLike[str]) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     """Read a mesh file exactly as stored: nothing is merged, split, dropped, reordered or repaired.
 
     Parameters
     ----------
     path : str or Path
         A regular file; the suffix, in any case, says the format.
+    images : bool
+        False for who needs the surface alone: images are not decoded, `textures` is empty, and texture
+        coordinates are there wherever the file has some.
 
     Returns
     -------
@@ -55,8 +58,10 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
 
     Notes
     -----
-    The file is untrusted. Declared sizes are checked against the file's before memory is taken, no path in
-    it is opened, and time and memory are linear in its size.
+    The file is untrusted. Declared sizes are checked against the file's before memory is taken. Of the paths
+    in it (buffers and images of glTF, materials and images of OBJ) only regular files in its own folder or
+    below it are opened: an absolute path, a scheme or host, "..", and a link to elsewhere are refused. Time
+    and memory are linear in the size of these files.
     """
     name = os.fspath(path)
     try:
@@ -64,7 +69,7 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
     except MemoryError:
         message = "this machine has not enough memory for the file"
         raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None
-    source = Source(name, data)
+    source = Source(name, data, images=images)
     chosen = _known(name, Path(name).suffix)
     if not data:
         raise source.error("MESH_FILE_INVALID", "the file is empty")

@@ -1,4 +1,4 @@
-"""The container of a GLB file, its JSON, the arrays ("accessors") in its binary chunk, and its nodes."""
+"""The container of a GLB, the JSON of glTF 2.0, the arrays ("accessors") in its buffers, and its nodes."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import json
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MeshFileError, shorten
+from msb.meshes.beside import read_uri
 
 if TYPE_CHECKING:
     from msb.meshes.source import Source
@@ -32,6 +33,9 @@ parsed."""
 MAX_JSON_DEPTH = 64
 """Deepest nesting of the JSON. glTF itself nests about ten deep; extras may add some levels."""
 
+MAX_BUFFER = 1 << 40
+"""Most bytes of a buffer beside the file."""
+
 IDENTITY = np.eye(4)
 
 MAX_NODES = 1 << 20
@@ -44,11 +48,18 @@ _NESTING[list(b"]}")] = -1
 
 @dataclass(frozen=True)
 class Document:
-    """A GLB file: its JSON object and its binary chunk, which is empty where there is none."""
+    """A glTF file: its JSON object and its buffers by number, of which those that are needed get read."""
 
     source: Source
     root: dict[str, Any]
-    binary: memoryview
+    buffers: dict[int, memoryview] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """The bytes of the file and of the buffers that were read from beside it."""
+        return len(self.source.data) + sum(
+            each.nbytes for each in self.buffers.values() if each.obj is not self.source.data
+        )
 
     def error(self, code: str, pointer: str, message: str, **about: Any) -> MeshFileError:
         """Return the error about the place with JSON pointer `pointer`."""
@@ -75,6 +86,14 @@ class Document:
             raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", text)
         return np.array(value, dtype=np.float64)
 
+    def number(self, owner: dict[str, Any], key: str, pointer: str, default: float) -> float:
+        """Return `owner[key]`, a finite number."""
+        value = owner.get(key, default)
+        if type(value) not in (int, float) or not _is_finite(value):
+            text = f"'{key}' is {shorten(str(value))}, not a finite number"
+            raise self.error("MESH_FILE_INVALID", f"{pointer}/{key}", text)
+        return float(value)
+
     def array(self, owner: dict[str, Any], key: str, pointer: str) -> list[Any]:
         """Return the JSON array `owner[key]`; absent is empty."""
         value = owner.get(key, [])
@@ -98,13 +117,42 @@ class Document:
             raise self.error("MESH_FILE_INVALID", pointer, text)
         return entries[index], pointer
 
+    def buffer(self, index: int) -> memoryview:
+        """Return buffer `index`: the binary chunk, embedded data or a file beside."""
+        if index not in self.buffers:
+            entry, pointer = self.entry("buffers", index)
+            if "uri" not in entry:
+                text = "only the first buffer can lie in the binary chunk, and this one names no other place"
+                raise self.error("MESH_FILE_INVALID", pointer, text)
+            most = self.integer(entry, "byteLength", pointer, below=MAX_BUFFER)
+            self.buffers[index] = memoryview(self.resource(entry, pointer, most))[:most]
+        return self.buffers[index]
+
+    def resource(self, owner: dict[str, Any], pointer: str, most: int) -> bytes:
+        """Return the bytes that `owner["uri"]` means; of a longer file the first `most` or a few more."""
+        uri, where = owner.get("uri"), f"{pointer}/uri"
+        if not isinstance(uri, str):
+            raise self.error("MESH_FILE_INVALID", where, "'uri' is no text")
+        return read_uri(self.source, uri, where, most)
+
+    def view(self, index: int) -> tuple[memoryview, dict[str, Any], str]:
+        """Return the bytes of buffer view `index`, its entry and its JSON pointer."""
+        view, pointer = self.entry("bufferViews", index)
+        buffer = self.buffer(self.integer(view, "buffer", pointer))
+        start = self.integer(view, "byteOffset", pointer, default=0)
+        size = self.integer(view, "byteLength", pointer)
+        if start + size > len(buffer):
+            text = f"it ends at byte {start + size} of a buffer of {len(buffer)} bytes"
+            raise self.error("MESH_FILE_TRUNCATED", pointer, text)
+        return buffer[start : start + size], view, pointer
+
 
 @dataclass(frozen=True)
 class Accessor:
     """A checked description of an array: reading it cannot fail for want of bytes.
 
-    `start` is the byte in the binary chunk, None for zeros; `stride` the bytes from one element to the next;
-    `sparse` the accessors of the positions and values that replace some elements.
+    `data` are the bytes of its view, in which it begins at byte `start`, None for zeros; `stride` the bytes
+    from one element to the next; `sparse` the accessors of the positions and values that replace some.
     """
 
     document: Document
@@ -113,19 +161,20 @@ class Accessor:
     width: int
     dtype: np.dtype[Any]
     normalized: bool
-    start: int | None
+    data: memoryview | None
+    start: int
     stride: int
     sparse: tuple[Accessor, Accessor] | None = None
 
     def read(self) -> NDArray[Any]:
         """Return the values: (count, width), of `dtype`."""
         values: NDArray[Any]
-        if self.start is None or not self.count:
+        if self.data is None or not self.count:
             values = np.zeros((self.count, self.width), dtype=self.dtype)
         else:
             strides = (self.stride, self.dtype.itemsize)
             shape = (self.count, self.width)
-            values = np.ndarray(shape, self.dtype, self.document.binary, self.start, strides).copy()
+            values = np.ndarray(shape, self.dtype, self.data, self.start, strides).copy()
         if self.sparse is not None:
             places = self.sparse[0].read()[:, 0].astype(np.int64)
             if places.size and places.max() >= self.count:
@@ -156,7 +205,11 @@ def open_document(source: Source) -> Document:
     if not chunks or chunks[0][0] != b"JSON":
         raise source.error("MESH_FILE_INVALID", "the first chunk is not JSON", pointer="byte 16")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else memoryview(b"")
-    return Document(source, _parse_json(source, bytes(chunks[0][1])), binary)
+    document = Document(source, parse_json(source, bytes(chunks[0][1])))
+    buffers = document.root.get("buffers")
+    if isinstance(buffers, list) and buffers and isinstance(buffers[0], dict) and "uri" not in buffers[0]:
+        document.buffers[0] = binary
+    return document
 
 
 def accessor(document: Document, index: int, *, kinds: str, components: str) -> Accessor:
@@ -174,18 +227,15 @@ def accessor(document: Document, index: int, *, kinds: str, components: str) -> 
     count = document.integer(entry, "count", pointer)
     dtype = _component(document, entry, pointer, components)
     sparse = document.object(entry, "sparse", pointer)
-    start, stride = None, 0
+    data, start, stride = None, 0, 0
     if "bufferView" in entry:
-        start, stride = _placed(document, entry, pointer, count, dtype.itemsize * width)
+        data, start, stride = _placed(document, entry, pointer, count, dtype.itemsize * width)
     elif not sparse:
         text = "the accessor has no 'bufferView', so it has no values"
         raise document.error("MESH_FILE_INVALID", pointer, text)
     normalized = entry.get("normalized") is True
-    plain = Accessor(document, pointer, count, width, dtype, normalized, start, stride)
-    if not sparse:
-        return plain
-    pair = _sparse(document, sparse, f"{pointer}/sparse", plain)
-    return Accessor(document, pointer, count, width, dtype, normalized, start, stride, pair)
+    plain = Accessor(document, pointer, count, width, dtype, normalized, data, start, stride)
+    return replace(plain, sparse=_sparse(document, sparse, f"{pointer}/sparse", plain)) if sparse else plain
 
 
 def _sparse(
@@ -196,11 +246,11 @@ def _sparse(
     indices = document.object(entry, "indices", pointer)
     values = document.object(entry, "values", pointer)
     kind = _component(document, indices, f"{pointer}/indices", "u1 u2 u4")
-    start, stride = _placed(document, indices, f"{pointer}/indices", count, kind.itemsize)
-    first = Accessor(document, f"{pointer}/indices", count, 1, kind, False, start, stride)
+    place = _placed(document, indices, f"{pointer}/indices", count, kind.itemsize)
+    first = Accessor(document, f"{pointer}/indices", count, 1, kind, False, *place)
     size = base.dtype.itemsize * base.width
-    start, stride = _placed(document, values, f"{pointer}/values", count, size)
-    return first, Accessor(document, f"{pointer}/values", count, base.width, base.dtype, False, start, stride)
+    place = _placed(document, values, f"{pointer}/values", count, size)
+    return first, Accessor(document, f"{pointer}/values", count, base.width, base.dtype, False, *place)
 
 
 def _component(document: Document, owner: dict[str, Any], pointer: str, allowed: str) -> np.dtype[Any]:
@@ -216,30 +266,18 @@ def _component(document: Document, owner: dict[str, Any], pointer: str, allowed:
 
 def _placed(
     document: Document, owner: dict[str, Any], pointer: str, count: int, size: int
-) -> tuple[int, int]:
-    """Return start and stride, in the binary chunk, of `count` elements of `size` bytes each."""
-    view, view_pointer = document.entry("bufferViews", document.integer(owner, "bufferView", pointer))
-    buffer, buffer_pointer = document.entry("buffers", document.integer(view, "buffer", view_pointer))
-    if "uri" in buffer:
-        text = "buffers in other files are not read; save a GLB that holds its own"
-        raise document.error("MESH_FILE_UNSUPPORTED", f"{buffer_pointer}/uri", text)
-    if buffer_pointer != "/buffers/0":
-        text = "only the first buffer can lie in the binary chunk, and this one names no other place"
-        raise document.error("MESH_FILE_INVALID", buffer_pointer, text)
-    view_start = document.integer(view, "byteOffset", view_pointer, default=0)
-    view_size = document.integer(view, "byteLength", view_pointer)
-    if view_start + view_size > len(document.binary):
-        text = f"it ends at byte {view_start + view_size} of a binary chunk of {len(document.binary)} bytes"
-        raise document.error("MESH_FILE_TRUNCATED", view_pointer, text)
+) -> tuple[memoryview, int, int]:
+    """Return the view's bytes that hold `count` elements of `size` bytes each, their start and stride."""
+    data, view, view_pointer = document.view(document.integer(owner, "bufferView", pointer))
     stride = document.integer(view, "byteStride", view_pointer, default=size)
     if stride < size:
         text = f"'byteStride' is {stride}, less than the {size} bytes of an element"
         raise document.error("MESH_FILE_INVALID", f"{view_pointer}/byteStride", text)
     start = document.integer(owner, "byteOffset", pointer, default=0)
-    if count and start + stride * (count - 1) + size > view_size:
-        text = f"{count} elements of {size} bytes do not fit the {view_size} bytes of {view_pointer}"
+    if count and start + stride * (count - 1) + size > len(data):
+        text = f"{count} elements of {size} bytes do not fit the {len(data)} bytes of {view_pointer}"
         raise document.error("MESH_FILE_TRUNCATED", pointer, text)
-    return view_start + start, stride
+    return data, start, stride
 
 
 def _chunks(source: Source) -> list[tuple[bytes, memoryview]]:
@@ -260,7 +298,7 @@ def _chunks(source: Source) -> list[tuple[bytes, memoryview]]:
     return chunks
 
 
-def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
+def parse_json(source: Source, text: bytes) -> dict[str, Any]:
     """Return the JSON object in `text`."""
     if len(text) > MAX_JSON_BYTES:
         message = f"the JSON has {len(text)} bytes, more than {MAX_JSON_BYTES}"

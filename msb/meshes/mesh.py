@@ -82,7 +82,7 @@ def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:
     """Return a warning of what else the file of `mesh` holds, or none if that is nothing."""
     if not mesh.left_out:
         return ()
-    text = f"only triangles and their colours are read, not its {', '.join(mesh.left_out)}"
+    text = f"only triangles, their colours and textures are read, not its {', '.join(mesh.left_out)}"
     return (finding("MESH_FILE_LEFT_OUT", text, severity="info", value=list(mesh.left_out)),)
 
 

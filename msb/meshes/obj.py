@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.obj_write import write
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
-from msb.meshes.source import Source
 from msb.meshes.text import Words, first_not_whole, word_blocks
+
+if TYPE_CHECKING:
+    from msb.meshes.source import Source
 
 _COLOR_WIDTHS = {6: 3, 7: 4}
 """Number of values on a `v` line -> how many of the last ones are a colour."""
@@ -47,7 +50,7 @@ def read(source: Source) -> Mesh:
     text = source.as_text("OBJ")
     if b"\\" in text.data:
         joined = text.data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
-        text = Source(source.path, joined, lines=text.data)
+        text = replace(text, data=joined, lines=text.data)
     parts = _Parts()
     for words in word_blocks(text, comments=True):
         _refuse_unsupported(words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from msb.errors import MeshFileError
@@ -22,16 +22,19 @@ class Source:
     Parameters
     ----------
     path : str
-        Only for messages: nothing is opened through it.
+        For messages, and for the folder in which files that it names are looked for (`msb.meshes.beside`).
     data : bytes
         The file's content.
     lines : bytes, optional
         The text in which line ends are counted, if that is not `data`; it has the same length.
+    images : bool
+        Whether images of textures are decoded; without, textures are not asked for.
     """
 
     path: str
     data: bytes
     lines: bytes | None = None
+    images: bool = True
 
     def error(self, code: str, message: str, *, pointer: str | None = None) -> MeshFileError:
         """Return the error about this file; a `pointer` opens the message."""
@@ -81,4 +84,4 @@ class Source:
             data = data.replace(_BYTE_ORDER_MARK, b" " * len(_BYTE_ORDER_MARK), 1)
         if b"\n" not in data:
             data = data.replace(b"\r", b"\n")
-        return Source(self.path, data)
+        return replace(self, data=data)

@@ -8,7 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from .builders import SMALL, SQUARE, Glb, glb_file, glb_square, ply_floats
+from .builders import (
+    SMALL,
+    SQUARE,
+    Glb,
+    glb_file,
+    glb_square,
+    glb_textured,
+    picture,
+    ply_floats,
+    png_header,
+)
 
 
 def changed(change: Callable[[dict[str, Any]], object]) -> bytes:
@@ -113,7 +123,7 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
     "no BIN": (
         glb_file(json.dumps(glb_square().root | {"buffers": [{"byteLength": 60}]}).encode()),
         "TRUNCATED",
-        "binary",
+        "of a buffer of 0 bytes",
     ),
     "not JSON": (text_root("{nodes: 1}"), "INVALID", "the JSON cannot be read"),
     "not UTF-8": (glb_file(b'{"a": "\xff"}'), "INVALID", "the JSON cannot be read"),
@@ -140,7 +150,7 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
     "external buffer": (
         changed(lambda root: root["buffers"][0].update(uri="/etc/passwd")),
         "UNSUPPORTED",
-        "/buffers/0/uri: buffers in other files are not read",
+        "/buffers/0/uri: '/etc/passwd' is not a relative path with forward slashes",
     ),
     "second buffer": (
         changed(
@@ -241,5 +251,63 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
         many_primitives(2_000, 2_000),
         "TOO_LARGE",
         "the arrays of its nodes would take",
+    ),
+}
+
+
+def texture(image: bytes | str) -> bytes:
+    return glb_textured(image).bytes()
+
+
+def material(**more: Any) -> bytes:
+    """Return the textured square with a change to its base colour."""
+    made = glb_textured()
+    made.root["materials"][0]["pbrMetallicRoughness"].update(more)
+    return made.bytes()
+
+
+JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
+_FRAME = JPEG.index(b"\xff\xc0") + 5
+HUGE_JPEG = JPEG[:_FRAME] + b"\xff\xdc\xff\xdc" + JPEG[_FRAME + 4 :]
+"""A JPEG that says it is 65,500 x 65,500."""
+HUGE_WEBP = b"RIFF\xff\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0\xff\xff\xff\xff\xff\xff"
+UNSEEN = "only files in the folder of the mesh, or below it, are read"
+
+BAD_GLBS |= {
+    "image: absolute": (texture("/etc/passwd"), "UNSUPPORTED", UNSEEN),
+    "image: host": (texture("//host/a.png"), "UNSUPPORTED", UNSEEN),
+    "image: scheme": (texture("https://host/a.png"), "UNSUPPORTED", "names a scheme, a host or a drive"),
+    "image: file scheme": (texture("file:///etc/passwd"), "UNSUPPORTED", "names a scheme"),
+    "image: drive": (texture("C:/a.png"), "UNSUPPORTED", "a drive"),
+    "image: backslash": (texture("..\\a.png"), "UNSUPPORTED", "forward slashes"),
+    "image: up": (texture("a/%2e%2e/../b.png"), "UNSUPPORTED", "leaves the folder"),
+    "image: NUL": (texture("a%00.png"), "UNSUPPORTED", "is no name of a file"),
+    "image: empty name": (texture(""), "UNSUPPORTED", "is no name of a file"),
+    "image: absent": (texture("absent.png"), "INVALID", "it needs 'absent.png' in its folder"),
+    "image: a folder": (texture("."), "INVALID", "it is a folder"),
+    "image: not base64": (texture("data:image/png;base64,a$b"), "INVALID", "the data is not base64"),
+    "image: no text": (
+        texture(7),  # type: ignore[arg-type]
+        "INVALID",
+        "/images/0/uri: 'uri' is no text",
+    ),
+    "image: none": (texture(b"\x89PNG"), "INVALID", "it is no PNG, JPEG or WebP image"),
+    "image: cut off": (texture(picture()[:-30]), "INVALID", "it cannot be decoded"),
+    "image: 100,000 a side": (texture(png_header(100_000, 100_000)), "TOO_LARGE", "it is 100000 x 100000"),
+    "image: a large JPEG": (texture(HUGE_JPEG), "TOO_LARGE", "it is 65500 x 65500"),
+    "image: a large WebP": (texture(HUGE_WEBP), "TOO_LARGE", "it is 16777216 x 16777216"),
+    "image: a bomb": (texture(png_header(16_384, 16_384)), "TOO_LARGE", "texels need 1073741824 bytes"),
+    "image: many scans": (
+        texture(JPEG[:-2] + b"\xff\xda" * 101 + JPEG[-2:]),
+        "TOO_LARGE",
+        "more than 100 scans",
+    ),
+    "texture: none": (material(baseColorTexture={"index": 3}), "INVALID", "/textures/3: there is no such"),
+    "texture: no number": (material(baseColorTexture=[]), "INVALID", "'baseColorTexture' is not an object"),
+    "factor": (material(baseColorFactor=[1, 1, 1]), "INVALID", "'baseColorFactor' is not an array of 4"),
+    "cut-off": (
+        glb_textured(alphaMode="MASK", alphaCutoff="a").bytes(),
+        "INVALID",
+        "'alphaCutoff' is a, not a finite number",
     ),
 }

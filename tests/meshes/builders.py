@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 import struct
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from msb.meshes import Mesh
 
@@ -128,6 +131,26 @@ class Glb:
         meshes.extend({"primitives": []} for _ in range(mesh + 1 - len(meshes)))
         meshes[mesh]["primitives"].append(entry)
 
+    def material(self, image: bytes | str | None = None, primitive: int = 0, **more: Any) -> dict[str, Any]:
+        """Give a primitive of mesh 0 a material, with a texture of an image (its bytes, or a URI); return it.
+
+        `more` is of the material; its base colour may be changed in what is returned.
+        """
+        surface: dict[str, Any] = {}
+        material = {"pbrMetallicRoughness": surface, **more}
+        if image is not None:
+            entry = {"bufferView": self.view(image)} if isinstance(image, bytes) else {"uri": image}
+            surface["baseColorTexture"] = {"index": self.add("textures", source=self.add("images", **entry))}
+        entry = self.root["meshes"][0]["primitives"][primitive]
+        entry["material"] = len(self.root.setdefault("materials", []))
+        self.root["materials"].append(material)
+        return material
+
+    def add(self, table: str, **entry: Any) -> int:
+        """Append an entry to an array of the JSON; return its number."""
+        self.root.setdefault(table, []).append(entry)
+        return len(self.root[table]) - 1
+
     def bytes(self) -> bytes:
         """Return the file."""
         return glb_file(json.dumps(self.root).encode("utf-8"), self.binary)
@@ -143,6 +166,36 @@ def glb_square(
         position, made.accessor(indices, dtype, "SCALAR"), **({} if mode is None else {"mode": mode})
     )
     return made
+
+
+UVS = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]
+"""Texture coordinates of the square: its first vertex is the lower left corner of the image."""
+TEXELS = np.uint8([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [9, 90, 200]]])
+
+
+def picture(texels: Any = TEXELS, kind: str = "PNG", **more: Any) -> bytes:
+    """Return texels as the file of an image."""
+    stream = io.BytesIO()
+    Image.fromarray(np.asarray(texels)).save(stream, kind, **more)
+    return stream.getvalue()
+
+
+def glb_textured(image: bytes | str | None = None, **material: Any) -> Glb:
+    """Return the square with texture coordinates and a material that has a texture."""
+    made = glb_square()
+    made.root["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = made.accessor(UVS, "f4", "VEC2")
+    made.material(picture() if image is None else image, **material)
+    return made
+
+
+def png_header(width: int, height: int) -> bytes:
+    """Return a PNG that says how large it is, and has no texels."""
+    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    data = b"IDAT" + zlib.compress(b"")
+    chunks = (head, data, b"IEND")
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(each) - 4) + each + struct.pack(">I", zlib.crc32(each)) for each in chunks
+    )
 
 
 def glb_file(text: bytes, binary: bytes = b"", version: int = 2) -> bytes:
@@ -164,5 +217,6 @@ SMALL = {
     ".stl": stl_binary([SQUARE[:3], SQUARE[1:]]),
     ".STL": stl_text(stl_facet(), stl_facet()),
     ".glb": glb_square().bytes(),
+    ".GLB": glb_textured().bytes(),
 }
-"""One small valid file for each reader; the suffixes in capitals are the text forms."""
+"""One small valid file for each reader; the suffixes in capitals are another form: text, a texture."""

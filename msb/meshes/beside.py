@@ -1,0 +1,67 @@
+"""What a mesh file names: files in its own folder or below it, and data that is written into the name."""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import unquote
+
+from msb.base.files import read_file
+from msb.errors import InputError, shorten
+
+if TYPE_CHECKING:
+    from msb.meshes.source import Source
+
+_SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
+_EMBEDDED = re.compile(r"data:[^,]{0,200};base64,")
+
+
+def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
+    """Return what a `uri` of glTF means: base64 data, or a file beside; at most `most` bytes."""
+    embedded = _EMBEDDED.match(uri)
+    if embedded is not None:
+        try:
+            return base64.b64decode(uri[embedded.end() :], validate=True)
+        except ValueError:
+            raise source.error("MESH_FILE_INVALID", "the data is not base64", pointer=pointer) from None
+    return read_beside(source, unquote(uri), pointer, most)
+
+
+def read_beside(source: Source, name: str, pointer: str, most: int) -> bytes:
+    """Return the content of the file `name`, with forward slashes, beside a mesh file.
+
+    Whatever leaves the folder is refused before it is looked at: an absolute name, a scheme or host, "..", a
+    link to elsewhere.
+    """
+    shown = shorten(name, 80)
+    folder = Path(os.path.realpath(Path(source.path).parent))
+    if why := _why_not(name):
+        text = f"{shown!r} {why}; only files in the folder of the mesh, or below it, are read"
+        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=pointer)
+    place = Path(os.path.realpath(folder / name))
+    if not place.is_relative_to(folder):
+        text = f"{shown!r} is a link that leaves the folder of the mesh; put the file itself there"
+        raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=pointer)
+    try:
+        data = read_file(place, most)
+    except InputError as error:
+        text = f"it needs {shown!r} in its folder, and that cannot be read: {error.message}"
+        raise source.error("MESH_FILE_INVALID", text, pointer=pointer) from None
+    if len(data) > most:
+        text = f"{shown!r} has more than {most} bytes"
+        raise source.error("MESH_FILE_TOO_LARGE", text, pointer=pointer)
+    return data
+
+
+def _why_not(name: str) -> str | None:
+    """Return why no file of this name can lie in the folder or below it."""
+    if not name or "\0" in name:
+        return "is no name of a file"
+    if _SCHEME.match(name):
+        return "names a scheme, a host or a drive"
+    if name.startswith("/") or "\\" in name:
+        return "is not a relative path with forward slashes"
+    return "leaves the folder" if ".." in name.split("/") else None

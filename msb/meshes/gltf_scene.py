@@ -1,0 +1,237 @@
+"""What a glTF file shows, as one mesh: its triangles, colours and textures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.texture import MAX_TEXTURES
+from msb.errors import shorten
+from msb.meshes.colors import srgb_colors, with_alpha
+from msb.meshes.gltf import Document, placed_meshes
+from msb.meshes.gltf_materials import beyond, image_key, stored_image
+from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
+from msb.meshes.images import Decoder, ImageError
+from msb.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from msb.meshes.gltf_materials import Look, Shown
+
+_HARMLESS = (
+    "KHR_materials_",
+    "KHR_texture_",
+    "KHR_lights_",
+    "KHR_mesh_quantization",
+    "EXT_texture_",
+    "MSFT_texture_",
+)
+"""Prefixes of extensions that a file may require: they change no geometry, or we read what they add."""
+
+_ATTRIBUTES = {
+    "NORMAL": "normals",
+    "TANGENT": "tangents",
+    "TEXCOORD": "UVs",
+    "COLOR": "further colours",
+    "JOINTS": "a skin",
+    "WEIGHTS": "a skin",
+}
+"""Attribute without its number -> what it is."""
+MAX_BYTES_PER_BYTE = 64
+MAX_EXTRA_BYTES = 1 << 28
+"""The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
+
+One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit."""
+_PLAIN = np.full((1, 1, 3), 255, np.uint8)
+"""The texture of faces without one, where others have one."""
+
+
+def read_scene(document: Document) -> Mesh:
+    """Return the triangles of the default scene, primitive after primitive, in ascending order of nodes.
+
+    Vertices are float32 as long as no node moves any, else float64. Every primitive brings its own vertices;
+    where only some have colours, the others are white, as the format defines. An index outside its primitive
+    stays outside the whole mesh.
+    """
+    _refuse_extensions(document)
+    placed = list(placed_meshes(document))
+    shown = list(dict.fromkeys(mesh for mesh, _ in placed))
+    primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
+    sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
+    _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
+    if not any(primitives.values()) and document.root.get("meshes"):
+        text = "the scene shows no mesh with triangles, although the file has meshes"
+        raise document.source.error("MESH_FILE_INVALID", text)
+    read = {mesh: [read_part(each) for each in primitives[mesh]] for mesh in primitives}
+    parts = [moved(part, matrix) for mesh, matrix in placed for part in read[mesh]]
+    if not parts:
+        joined = Mesh(np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.int64))
+    else:
+        joined = _join(document, parts)
+    looks = [part.look for part in parts]
+    return replace(joined, left_out=tuple(_left_out(document, shown, looks)), up="+y")
+
+
+def _refuse_extensions(document: Document) -> None:
+    """Refuse a file that requires what we do not know: its accessors may hold nothing without that."""
+    for name in document.array(document.root, "extensionsRequired", ""):
+        if not str(name).startswith(_HARMLESS):
+            text = f"the file requires extension {shorten(str(name))}, which is not read; export without it"
+            raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
+
+
+def _check_total(document: Document, total: int) -> None:
+    """Refuse arrays of `total` bytes if the file is too small for so many."""
+    limit = MAX_BYTES_PER_BYTE * document.size + MAX_EXTRA_BYTES
+    if total > limit:
+        text = (
+            f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"
+        )
+        raise document.source.error("MESH_FILE_TOO_LARGE", text)
+
+
+def _join(document: Document, parts: list[Part]) -> Mesh:
+    """Return the mesh of all parts, one after the other."""
+    total = sum(len(part.vertices) for part in parts)
+    faces, base = [], 0
+    for part in parts:
+        own = len(part.vertices)
+        # An index beyond its own part must not come to name a vertex of the next one.
+        faces.append(np.where(part.faces < own, part.faces + base, part.faces - own + total))
+        base += own
+    uvs = None
+    if any(part.uvs is not None for part in parts):
+        blank = [
+            np.zeros((len(part.vertices), 2), np.float32) if part.uvs is None else part.uvs for part in parts
+        ]
+        uvs = np.concatenate(blank)
+    cutoffs = [part.look.cutoff for part in parts if part.look.cutoff is not None]
+    is_textured = any(part.look.shown for part in parts)
+    cutoff = min([1.0, *cutoffs]) if cutoffs and is_textured else None
+    mesh = Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate(faces),
+        _join_colors([_colors(part, cutoff) for part in parts], parts),
+        vertex_uvs=uvs,
+    )
+    return _with_textures(mesh, document, parts, cutoff) if is_textured and document.source.images else mesh
+
+
+def _with_textures(mesh: Mesh, document: Document, parts: list[Part], cutoff: float | None) -> Mesh:
+    """Return `mesh` with the images that its parts show, each once, and the sampler of the first of them."""
+    numbers: dict[Any, int] = {}
+    images: list[tuple[Shown | None, bool]] = []
+    of_parts = []
+    for part in parts:
+        shown, masked = part.look.shown, cutoff is not None and part.look.cutoff is not None
+        key = None if shown is None else (image_key(document, shown.image), masked)
+        if key not in numbers:
+            numbers[key] = len(images)
+            images.append((shown, masked))
+        of_parts.append(numbers[key])
+    if len(images) > MAX_TEXTURES:
+        text = f"the scene shows {len(images)} textures; {MAX_TEXTURES} are the most that a mesh has here"
+        raise document.error("MESH_FILE_TOO_LARGE", "/images", text)
+    decoder = Decoder()
+    textures = tuple(_texture(document, decoder, shown, masked) for shown, masked in images)
+    samplers = [shown.sampler for shown, _ in images if shown is not None]
+    face_textures = np.repeat(np.array(of_parts, np.uint32), [len(part.faces) for part in parts])
+    return replace(
+        mesh,
+        textures=textures,
+        face_textures=face_textures if len(textures) > 1 else None,
+        sampler=replace(samplers[0], alpha_cutoff=cutoff),
+    )
+
+
+def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: bool) -> NDArray[np.uint8]:
+    """Return the texels of an image; alpha counts only where something is cut off by it."""
+    if shown is None:
+        return _PLAIN
+    data, pointer = stored_image(document, shown.image)
+    try:
+        return decoder.decode(data, alpha=masked)
+    except ImageError as error:
+        raise document.error(error.code, pointer, f"of its image, {error}") from None
+
+
+def _colors(part: Part, cutoff: float | None) -> NDArray[Any] | None:
+    """Return the colours (V, 3 | 4) of a part in sRGB: those of its vertices times its factor; None is white.
+
+    Of a mesh with a `cutoff` alpha is scaled as that differs from the part's own, and 1 where the part has
+    none; else it is as stored, and has no effect.
+    """
+    factor, own = np.array(part.look.factor, np.float32), part.look.cutoff
+    factor[3] = 1 if cutoff is None or own is None else factor[3] * cutoff / own
+    colors = part.colors
+    if colors is None:
+        if (factor == 1).all():
+            return None
+        width = 3 if factor[3] == 1 else 4
+        return np.repeat(srgb_colors(factor[None, :width], 0), len(part.vertices), axis=0)
+    if cutoff is not None:
+        colors = with_alpha(colors) if own is not None else colors[:, :3]
+    width = colors.shape[1]
+    if (factor[:width] == 1).all():
+        return colors
+    linear = colors if colors.dtype == np.float32 else colors / np.float32(255)
+    return srgb_colors(linear * factor[:width], 0)
+
+
+def _join_colors(colors: list[NDArray[Any] | None], parts: list[Part]) -> NDArray[Any] | None:
+    """Return the colours (V, 3 | 4) of all parts in the widest type and width; None if all are white."""
+    given = [each for each in colors if each is not None]
+    if not given:
+        return None
+    as_bytes = all(each.dtype == np.uint8 for each in given)
+    wide = any(each.shape[1] == 4 for each in given)
+    joined = []
+    for part, each in zip(parts, colors, strict=True):
+        own = np.full((len(part.vertices), 3), 255, dtype=np.uint8) if each is None else each
+        if not as_bytes and own.dtype == np.uint8:
+            own = (own / 255).astype(np.float32)
+        joined.append(with_alpha(own) if wide else own)
+    return np.concatenate(joined)
+
+
+def _left_out(document: Document, meshes: Iterable[int], looks: list[Look]) -> Iterable[str]:
+    """Return what is not read of the `meshes` of a scene, and of the file beside meshes.
+
+    What is malformed here is no error: it is not read.
+    """
+    parts: dict[str, None] = {}
+    shown = [look.shown for look in looks if look.shown is not None]
+    read = {f"TEXCOORD_{each.uv_set}" for each in shown}
+    primitives = [
+        each for mesh in meshes for each in _objects(document.entry("meshes", mesh)[0].get("primitives"))
+    ]
+    for primitive in primitives:
+        for name in _keys(primitive.get("attributes")):
+            word = str(name).partition("_")[0]
+            if name not in ("POSITION", "COLOR_0", *read):
+                what = "further UVs" if read and word == "TEXCOORD" else _ATTRIBUTES.get(word)
+                parts[what or "further attributes"] = None
+        if primitive.get("targets"):
+            parts["morph targets"] = None
+    if any(look.is_lost for look in looks):
+        parts["textures that are no PNG, JPEG or WebP or have no UVs"] = None
+    if not shown and any(look.cutoff is not None for look in looks):
+        parts["a cut-off by alpha"] = None
+    if len({each.sampler for each in shown}) > 1:
+        parts["further samplers"] = None
+    parts.update(dict.fromkeys(beyond(document, primitives)))
+    animations = document.root.get("animations")
+    if isinstance(animations, list) and animations:
+        parts[f"{len(animations)} animation{'' if len(animations) == 1 else 's'}"] = None
+    return parts
+
+
+def _objects(entries: Any) -> list[dict[str, Any]]:
+    return [each for each in entries if isinstance(each, dict)] if isinstance(entries, list) else []
+
+
+def _keys(entry: Any) -> list[Any]:
+    return list(entry) if isinstance(entry, dict) else []

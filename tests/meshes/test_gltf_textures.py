@@ -1,0 +1,198 @@
+"""Textures and colours of glTF: base colour as a GPU would show it, and what is said of the rest."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msb.asset.texture import Sampler, srgb_to_linear
+from msb.errors import MeshFileError
+from msb.meshes import read_mesh
+from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+
+from .builders import (
+    SQUARE,
+    TEXELS,
+    UVS,
+    Glb,
+    Read,
+    assert_colors,
+    glb_square,
+    glb_textured,
+    picture,
+)
+
+RGBA = np.concatenate([TEXELS, np.uint8([[[0], [255]], [[60], [200]]])], axis=2)
+BYTES = picture()
+
+
+def surface(made: Glb, material: int = 0) -> dict[str, Any]:
+    return made.root["materials"][material]["pbrMetallicRoughness"]
+
+
+def two_parts(first: dict[str, Any], second: dict[str, Any], **attributes: Any) -> Glb:
+    """Return the square twice, with a texture and these materials."""
+    made = glb_textured(picture(RGBA), **first)
+    uvs = made.accessor(UVS, "f4", "VEC2")
+    made.primitive(0, 1, attributes={"TEXCOORD_0": uvs, **attributes})
+    made.material(primitive=1, **second)
+    surface(made, 1)["baseColorTexture"] = {"index": 0}
+    return made
+
+
+def test_a_texture_is_read_with_its_coordinates(read: Read) -> None:
+    mesh = read(glb_textured().bytes(), ".glb")
+    assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist()]
+    assert mesh.vertex_uvs is not None
+    assert mesh.vertex_uvs.tolist() == UVS
+    assert (mesh.face_textures, mesh.vertex_colors, mesh.sampler) == (None, None, Sampler())
+    assert mesh.left_out == ()
+    asset = asset_from_mesh(mesh)
+    assert asset.manifest.appearance == Sampler().appearance
+    assert np.array_equal(mesh_from_asset(asset).textures[0], TEXELS)
+
+
+GREY = np.uint8([[0, 70], [200, 255]])
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (picture(TEXELS, "WEBP", lossless=True), TEXELS),
+        (picture(RGBA, "WEBP", lossless=True, exact=True), TEXELS),
+        (picture(np.full((8, 8, 3), 200, np.uint8), "JPEG"), np.full((8, 8, 3), 200, np.uint8)),
+        (picture(GREY), np.repeat(GREY[..., None], 3, axis=2)),
+        (picture(GREY.astype(np.uint16) * 257), np.repeat(GREY[..., None], 3, axis=2)),
+        (picture(RGBA), TEXELS),
+    ],
+)
+def test_kinds_of_images(read: Read, content: bytes, expected: np.ndarray) -> None:
+    (image,) = read(glb_textured(content).bytes(), ".glb").textures
+    assert image.tolist() == expected.tolist()
+
+
+def test_images_beside_the_file_and_in_its_text(read: Read, tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "a b.png").write_bytes(BYTES)
+    for uri in ("maps/a%20b.png", "data:image/png;base64," + base64.b64encode(BYTES).decode()):
+        assert np.array_equal(read(glb_textured(uri).bytes(), ".glb").textures[0], TEXELS)
+
+
+def test_each_image_is_read_once_and_faces_without_one_are_white(read: Read) -> None:
+    made = two_parts({}, {})
+    made.primitive(0, 1)
+    made.material(primitive=2)
+    surface(made, 2)["baseColorFactor"] = [0.5, 0.25, 1, 1]
+    mesh = read(made.bytes(), ".glb")
+    assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist(), [[[255] * 3]]]
+    assert mesh.face_textures is not None
+    assert mesh.face_textures.tolist() == [0, 0, 0, 0, 1, 1]
+    assert mesh.vertex_uvs is not None
+    assert mesh.vertex_uvs.tolist() == UVS + UVS + [[0, 0]] * 4
+    assert mesh.vertex_colors is not None
+    assert mesh.vertex_colors[:8].tolist() == [[1, 1, 1]] * 8
+    np.testing.assert_allclose(srgb_to_linear(mesh.vertex_colors[8:]), [[0.5, 0.25, 1]] * 4, rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("entry", "expected"),
+    [
+        ({}, Sampler()),
+        ({"magFilter": 9728, "minFilter": 9984, "wrapS": 33071}, Sampler("nearest", True, "clamp", "repeat")),
+        (
+            {"minFilter": 9729, "wrapT": 33648},
+            Sampler("linear", False, "repeat", "mirror"),
+        ),
+        ({"minFilter": 9728}, Sampler("nearest", False)),
+    ],
+)
+def test_samplers(read: Read, entry: dict[str, int], expected: Sampler) -> None:
+    made = glb_textured()
+    made.root["samplers"] = [entry]
+    made.root["textures"][0]["sampler"] = 0
+    assert read(made.bytes(), ".glb").sampler == expected
+
+
+def test_a_second_sampler_is_left_out(read: Read) -> None:
+    made = two_parts({}, {})
+    made.root["samplers"] = [{"wrapS": 33071}]
+    made.root["textures"].append({"source": 0, "sampler": 0})
+    surface(made, 1)["baseColorTexture"] = {"index": 1}
+    mesh = read(made.bytes(), ".glb")
+    assert (mesh.sampler, len(mesh.textures), mesh.left_out) == (Sampler(), 1, ("further samplers",))
+
+
+def test_the_transform_of_a_texture_and_its_own_set_of_coordinates(read: Read) -> None:
+    """The example of the extension: the lower left quadrant of the image, turned by 90 degrees."""
+    made = glb_textured()
+    attributes = made.root["meshes"][0]["primitives"][0]["attributes"]
+    uvs = [[0, 0], [255, 0], [255, 255], [0, 51]]
+    attributes["TEXCOORD_3"] = made.accessor(uvs, "u1", "VEC2", normalized=True)
+    moved = {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5], "texCoord": 3}
+    surface(made)["baseColorTexture"]["extensions"] = {"KHR_texture_transform": moved}
+    mesh = read(made.bytes(), ".glb")
+    np.testing.assert_allclose(mesh.vertex_uvs, [[0, 1], [0, 0.5], [0.5, 0.5], [0.1, 1]], atol=1e-7)
+    assert mesh.left_out == ("further UVs",)
+
+
+def test_cut_offs_are_made_one_and_alpha_counts_nowhere_else(read: Read) -> None:
+    mesh = read(two_parts({"alphaMode": "MASK", "alphaCutoff": 0.25}, {}).bytes(), ".glb")
+    assert mesh.sampler.alpha_cutoff == 0.25
+    assert [image.tolist() for image in mesh.textures] == [RGBA.tolist(), TEXELS.tolist()]
+    assert mesh.vertex_colors is None
+    masked = two_parts({"alphaMode": "MASK"}, {"alphaMode": "MASK", "alphaCutoff": 0.25})
+    surface(masked, 0)["baseColorFactor"] = [1, 1, 1, 0.8]
+    mesh = read(masked.bytes(), ".glb")
+    assert (mesh.sampler.alpha_cutoff, len(mesh.textures)) == (0.25, 1)
+    assert_colors(mesh.vertex_colors, np.uint8([[255, 255, 255, 102]] * 4 + [[255] * 4] * 4))
+    opaque = read(two_parts({}, {"alphaMode": "BLEND"}).bytes(), ".glb")
+    assert opaque.sampler.alpha_cutoff is None
+    assert opaque.textures[0].shape[2] == 3
+    assert opaque.left_out == ("blending by alpha",)
+
+
+def test_what_is_not_read_is_named(read: Read) -> None:
+    made = glb_textured(normalTexture={"index": 0}, emissiveFactor=[0, 0.5, 0])
+    made.root["materials"][0]["extensions"] = {"KHR_materials_unlit": {}, "KHR_materials_ior": {}}
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.left_out == ("normal maps", "emission", "KHR_materials_ior")
+    made = glb_textured()
+    made.root["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
+    mesh = read(made.bytes(), ".glb")
+    assert mesh.textures == ()
+    assert mesh.left_out == ("UVs", "textures that are no PNG, JPEG or WebP or have no UVs")
+
+
+def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
+    path = tmp_path / "a.glb"
+    path.write_bytes(glb_textured(b"no image").bytes())
+    mesh = read_mesh(path, images=False)
+    assert (mesh.vertices.tolist(), mesh.textures) == (SQUARE, ())
+    assert mesh.vertex_uvs is not None
+    assert mesh.vertex_uvs.tolist() == UVS
+    with pytest.raises(MeshFileError, match=r"/images/0: of its image, it is no PNG, JPEG or WebP"):
+        read_mesh(path)
+
+
+def test_links_that_leave_the_folder_are_refused(read: Read, tmp_path: Path) -> None:
+    (tmp_path / "inside.png").write_bytes(BYTES)
+    (tmp_path / "to_inside.png").symlink_to(tmp_path / "inside.png")
+    (tmp_path / "to_outside.png").symlink_to(Path(__file__))
+    assert read(glb_textured("to_inside.png").bytes(), ".glb").textures
+    with pytest.raises(MeshFileError, match=r"'to_outside.png' is a link that leaves the folder"):
+        read(glb_textured("to_outside.png").bytes(), ".glb")
+
+
+def test_more_textures_than_an_asset_has_buffers_for(read: Read) -> None:
+    made = glb_square()
+    uvs = made.accessor(UVS, "f4", "VEC2")
+    made.root["meshes"][0]["primitives"] = []
+    for number in range(60):
+        made.primitive(0, 1, attributes={"TEXCOORD_0": uvs})
+        made.material(BYTES, number)
+    with pytest.raises(MeshFileError, match=r"TOO_LARGE: .*/images: the scene shows 60 textures; 59 are"):
+        read(made.bytes(), ".glb")
