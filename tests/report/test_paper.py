@@ -10,12 +10,15 @@ from typing import Any
 import pytest
 
 from msb.bench.aggregate import METRICS, SCENES, mean_over, scene_groups
+from msb.errors import InputError
 from msb.registry import METHODS
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
-from msb.report.numbers import MEAN, MEANS, GapKey, Key
+from msb.report.metric_format import title
+from msb.report.numbers import MEAN, GapKey, Key, condition_title, dataset_title, scene_title
 from msb.report.paper import PAPER_TABLES, contradictions, paper_numbers, paper_row, published_numbers
 from msb.report.table import Cell, Table
+from msb.report.tables.reproducibility import SOURCES
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "msb" / "report" / "paper_tables"
@@ -62,39 +65,20 @@ class Lookup:
         return found
 
 
-TITLES = {"dedicated": "Dedicated", "standard": "Standard", "non_engine": "Non-Engine"}
-SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper"}
-
-
 def words_of(label: str, cell: dict[str, Any]) -> list[str]:
+    """Return what is written around a cell of the paper in our table."""
     metric = NAMES.get(cell["metric"], cell["metric"])
-    arrow = {"higher": " ↑", "lower": " ↓"}
-    up = {"psnr", "ssim", "fps", "lcc_face_ratio", "lcc_area_ratio"}
-    none = {"vf_ratio", "mean_valence", "boundary_edge_ratio"}
-    title = METRICS[metric].title + ("" if metric in none else arrow["higher" if metric in up else "lower"])
-    scene = MEANS.get(cell["scene"], cell["scene"])
-    condition = TITLES.get(cell["condition"], "")
-    datasets = {
-        "mipnerf360": "Mip-NeRF 360",
-        "tanksandtemples": "Tanks and Temples",
-        "nerf_synthetic": "NeRF-Synthetic",
-        "dtu": "DTU",
-    }
-    if label.startswith("native"):
-        return [datasets[cell["dataset"]], title_of(cell), title]
-    if label == "mip360_renderer_comparison":
-        return [condition, title_of(cell), title]
-    if label == "tnt_renderer_comparison":
-        return [condition, title_of(cell), scene, title]
-    if label == "tnt_unity_runtime_resources":
-        return [condition, title_of(cell), scene, "Render" if metric == "memory" else METRICS[metric].title]
-    if label == "mip360_unity_gpu_latency":
-        return [f"{condition} (ms ↓)", title_of(cell), scene, METRICS[metric].title]
-    if label == "mip360_unity_memory":
-        return [f"{condition} (MiB ↓)", title_of(cell), scene]
-    if label == "mesh_connectivity":
-        return [scene, title]
-    return [datasets[cell["dataset"]], title_of(cell), SOURCES[cell["source"]], title]
+    condition, scene = condition_title(cell["condition"]), scene_title(cell["scene"])
+    on, method, name = dataset_title(cell["dataset"]), title_of(cell), METRICS[metric].title
+    return {
+        "mip360_renderer_comparison": [condition, method, title(metric)],
+        "tnt_renderer_comparison": [condition, method, scene, title(metric)],
+        "tnt_unity_runtime_resources": [condition, method, scene, "Render" if metric == "memory" else name],
+        "mip360_unity_gpu_latency": [f"{condition} (ms ↓)", method, scene, name],
+        "mip360_unity_memory": [f"{condition} (MiB ↓)", method, scene],
+        "mesh_connectivity": [scene, title(metric)],
+        "reproducibility_comparison": [on, method, SOURCES.get(cell.get("source"), ""), title(metric)],
+    }.get(label, [on, method, title(metric)])
 
 
 def test_no_sentence_of_the_paper_comes_with_its_numbers() -> None:
@@ -134,9 +118,9 @@ def test_feature_matrices_are_the_papers(label: str) -> None:
     tiers = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
     for cell in cells:
         words = {"sh": "SH", "view_dependence": "View-dep."}
-        title = words.get(cell["attribute"], cell["attribute"].replace("_", " ").capitalize())
+        attribute = words.get(cell["attribute"], cell["attribute"].replace("_", " ").capitalize())
         tier = [tiers[cell["condition"]]] if "condition" in cell else []
-        assert lookup.find(title_of(cell), title, *tier).text == cell["raw"], cell
+        assert lookup.find(title_of(cell), attribute, *tier).text == cell["raw"], cell
 
 
 def test_diffsoup_is_ordered_by_the_depth_test_and_a_footnote_says_so() -> None:
@@ -228,8 +212,6 @@ def test_paper_row_is_in_units_of_one() -> None:
 
 
 def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> None:
-    from msb.errors import InputError
-
     cell = {"dataset": "mipnerf360", "scene": "garden", "method": "2dts", "condition": "non_engine",
             "metric": "psnr", "value": 27.5, "unit": "dB"}  # fmt: skip
     path = tmp_path / "published.json"

@@ -27,8 +27,6 @@ from msb.report.results import Loaded, Place, read_results, result_set
 from tests.report.documents import AUDIT
 from tests.report.factory import (
     make_result,
-    measure,
-    numbers_of,
     write,
     write_results,
 )
@@ -59,51 +57,12 @@ def files(report: Report, small: Path) -> dict[str, bytes]:
     return report_files(report, folder=small / "report")
 
 
-def sentences(numbers: Numbers) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
-    for finding in find(numbers):
-        found.setdefault(finding.kind, []).append(finding.sentence)
-    return found
-
-
-def test_findings_are_the_papers_with_its_numbers() -> None:
-    said = sentences(paper_numbers())
-    assert said["adapt_gap"] == [
-        "Non-Engine to Dedicated costs 2DTS on Mip-NeRF 360 4.88 dB (28.16 to 23.28), the largest "
-        "adaptation gap of 8; the smallest is 0.39 dB (23.54 to 23.15), of DiffSoup on Mip-NeRF 360."
-    ]
-    assert said["slowdown"] == [
-        "Standard is 5.1 to 32.8 times as fast as Dedicated (least MeshSplatting on Tanks and Temples, most "
-        "Triangle-Splatting on Mip-NeRF 360; by mean frame rates)."
-    ]
-    assert said["monotone"][0].startswith("In all 18 cases")
-    assert "not_monotone" not in said
-    # The paper says that 2DTS and Triangle-Splatting lead under Dedicated; its own numbers do not.
-    assert "becomes 2DTS 23.28, DiffSoup 23.15, Triangle-Splatting 22.96" in said["ranking"][0]
-    assert len(said["ranking"]) == 2  # one a dataset
-
-
 @pytest.mark.slow
 def test_findings_point_at_tables_that_exist(report: Report) -> None:
     made = paper_report()
     for one in (report, made):
         assert one.findings
         assert {finding.table for finding in one.findings} <= set(one.tables)
-
-
-def test_not_monotone_cases_are_found(tmp_path: Path) -> None:
-    for condition, psnr in (("non_engine", 20.0), ("dedicated", 22.0), ("standard", 15.0)):
-        measure(tmp_path, condition, psnr)
-    said = sentences(numbers_of(tmp_path))
-    assert said["not_monotone"] == [
-        "2DTS on capture is not monotone in PSNR: Dedicated is better than Non-Engine (losses: adapt -2.00, "
-        "port +7.00, deploy +5.00), so adapt + port exceeds deploy by 4.00."
-    ]
-    assert said["adapt_gap"] == [
-        "Non-Engine to Dedicated loses nothing: 2DTS on capture -2.00 dB (a gain, 20.00 to 22.00), "
-        "not tested: 3 views of one scene give one and the same value, which has no spread."
-    ]
-    assert "ranking" not in said
 
 
 def test_no_numbers_give_no_findings_and_no_charts() -> None:

@@ -15,7 +15,7 @@ from msb.metrics.vgg import weights_source
 from msb.report.collect import NOT_RUN, REFERENCE
 from msb.report.layout import mark_best
 from msb.report.metric_format import text
-from msb.report.numbers import MEAN, GapKey, Key, Number, Numbers
+from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.results import Place as ResultPlace
 from msb.report.table import Cell, Column, Row, Table
@@ -176,17 +176,6 @@ def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
     assert row_of(table, "Standard, blender_cycles", "PSNR ↑").cells[0].text == "11.00"
     gaps = gaps_table(numbers, "tanksandtemples")
     assert row_of(gaps, "PSNR ↑", "2DTS, blender_cycles").cells[1].text == "8.26"
-
-
-def test_not_monotone_gaps_are_flagged_with_their_excess(tmp_path: Path) -> None:
-    for condition, psnr in (("non_engine", 20.0), ("dedicated", 22.0), ("standard", 15.0)):
-        measure(tmp_path, condition, psnr)
-    numbers = numbers_of(tmp_path)
-    gaps = numbers.gaps[GapKey("capture", MEAN, "two_dts", "psnr")]
-    assert (gaps.monotone, gaps.triangle_excess) == (False, 4.0)
-    row = row_of(gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
-    printed = ["2.00", "7.00", "5.00", "-2.00", "+7.00", "+5.00", "no", "4.00", "5.00"]
-    assert [cell.text for cell in row.cells] == printed
 
 
 def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
