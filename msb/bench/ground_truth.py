@@ -90,13 +90,6 @@ def _resized(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDA
     if (image.shape[1], image.shape[0]) == size:
         return image
     method = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}[resampling]
-    planes = [
-        np.asarray(Image.fromarray(_plane(image[..., channel])).resize(size, method))
-        for channel in range(image.shape[2])
-    ]
-    return np.stack(planes, axis=-1)
-
-
-def _plane(channel: NDArray[Any]) -> NDArray[Any]:
-    kind = np.uint8 if channel.dtype == np.uint8 else np.float32
-    return np.ascontiguousarray(channel, kind)
+    kind = np.uint8 if image.dtype == np.uint8 else np.float32
+    planes = (Image.fromarray(np.ascontiguousarray(plane, kind)) for plane in np.moveaxis(image, 2, 0))
+    return np.stack([np.asarray(plane.resize(size, method)) for plane in planes], axis=-1)

@@ -18,7 +18,7 @@ from msb.bench.digest import digest
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, views_of
 from msb.bench.quality import metrics_digest
-from msb.bench.renders import Renders, find_renders
+from msb.bench.renders import find_renders
 from msb.errors import MsbError
 from msb.metrics.identity import defined
 from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
@@ -41,7 +41,7 @@ class Known:
         """Lines about the scenes read, and about records that are not valid, as keys."""
         self._scenes: dict[Path, Scene] = {}
         self.views = cache(self._views)
-        self.renders = cache(_renders)
+        self.renders = cache(lambda folder, at: find_renders(folder, at.read().test))
         self.hash = cache(_hash)
         self.metrics = cache(metrics_digest)
         self.renderer = cache(_renderer)
@@ -75,10 +75,6 @@ def _hash(path: Path) -> str:
         return file_sha256(path)[:_SHORT]
     except MsbError as error:
         return error.code
-
-
-def _renders(folder: Path, at: SceneAt) -> Renders:
-    return find_renders(folder, at.read().test)
 
 
 def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:

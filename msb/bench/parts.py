@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
@@ -13,12 +13,11 @@ from msb.bench.machine import machine
 from msb.bench.nvml import driver_memory
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
-from msb.bench.records import Memory, Timing, Training, read_renderer_timing
+from msb.bench.records import Memory, Training, read_renderer_timing
 from msb.errors import InputError, MetricError, Unsupported
 from msb.render.backend import Group
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from msb.asset import Asset
@@ -39,26 +38,13 @@ def measure_timing(job: Job) -> dict[str, Any]:
         raise Unsupported("UNSUPPORTED_TIER", text)
     scene = checked_scene(job.scene, job.views)
     with open_renderer(job) as renderer:
-        timed = profile(renderer, scene.test, scene.background, frames=job.frames, seconds=job.seconds)
         about = machine(job.device, engine=renderer.device_info)
+        kind = about["device"]["kind"]
+        options: dict[str, Any] = {"device_kind": kind if kind in ("gpu", "cpu") else "other"}
+        options |= {"frames": job.frames, "seconds": job.seconds}
+        timed = profile(renderer, scene.test, scene.background, **options)
         memory = grouped(timed.memory, timed.memory_groups, driver_memory(about["device"]))
-    kind = about["device"]["kind"]
-    timing = Timing(
-        frames=timed.frames,
-        seconds=timed.frames / timed.fps,
-        fps=timed.fps,
-        p50_ms=timed.p50,
-        p95_ms=timed.p95,
-        mean_ms=timed.mean,
-        busy_p50_ms=timed.busy_p50,
-        busy_p95_ms=timed.busy_p95,
-        queued_p50_ms=timed.queued_p50,
-        queued_p95_ms=timed.queued_p95,
-        round_fps=timed.round_fps,
-        stages_ms=dict(timed.stages),
-        device_kind=cast("Literal['gpu', 'cpu', 'other']", kind if kind in ("gpu", "cpu") else "other"),
-    )
-    return {"timing": timing, "memory": memory, "device": about}
+    return {"timing": timed.timing, "memory": memory, "device": about}
 
 
 def grouped(
@@ -143,6 +129,7 @@ def measure_repairs(job: Job) -> dict[str, Any]:
 def measure_chamfer(job: Job) -> dict[str, Any]:
     """Return the Chamfer distance in millimetres of a DTU cell's mesh, culled by the masks of all views."""
     from msb.metrics import chamfer_surface, cull_dtu, read_dtu_scan
+    from msb.metrics.image_files import read_mask, read_pixels
     from msb.scenes.datasets import read_matrices
 
     assert job.chamfer_data is not None
@@ -151,7 +138,9 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
     scene = checked_scene(job.scene, job.views)
     vertices, faces, source = _mesh(job)
     world, scale = read_matrices(scene.root / "cameras.npz")
-    culled = cull_dtu(vertices, faces, world, scale, _masks(scene))
+    alone = scene.mask_source == "mask_folder"
+    masks = (read_mask(file) if alone else read_pixels(file, ("RGBA",))[..., 3] for file in mask_files(scene))
+    culled = cull_dtu(vertices, faces, world, scale, masks)
     distances = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
     about = {"scan": scan, "metric": distances.pop("identity"), "mesh": source}
     return {"chamfer": ChamferDocument.of({**distances, **about})}
@@ -187,13 +176,6 @@ def mask_files(scene: Scene) -> list[Path]:
     if scene.mask_source is None or not files:
         raise InputError("FILE_NOT_FOUND", "there are no masks of the views in it", file=scene.root)
     return files
-
-
-def _masks(scene: Scene) -> Iterator[NDArray[np.uint8]]:
-    from msb.metrics.image_files import read_mask, read_pixels
-
-    for file in mask_files(scene):
-        yield read_mask(file) if scene.mask_source == "mask_folder" else read_pixels(file, ("RGBA",))[..., 3]
 
 
 def read_own_timing(job: Job) -> dict[str, Any]:

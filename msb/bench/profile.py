@@ -10,11 +10,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from msb.bench.timing import Timing
+from msb.bench.records import Timing
+from msb.bench.timing import Timing as Options
 from msb.render.backend import SETTLED_AT, Drawn
 
 if TYPE_CHECKING:
@@ -28,25 +29,9 @@ ROUNDS = 5
 
 @dataclass(frozen=True)
 class Profile:
-    """The result of timing a renderer. Times are in milliseconds; percentiles are interpolated linearly."""
+    """The result of timing a renderer."""
 
-    frames: int
-    p50: float
-    """Of the device's time for a frame, from the start of its first command to the end of its last one."""
-    p95: float
-    mean: float
-    busy_p50: float
-    """Of the sum of the commands' times."""
-    busy_p95: float
-    queued_p50: float | None
-    """From when the first command was queued; None if the renderer cannot tell."""
-    queued_p95: float | None
-    stages: Mapping[str, float]
-    """Stage -> its median time in a frame."""
-    fps: float
-    """Frames per second of wall-clock time, which includes uploads, launches and waiting."""
-    round_fps: tuple[float, ...]
-    """The same of up to five rounds, each a stretch of as many consecutive frames."""
+    timing: Timing
     memory: Mapping[str, int]
     """Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
     that the most demanding camera needs, however fast the machine is."""
@@ -55,14 +40,15 @@ class Profile:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the profile as JSON data."""
+        own = self.timing
         return {
-            "frames": self.frames,
-            "device_ms": {"p50": self.p50, "p95": self.p95, "mean": self.mean},
-            "busy_ms": {"p50": self.busy_p50, "p95": self.busy_p95},
-            "queued_ms": {"p50": self.queued_p50, "p95": self.queued_p95},
-            "stages_ms": dict(self.stages),
-            "fps": self.fps,
-            "round_fps": list(self.round_fps),
+            "frames": own.frames,
+            "device_ms": {"p50": own.p50_ms, "p95": own.p95_ms, "mean": own.mean_ms},
+            "busy_ms": {"p50": own.busy_p50_ms, "p95": own.busy_p95_ms},
+            "queued_ms": {"p50": own.queued_p50_ms, "p95": own.queued_p95_ms},
+            "stages_ms": own.stages_ms,
+            "fps": own.fps,
+            "round_fps": list(own.round_fps),
             "memory_bytes": dict(self.memory),
         }
 
@@ -72,16 +58,17 @@ def profile(
     cameras: Sequence[Camera],
     background: Sequence[float] = (0.0, 0.0, 0.0),
     *,
-    frames: int = Timing.frames,
-    seconds: float = Timing.seconds,
-    warm_up: int | None = Timing.warm_up,
+    frames: int = Options.frames,
+    seconds: float = Options.seconds,
+    warm_up: int | None = Options.warm_up,
+    device_kind: Literal["gpu", "cpu", "other"] = "other",
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
     """Return how fast a fresh `renderer` draws `cameras`, in turn and repeatedly.
 
     Timing goes on until `frames` and `seconds` are both reached. The warm-up is by default of 10 frames or
-    one second, whichever ends first, but of as many frames as a renderer needs to settle. `step` is called
-    after each timed frame.
+    one second, whichever ends first, but of as many frames as a renderer needs to settle. `device_kind` is of
+    what draws, for the record. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("there is no camera to time")
@@ -105,21 +92,23 @@ def profile(
     queued = [one.since_queued for one in drawn if one.since_queued is not None]
     queued_p50, queued_p95 = np.percentile(queued, (50, 95)).tolist() if queued else (None, None)
     names = dict.fromkeys(name for one in drawn for name in one.stages)
-    return Profile(
+    fps = len(drawn) / elapsed
+    timing = Timing(
         frames=len(drawn),
-        p50=p50,
-        p95=p95,
-        mean=float(np.mean(spans)),
-        busy_p50=busy_p50,
-        busy_p95=busy_p95,
-        queued_p50=queued_p50,
-        queued_p95=queued_p95,
-        stages={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
-        fps=len(drawn) / elapsed,
+        seconds=len(drawn) / fps,
+        fps=fps,
+        p50_ms=p50,
+        p95_ms=p95,
+        mean_ms=float(np.mean(spans)),
+        busy_p50_ms=busy_p50,
+        busy_p95_ms=busy_p95,
+        queued_p50_ms=queued_p50,
+        queued_p95_ms=queued_p95,
         round_fps=_round_rates(ends),
-        memory=dict(renderer.memory()),
-        memory_groups=dict(renderer.memory_groups()),
+        stages_ms={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
+        device_kind=device_kind,
     )
+    return Profile(timing, dict(renderer.memory()), dict(renderer.memory_groups()))
 
 
 def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:

@@ -120,7 +120,7 @@ def bench(
                 text = f"{key} was {_part(old, key)}, is {_part(record, key)}: not the same is compared"
                 output.note(f"{options.compare}: {text}")
         if limit is not None:
-            _check_slower(found.p50, old, limit, path)
+            _check_slower(found.timing.p50_ms, old, limit, path)
 
 
 def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> None:
@@ -168,7 +168,7 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
     modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
     output.line(
         f"{record['path']}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
-        f"{record['views']} views of {', '.join(record['sizes'])}, {found.frames} frames"
+        f"{record['views']} views of {', '.join(record['sizes'])}, {found.timing.frames} frames"
     )
     output.line(f"{record['renderer']} on {device['platform']}: {device['name']}")
     rows = []
@@ -184,11 +184,11 @@ def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, o
 
 def _rows(found: Profile, driver: int | None, everything: bool) -> Any:
     """Yield label, unit, value, and how to find the value in an older record."""
-    yield "frames per second", "", found.fps, lambda old: old["fps"]
-    yield "device P50", "ms", found.p50, lambda old: old["device_ms"].get("p50")
-    yield "device P95", "ms", found.p95, lambda old: old["device_ms"].get("p95")
-    yield "busy P50", "ms", found.busy_p50, lambda old: old["busy_ms"].get("p50")
-    for name, value in found.stages.items():
+    yield "frames per second", "", found.timing.fps, lambda old: old["fps"]
+    yield "device P50", "ms", found.timing.p50_ms, lambda old: old["device_ms"].get("p50")
+    yield "device P95", "ms", found.timing.p95_ms, lambda old: old["device_ms"].get("p95")
+    yield "busy P50", "ms", found.timing.busy_p50_ms, lambda old: old["busy_ms"].get("p50")
+    for name, value in found.timing.stages_ms.items():
         yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
     total = sum(found.memory.values())
     yield "memory, all views", "B", total, lambda old: sum(old["memory_bytes"].values())

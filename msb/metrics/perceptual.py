@@ -101,10 +101,9 @@ class LpipsVgg:
 
         tensors, record = read_vgg(Path(vgg_weights))
         heads, heads_sha256 = read_heads()
-        self.weights: dict[str, Any] = {
-            "vgg": record,
-            "heads": {"file": "weights/v0.1/vgg.pth", "sha256": heads_sha256, "known": _known(heads_sha256)},
-        }
+        known = "lpips 0.1.4" if heads_sha256 == HEADS_SHA256 else None
+        about = {"file": "weights/v0.1/vgg.pth", "sha256": heads_sha256, "known": known}
+        self.weights: dict[str, Any] = {"vgg": record, "heads": about}
         self.warnings: tuple[Finding, ...] = ()
         if record["known"] is None:
             text = f"its sha256 {record['sha256'][:16]}... is not that of vgg16-397923af.pth"
@@ -158,10 +157,6 @@ def _distance(x: Any, y: Any, head: Any) -> float:
     x, y = (f / (f.square().sum(1, keepdim=True).sqrt_() + 1e-10) for f in (x, y))
     difference = (x - y).square_()
     return float((difference[0].mean((1, 2)) * head).sum())
-
-
-def _known(sha256: str) -> str | None:
-    return "lpips 0.1.4" if sha256 == HEADS_SHA256 else None
 
 
 LPIPS = ImageMetric(

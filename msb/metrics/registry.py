@@ -110,11 +110,7 @@ def _by_name() -> dict[str, Definition]:
     return {each.name: each for each in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
-def _better() -> Mapping[str, str]:
-    return {name: each.better for name, each in _by_name().items()}
-
-
-METRICS: Mapping[str, str] = Lazy(_better)
+METRICS: Mapping[str, str] = Lazy(lambda: {name: each.better for name, each in _by_name().items()})
 """Name of every metric -> whether "higher" or "lower" is better."""
 
 

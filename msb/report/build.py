@@ -213,8 +213,9 @@ def _sections(
     for name, (title, intro, kind) in _SECTIONS.items():
         own = tuple(table for table in made.get(name, ()) if table.rows and table.columns)
         figures = tuple(chart for chart in charts if chart.name.partition("-")[0] == kind)
-        section = Section(name, title, intro, own, figures, shown if name == "looks" else ())
-        sections += [] if section.empty else [section]
+        looks = shown if name == "looks" else ()
+        if own or figures or looks:
+            sections.append(Section(name, title, intro, own, figures, looks))
     return tuple(sections)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, GapName, Gaps
@@ -41,10 +41,6 @@ class Finding:
     kind: str
     sentence: str
     table: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON data."""
-        return asdict(self)
 
 
 class _Case(NamedTuple):

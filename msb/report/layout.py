@@ -131,7 +131,9 @@ def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequenc
     keys = [key for _, own in grid for key in own]
     values = [numbers.number(key) for key in keys]
     groups = [
-        tuple(getattr(key, field) for field in best_of) if best_of and not _is_of_cpu(number) else None
+        tuple(getattr(key, field) for field in best_of)
+        if best_of and not any(note.startswith(ON_CPU) for note in number.notes)
+        else None
         for key, number in zip(keys, values, strict=True)
     ]
     made = [number_cell(key.metric, number) for key, number in zip(keys, values, strict=True)]
@@ -142,7 +144,3 @@ def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequenc
         row = [replace(cell, bold=cell.value is not None) for cell in row] if line.bold else row
         rows.append(Row(line.labels, tuple(row), line.section, line.strong))
     return rows
-
-
-def _is_of_cpu(number: Number) -> bool:
-    return any(note.startswith(ON_CPU) for note in number.notes)

@@ -15,7 +15,7 @@ from msb.base.extras import need_extra
 from msb.base.version import __version__
 from msb.bench.folder import Results
 from msb.report.numbers import dataset_title, method_title, scene_title
-from msb.report.pictures import GT, View, views
+from msb.report.pictures import GT, views
 from msb.report.report import SCHEMA, Report
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
@@ -73,11 +73,10 @@ def report_files(
         files["report.md"] = _template("report.md", report=report).rstrip("\n") + "\n"
         for section in report.sections:
             files |= {f"figures/{figure.name}.svg": figure.alone for figure in section.figures}
-            files |= {
-                f"images/{name}": data for view in section.views for name, data in _images(view).items()
-            }
+            files |= {f"images/{one.name}": one.data for view in section.views for one in view.pictures}
     if "html" in formats:
-        pages = {verdict.place: _verdict_name(verdict) for verdict in report.verdicts}
+        places = [verdict.place for verdict in report.verdicts]
+        pages = {place: f"verdict-{'-'.join(map(slug, place))}.html" for place in places}
         files["index.html"] = _template("index.html", report=report, pages=pages, grid=_grid(report))
         for verdict in report.verdicts:
             files[pages[verdict.place]] = _verdict_page(report, verdict, topology or {}, folder)
@@ -107,10 +106,6 @@ def _grid(report: Report) -> dict[str, Any]:
         datasets.setdefault(dataset, {}).setdefault(scene, {})[method] = verdict
         methods[method] = None
     return {"datasets": datasets, "methods": list(methods)}
-
-
-def _verdict_name(verdict: Verdict) -> str:
-    return f"verdict-{'-'.join(map(slug, verdict.place))}.html"
 
 
 def _verdict_page(
@@ -183,13 +178,8 @@ def _environment() -> Environment:
 
 def _unbroken(heading: str) -> str:
     """Keep an arrow on the line of its word."""
-    return heading.replace(" ↑", "\N{NO-BREAK SPACE}↑").replace(" ↓", "\N{NO-BREAK SPACE}↓")
+    return re.sub(" (?=[↑↓])", "\N{NO-BREAK SPACE}", heading)
 
 
 def _template(name: str, **values: Any) -> str:
     return _environment().get_template(name).render(**values)
-
-
-def _images(view: View) -> dict[str, bytes]:
-    pictures = [view.gt, *(shot.picture for shots in view.shots.values() for shot in shots)]
-    return {picture.name: picture.data for picture in pictures if picture is not None}

@@ -70,6 +70,12 @@ class View:
     """Method -> its renderings."""
 
     @property
+    def pictures(self) -> list[Picture]:
+        """The pictures that there are."""
+        drawn = (shot.picture for shots in self.shots.values() for shot in shots)
+        return [picture for picture in (self.gt, *drawn) if picture is not None]
+
+    @property
     def headings(self) -> list[str]:
         """The headings of all renderings."""
         return list(dict.fromkeys(shot.heading for shots in self.shots.values() for shot in shots))
@@ -110,8 +116,7 @@ def views(results: ResultSet, places: Sequence[Place], chosen: Sequence[str] = (
     for (scene, image), why in picked.items():
         own = [place for place in places if place.scene == scene]
         view = _view(results, own, image, why)
-        if view.gt is not None or any(shot.picture for shots in view.shots.values() for shot in shots):
-            shown.append(view)
+        shown += [view] if view.pictures else []
     return shown
 
 

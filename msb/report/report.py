@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -30,11 +30,6 @@ class Section:
     tables: tuple[Table, ...] = ()
     figures: tuple[Figure, ...] = ()
     views: tuple[View, ...] = ()
-
-    @property
-    def empty(self) -> bool:
-        """Whether the section has no table, chart or picture."""
-        return not (self.tables or self.figures or self.views)
 
 
 @dataclass(frozen=True)
@@ -81,7 +76,7 @@ class Report:
             "tool_version": __version__,
             "title": self.title,
             "summary": self.summary,
-            "findings": [finding.to_dict() for finding in self.findings],
+            "findings": [asdict(finding) for finding in self.findings],
             "notes": list(self.notes),
             "verdicts": [
                 {

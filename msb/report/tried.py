@@ -86,7 +86,8 @@ def repairs(loaded: Loaded | None) -> Repairs | None:
     pictures = [
         (row.strategy, uri)
         for row in others
-        if _changes(row, stored) and (uri := _png_uri(loaded, REPAIRS_FOLDER, row.picture)) is not None
+        if (row.edges_cut or row.faces_added or row.faces_kept < stored.faces_kept)
+        and (uri := _png_uri(loaded, REPAIRS_FOLDER, row.picture)) is not None
     ]
     return Repairs(_table(loaded.result.repairs), tuple(says), plan, tuple(pictures))
 
@@ -132,10 +133,6 @@ def _result(row: Strategy, stored: Strategy) -> str:
     before, after = row.trials_passed_before, row.trials_passed_after
     tasks = f"{after} of {len(row.trials)} tasks work"
     return f"{verdict}; {tasks}, {'as before' if before == after else f'{before} before'}"
-
-
-def _changes(row: Strategy, stored: Strategy) -> bool:
-    return bool(row.edges_cut or row.faces_added or row.faces_kept < stored.faces_kept)
 
 
 def _table(document: RepairDocument) -> Table:

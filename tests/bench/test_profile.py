@@ -44,17 +44,17 @@ def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
     warm = len(renderer.drawn) - 20
     assert warm == 10
     spans = np.arange(warm + 1, warm + 21) + 1.5
-    assert found.frames == 20 == len(steps)
-    assert found.p50 == np.percentile(spans, 50)
-    assert found.p95 == np.percentile(spans, 95)
-    assert found.busy_p50 == pytest.approx(found.p50 - 0.5)
-    assert found.queued_p50 == pytest.approx(found.p50 + 0.5)
-    assert len(found.round_fps) == 5
-    assert min(found.round_fps) <= found.fps <= max(found.round_fps)
-    assert found.stages == {"raster": np.median(spans) - 1.5, "shade": 1.0}
+    timing = found.timing
+    assert timing.frames == 20 == len(steps)
+    assert (timing.p50_ms, timing.p95_ms) == tuple(np.percentile(spans, (50, 95)))
+    assert timing.busy_p50_ms == pytest.approx(timing.p50_ms - 0.5)
+    assert timing.queued_p50_ms == pytest.approx(timing.p50_ms + 0.5)
+    assert len(timing.round_fps) == 5
+    assert min(timing.round_fps) <= timing.fps <= max(timing.round_fps)
+    assert timing.stages_ms == {"raster": np.median(spans) - 1.5, "shade": 1.0}
     assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
     # 1000 / FPS cannot be less than what the clock saw of each frame.
-    assert 1000 / found.fps >= 0.5
+    assert 1000 / timing.fps >= 0.5
 
 
 def test_cameras_take_turns_and_time_counts_too() -> None:
@@ -62,7 +62,9 @@ def test_cameras_take_turns_and_time_counts_too() -> None:
     found = profile(renderer, ["a", "b"], frames=1, seconds=0.05)
     timed = renderer.drawn[1:]
     assert timed[:4] == ["a", "b", "a", "b"]
-    assert len(renderer.drawn) == 1 + found.frames, "nothing is drawn for the memory that was drawn before"
+    assert len(renderer.drawn) == 1 + found.timing.frames, (
+        "nothing is drawn for the memory that was drawn before"
+    )
     assert len(timed) > 5
     with pytest.raises(ValueError, match="there is no camera"):
         profile(renderer, [], frames=1)
@@ -71,7 +73,7 @@ def test_cameras_take_turns_and_time_counts_too() -> None:
 @pytest.mark.parametrize("warm_up", [0, 3])
 def test_warm_up_is_counted_in_frames(warm_up: int) -> None:
     renderer = Fake()
-    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=warm_up).frames == 4
+    assert profile(renderer, ["a"], frames=4, seconds=0, warm_up=warm_up).timing.frames == 4
     assert len(renderer.drawn) == 4 + warm_up
 
 
@@ -79,7 +81,7 @@ def test_warm_up_is_counted_in_frames(warm_up: int) -> None:
 def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_up: int | None) -> None:
     for cameras in ("a", "abc", "cba", "abcdefgh"):
         found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)
-        assert found.frames == frames
+        assert found.timing.frames == frames
         assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
 
 
@@ -87,7 +89,7 @@ def test_slow_frames_are_timed_after_the_renderer_has_settled(monkeypatch: pytes
     monkeypatch.setattr("msb.bench.profile.WARM_UP_SECONDS", 0.0)
     renderer = Fake()
     found = profile(renderer, ["a"], frames=4, seconds=0)
-    assert len(renderer.drawn) - found.frames == SETTLED_AT
+    assert len(renderer.drawn) - found.timing.frames == SETTLED_AT
 
 
 @pytest.mark.slow
