@@ -38,7 +38,7 @@ SHADES = 5
 def demo_model() -> ViewModel:
     """Return the demo asset as the viewer has it."""
     mesh = read_viewed_mesh(ASSET)
-    return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
+    return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes))
 
 
 def viewer_picture(model: ViewModel) -> Image.Image:

@@ -27,7 +27,8 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
     """Audit the structure of a triangle mesh exactly as it is stored.
 
     Nothing is merged, dropped, reoriented or repaired first (paper: "Mesh structural integrity" and
-    appendix "Topology-Metric Definitions and Interpretation Limits").
+    appendix "Topology-Metric Definitions and Interpretation Limits"). The verdict alone is that of the mesh
+    without its seams, where vertices are doubled for the sake of UVs or colours; plain arrays have none.
 
     Parameters
     ----------
@@ -82,6 +83,6 @@ def audit(vertices: Any, faces: ArrayLike | None = None, *, weld: Weld | None = 
 def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, Analysis]:
     """Return the audit of a mesh as stored, with its path and method, and the analysis for viewers."""
     with about(mesh.path):
-        report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld)
+        report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
     return replace(report, path=path, method=mesh.method), analysis

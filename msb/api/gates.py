@@ -96,12 +96,13 @@ class Gate:
     profile: Profile | None = None
 
     def check(self, audit: Audit, path: Path) -> GateFailed | None:
-        """Return the failure if the gate's condition holds for `audit`.
+        """Return the failure if the gate's condition holds for `audit`; of a profile, for it without seams.
 
         A value that does not exist (a ratio over nothing) fails too: an empty mesh must not pass a gate
         because there was nothing to measure.
         """
-        value = {**asdict(audit.counts), **asdict(audit.metrics)}[self.key]
+        judged = audit if self.profile is None else audit.judged
+        value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
         of = f" of profile {self.profile}" if self.profile else ""
         condition = f"gate{of}: {self.key} {self.sign} {self.limit:g}"
         if value is None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from msb.errors import Finding
+    from msb.topology.seams import Attributes
 
 
 def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
@@ -110,6 +111,13 @@ class StoredMesh:
         """The vertex numbers (F, 3) of the faces."""
         return self.buffers["indices"]
 
+    @property
+    def attributes(self) -> Attributes:
+        """What its vertices may be doubled for at seams."""
+        from msb.topology.seams import seam_attributes
+
+        return seam_attributes(self.buffers, self.domains)
+
 
 def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
     """Return the mesh at `path`, which may be anything that `open` takes, exactly as it is stored.
@@ -140,9 +148,15 @@ def _stored_file(path: Path) -> StoredMesh:
         with about(path):
             check_indices(mesh)
     buffers, domains = {"positions": mesh.vertices, "indices": mesh.faces}, {}
-    for colors, domain in ((mesh.vertex_colors, "vertex"), (mesh.face_colors, "face")):
-        if colors is not None and "color" not in buffers:
-            buffers["color"], domains["color"] = colors, domain
+    for name, values, domain in (
+        ("color", mesh.vertex_colors, "vertex"),
+        ("color", mesh.face_colors, "face"),
+        ("uv", mesh.vertex_uvs, "vertex"),
+        ("uv", mesh.corner_uvs, "corner"),
+        ("face_texture", mesh.face_textures, "face"),
+    ):
+        if values is not None and name not in buffers:
+            buffers[name], domains[name] = values, domain
     return StoredMesh(path, buffers, domains, up=mesh.up or "unknown", warnings=left_out_finding(mesh))
 
 

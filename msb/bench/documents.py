@@ -43,6 +43,7 @@ class AuditDocument(Record):
     valence_histogram: dict[str, int]
     samples: dict[str, list[dict[str, Any]]]
     welded: dict[str, Any] | None
+    without_seams: dict[str, Any] | None = None
     cross_check: list[dict[str, Any]] | None
     timings_ms: dict[str, float]
     computed_by: str

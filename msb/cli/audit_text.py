@@ -32,6 +32,7 @@ _DEFECTS = (
     ("nonmanifold_vertices", "vertex", "vertices", "non-manifold vertices"),
     ("multifan_vertices", "vertex", "vertices", "  in several fans (bow-ties)"),
     ("boundary_edges", "edge", "edges", "boundary edges"),
+    ("seam_vertices", "vertex", "vertices", "vertices doubled at seams"),
     ("inconsistent_winding_edges", "edge", "edges", "edges where winding flips"),
     ("duplicate_faces", "face", "faces", "duplicate faces"),
     ("repeated_index_faces", "face", "faces", "faces naming a vertex twice"),
@@ -90,7 +91,8 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
 def _print_verdict(audit: Audit, output: Output) -> None:
     """Print the verdict on one line, after the name of the mesh."""
     verdict = judge(audit)
-    joins = audit.corners_coincide and audit.welded is None and not audit.closed_once_merged
+    coincide = audit.judged.corners_coincide
+    joins = coincide and audit.welded is None and not audit.judged.closed_once_merged
     hint = " (--weld exact shows what merging coincident vertices would give)" if joins else ""
     word = (verdict.word, _STYLES[verdict.level])
     output.line((one_line(audit.path or "mesh"), "bold"), ": ", word, f": {verdict.sentence}{hint}.")
@@ -121,7 +123,7 @@ def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = 
 
 def _print_defects(audit: Audit, output: Output) -> None:
     counts = vars(audit.counts)
-    soup = audit.topology == "triangle_soup"
+    soup = audit.judged.topology == "triangle_soup"
     if soup and counts["boundary_edges"]:
         output.line("Every edge is a boundary edge: that is what a triangle soup means.")
     rows: list[tuple[str, ...]] = []
@@ -186,6 +188,7 @@ def advice(audit: Audit, output: str, source: str) -> str | None:
     """Return what helps where faces share no vertices; `output` is the option -o, `source` what to repair."""
     from msb.registry import lookup
 
+    audit = audit.judged
     if audit.closed_once_merged or audit.corners_coincide:
         return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
     if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:

@@ -151,7 +151,7 @@ class _Repair:
             if written is None
             else replace(written, path=done.after.path, method=done.after.method)
         )
-        splits = done.after.topology != after.topology
+        splits = done.after.topology != after.judged.topology
         left = what_is_left(after, why_split(self.suffix) if splits else None)
         if maps is not None:
             with new_file(maps) as file:
@@ -221,7 +221,7 @@ class _Repair:
             write_mesh(held, file, suffix=self.suffix)
         for text in losses(made, held, self.suffix, left_out):
             self.output.note(f"{self.target}: {text}")
-        return audit_arrays(held.vertices, held.faces)[0]
+        return audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0]
 
     def document(self, done: Repaired | Outcome, written: Audit, left: list[str]) -> dict[str, Any]:
         """Return the JSON data of the repair."""
@@ -260,7 +260,7 @@ class _Repair:
         )
         for note in dict.fromkeys(note for step in done.steps for note in step.notes):
             echo(one_line(note))
-        pieces = [audit.counts.components for audit in (done.before, done.after, after)]
+        pieces = [audit.judged.counts.components for audit in (done.before, done.after, after)]
         in_file = f", {pieces[2]:,} in the file" if splits else ""
         cut = f"edges cut{' by the repair' if splits else ''}: {len(done.cut_edges):,}"
         echo(f"Components: {pieces[0]:,} before, {pieces[1]:,} after{in_file}; {cut}")

@@ -237,7 +237,7 @@ def _draw(result: Result) -> bytes:
     assert result.audit is not None
     path = Path(result.asset.path)
     source = read_viewed_mesh(path)
-    audit, analysis = audit_arrays(source.vertices, source.faces)
+    audit, analysis = audit_arrays(source.vertices, source.faces, attributes=source.attributes)
     if result.audit.counts != audit.counts:
         raise InputError(
             "RECORD_INVALID", "it is not the mesh that was audited: it has changed since", file=path

@@ -129,4 +129,4 @@ def model_of(mesh: ViewedMesh, output: Output) -> ViewModel:
     from msb_viewers.model import build_model
 
     with output.progress(f"auditing {mesh.name}: {len(mesh.faces):,} faces"), about(mesh.path):
-        return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
+        return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes))

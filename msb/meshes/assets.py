@@ -162,6 +162,22 @@ def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
     )
 
 
+def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
+    """Return `mesh` coloured by `colors` (3F, 3 | 4): vertices are doubled where those of corners differ."""
+    corners = mesh.faces.reshape(-1)
+    values, shade = np.unique(colors, axis=0, return_inverse=True)
+    key = corners * len(values) + shade.reshape(-1)
+    _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    old = corners[first]
+    return replace(
+        mesh,
+        vertices=mesh.vertices[old],
+        faces=number.reshape(-1, 3),
+        vertex_colors=colors[first],
+        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[old],
+    )
+
+
 def _unshared(mesh: Mesh, colors: NDArray[Any] | None) -> Mesh:
     """Return `mesh` with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
     corners = mesh.faces.reshape(-1)

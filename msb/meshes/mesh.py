@@ -77,6 +77,14 @@ class Mesh:
         if self.corner_uvs is not None:
             _check("corner_uvs", self.corner_uvs, 3 * len(self.faces), (2,), (np.float32,))
 
+    @property
+    def attributes(self) -> dict[str, NDArray[Any]]:
+        """What its vertices may be doubled for at seams, by an asset's names."""
+        held = {"uv": self.vertex_uvs, "color": self.vertex_colors}
+        if self.vertex_uvs is not None:
+            held["face_texture"] = self.face_textures
+        return {name: values for name, values in held.items() if values is not None}
+
 
 def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:
     """Return a warning of what else the file of `mesh` holds, or none if that is nothing."""

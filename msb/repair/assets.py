@@ -15,13 +15,15 @@ from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported, about
-from msb.meshes import Mesh
+from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import Outcome, run_plan, what_is_left
 from msb.topology.steps.change import with_faces
 
 if TYPE_CHECKING:
+    from msb.asset.manifest import Domain
+    from msb.meshes import Mesh
     from msb.topology.steps import Change
 
 
@@ -129,7 +131,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
             made = asset
         else:
             kept = {f.name: getattr(manifest, f.name) for f in fields(Description)}
-            made = build_asset(done.buffers, domains, Description(**kept))
+            made = build_asset(done.buffers, done.domains, Description(**kept))
             kept_manifest = replace(made.manifest, extra=manifest.extra)
             made = replace(
                 made, manifest=kept_manifest, warnings=asset.warnings, opened_from=asset.opened_from
@@ -137,29 +139,47 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
     path = None if made.path is None else str(made.path)
     before, after = (replace(one, path=path, method=manifest.method) for one in (done.before, done.after))
     return Repaired(
-        made.buffers, done.vertex_map, done.face_map, done.turned, done.steps, before, after, made, plan
+        made.buffers,
+        done.domains,
+        done.vertex_map,
+        done.face_map,
+        done.turned,
+        done.steps,
+        before,
+        after,
+        made,
+        plan,
     )
 
 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
     """Return a repaired mesh in the precision of its file, and what was done."""
     check_indices(mesh)
-    buffers: dict[str, NDArray[Any]] = {"positions": mesh.vertices, "indices": mesh.faces}
-    domains = {}
-    # Two names that `carry` knows to be those of colours.
-    for name, colors, domain in (("color", mesh.vertex_colors, "vertex"), ("f_dc", mesh.face_colors, "face")):
-        if colors is not None:
-            buffers[name], domains[name] = colors, domain
-    done = run_plan(buffers, domains, options)
-    colors_by = {domain: done.buffers[name] for name, domain in domains.items()}
-    made = Mesh(
-        done.buffers["positions"],
-        done.buffers["indices"].astype(np.int64),
-        colors_by.get("vertex"),
-        colors_by.get("face"),
-        up=mesh.up,
+    # Names that `carry` knows: "f_dc" is any colour.
+    by_corner = mesh.corner_uvs is not None
+    held: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
+        ("color", mesh.vertex_colors, "vertex"),
+        ("f_dc", mesh.face_colors, "face"),
+        ("uv", mesh.corner_uvs if by_corner else mesh.vertex_uvs, "corner" if by_corner else "vertex"),
+        ("face_texture", mesh.face_textures, "face"),
     )
-    return made, done
+    domains = {name: domain for name, values, domain in held if values is not None}
+    buffers = {name: values for name, values, _ in held if values is not None}
+    done = run_plan({"positions": mesh.vertices, "indices": mesh.faces, **buffers}, domains, options)
+    made = {(name, done.domains[name]): done.buffers[name] for name in domains}
+    repaired = replace(
+        mesh,
+        vertices=done.buffers["positions"],
+        faces=done.buffers["indices"].astype(np.int64),
+        vertex_colors=made.get(("color", "vertex")),
+        face_colors=made.get(("f_dc", "face")),
+        vertex_uvs=made.get(("uv", "vertex")),
+        corner_uvs=made.get(("uv", "corner")),
+        face_textures=made.get(("face_texture", "face")),
+        left_out=(),
+    )
+    colors = made.get(("color", "corner"))
+    return repaired if colors is None else with_corner_colors(repaired, colors), done
 
 
 def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:
@@ -174,7 +194,7 @@ def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
         text = f"weld turns a soup into a mesh of static colours; {asset.manifest.method}: {why}"
         raise Unsupported("UNSUPPORTED_TIER", text)
     buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
-    domains: dict[str, Any] = {}
+    domains: dict[str, Domain] = {}
     if (colors := colors_of(asset)) is not None:
         buffers["color"], domains["color"] = colors.values, colors.domain
     manifest = asset.manifest

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-_OF_THE_WHOLE_FACE = {"color", "f_dc", "f_rest", "opacity", "sigma"}
+_OF_THE_WHOLE_FACE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
 """Buffers whose values for a face do not depend on which of its corners is first."""
+_BETWEEN_CORNERS = {"uv", "color"}
+"""Buffers of corners whose values run evenly along an edge, so that an added face can go on with them."""
 _LATTICES = {"features.lattice", "features.opacity"}
 """DiffSoup's samples of a barycentric lattice, which turn with the face."""
 
@@ -28,13 +30,15 @@ def carry(
     """Return the buffers of the changed mesh.
 
     Values are copied, bit for bit. A new vertex has the mean of its rim; an added face has the values of the
-    face beside it. `domains` are "vertex", "face", "corner" or "global"; `level` is that of DiffSoup's
-    lattice.
+    face beside it, at its third corner the mean of the two that both have. `domains` are "vertex", "face",
+    "corner" or "global"; `level` is that of DiffSoup's lattice.
     """
     known = {**domains, "positions": "vertex", "indices": "face"}
     return {
         name: change.faces.astype(array.dtype)
         if name == "indices"
+        else _of_corners(name, array, change, buffers["indices"])
+        if known[name] == "corner"
         else _carried(name, array, known[name], change, level)
         for name, array in buffers.items()
     }
@@ -48,10 +52,6 @@ def _carried(name: str, array: NDArray[Any], domain: str, change: Change, level:
         return np.concatenate([kept, _means(name, array, change.rims)])
     if domain == "face":
         return _of_faces(name, array, change, level)
-    if domain == "corner":
-        if len(change.added_from):
-            _refuse(name, "a value for each corner", "added")
-        return np.asarray(array[change.corner_map])
     return array
 
 
@@ -67,6 +67,27 @@ def _of_faces(name: str, array: NDArray[Any], change: Change, level: int | None)
         _refuse(name, "values for each face whose meaning is the method's own", "turned")
     values[change.turned] = values[change.turned][:, turned_lattice(2**level)]
     return np.asarray(values)
+
+
+def _of_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
+    """Return the values of corners; an added face shows all over what there is along the edge it grew from.
+
+    Its third corner could be in another chart, and between the corners of a hole a texture holds nothing.
+    `faces` are those before the change.
+    """
+    added = len(change.added_from)
+    kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]
+    if not added:
+        return np.asarray(kept)
+    if name not in _BETWEEN_CORNERS:
+        _refuse(name, "a value for each corner", "added")
+    was = change.vertex_map[change.faces[-added:]]
+    same = was[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
+    values = array.reshape(len(faces), 3, -1)[change.added_from].astype(np.float64)
+    values = np.take_along_axis(values, same.argmax(axis=2)[:, :, None], axis=1)
+    shared = same.any(axis=2, keepdims=True)
+    values = np.where(shared, values, (values * shared).sum(axis=1, keepdims=True) / shared.sum(1)[:, None])
+    return np.concatenate([kept, _typed(values, array.dtype).reshape(-1, *array.shape[1:])])
 
 
 def turned_lattice(sides: int) -> NDArray[np.intp]:
@@ -89,10 +110,11 @@ def _means(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
     sizes = np.diff(rims.offsets).reshape(-1, *(1,) * (array.ndim - 1))
     with np.errstate(invalid="ignore", over="ignore"):
         means = np.add.reduceat(values, starts, axis=0) / sizes
-    means = np.where(np.isfinite(means), means, values[starts])
-    return np.asarray(
-        means.astype(array.dtype) if array.dtype.kind == "f" else np.rint(means).astype(np.uint8)
-    )
+    return _typed(np.where(np.isfinite(means), means, values[starts]), array.dtype)
+
+
+def _typed(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[Any]:
+    return np.asarray(means.astype(dtype) if dtype.kind == "f" else np.rint(means).astype(dtype))
 
 
 def _refuse(name: str, what: str, done: str) -> NoReturn:

@@ -18,13 +18,16 @@ from msb.repair.plan import BY_PEER
 from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays
 from msb.topology.halfedge import NONE
+from msb.topology.seams import find_seams, seam_attributes
 from msb.topology.steps import close, cut, debris, drop, orient, pair, weld
-from msb.topology.steps.change import followed_by, unchanged
+from msb.topology.steps.change import followed_by, unchanged, with_vertices
 from msb.topology.steps.cut import cut_edges
 
 if TYPE_CHECKING:
+    from msb.asset.manifest import Domain
     from msb.repair.plan import Options
     from msb.topology import Audit
+    from msb.topology.seams import Seams
     from msb.topology.steps import Change
 
     Buffers = Mapping[str, NDArray[Any]]
@@ -74,10 +77,12 @@ class Outcome:
     """A repaired mesh: its buffers, what was done, and where rows are from.
 
     Maps have the row of the original that each new vertex (V',) and face (F',) is, -1 for what is new;
-    `turned` (F',) says whether the second and the third corner of a face changed places.
+    `turned` (F',) says whether the second and the third corner of a face changed places. `domains` are those
+    of the buffers: UVs are by corner where anything was changed.
     """
 
     buffers: Buffers
+    domains: Mapping[str, Domain]
     vertex_map: NDArray[np.int64]
     face_map: NDArray[np.int64]
     turned: NDArray[np.bool_]
@@ -96,7 +101,7 @@ class _Work:
     """The mesh as it is after the steps done so far."""
 
     buffers: Buffers
-    domains: Mapping[str, str]
+    domains: Mapping[str, Domain]
     level: int | None
     pending: Change
     """What has happened since `buffers` were carried. Nothing in it is new."""
@@ -163,7 +168,7 @@ class _Work:
 
 def run_plan(
     buffers: Buffers,
-    domains: Mapping[str, str],
+    domains: Mapping[str, Domain],
     options: Options,
     *,
     level: int | None = None,
@@ -174,7 +179,8 @@ def run_plan(
 
     `buffers` are `positions`, `indices` and all others, `domains` "vertex", "face", "corner" or "global";
     `level` is that of DiffSoup's lattice. `weights` (F,) are what each face counts to `debris` and `drop`;
-    the area if not given. The change `first` comes before the plan, such as leaving out hidden faces.
+    the area if not given. The change `first` comes before the plan, such as leaving out hidden faces. The
+    steps are done on the mesh without its seams, and what changes nothing leaves these as they are.
     """
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
@@ -184,11 +190,13 @@ def run_plan(
         if weights.shape != (len(faces),) or not (np.isfinite(weights) & (weights >= 0)).all():
             text = f"weights must be a finite number, 0 or more, for each of {len(faces)} faces"
             raise UsageError("USAGE", text)
-    before, _ = audit_arrays(points, faces)
-    start = first or unchanged(faces, len(points))
+    attributes = seam_attributes(buffers, domains)
+    before, _ = audit_arrays(points, faces, attributes=attributes)
+    seams = find_seams(points, faces, attributes) if first is None else None
+    held, held_by = _without_doubles(buffers, domains, seams)
     work = _Work(
-        buffers,
-        domains,
+        held,
+        held_by,
         level,
         unchanged(faces, len(points)),
         np.arange(len(points)),
@@ -197,14 +205,43 @@ def run_plan(
         points,
         weights,
     )
-    work.apply(start)
+    if seams is not None:
+        first = with_vertices(seams.merged(faces), seams.first)
+    work.apply(first or unchanged(faces, len(points)))
     for name in _turns(plan, work, options.peer):
         work.do(name, lambda name=name: _step(name, work, options))  # type: ignore[misc]
-    work.flush()
-    after, _ = audit_arrays(work.points, work.pending.faces)
     shown = [step for turn, step in enumerate(work.steps) if turn < len(plan) or step.changed]
+    if (first is None or seams is not None) and not any(step.changed for step in shown):
+        same = (np.arange(len(points)), np.arange(len(faces)), np.zeros(len(faces), bool))
+        return Outcome(buffers, domains, *same, tuple(shown), before, before)
+    if seams is not None:
+        note = f"without its seams, at which {seams.doubles:,} vertices are doubled: UVs are by corner now"
+        shown[0] = replace(shown[0], notes=(note, *shown[0].notes))
+    work.flush()
+    after, _ = audit_arrays(
+        work.points, work.pending.faces, attributes=seam_attributes(work.buffers, held_by)
+    )
     maps = (work.vertex_map.astype(np.int64), work.face_map.astype(np.int64), work.turned)
-    return Outcome(work.buffers, *maps, tuple(shown), before, after)
+    return Outcome(work.buffers, held_by, *maps, tuple(shown), before, after)
+
+
+def _without_doubles(
+    buffers: Buffers, domains: Mapping[str, Domain], seams: Seams | None
+) -> tuple[Buffers, Mapping[str, Domain]]:
+    """Return the buffers with that by corner which merged vertices cannot hold, and their domains.
+
+    UVs are so in any case: whatever else is merged, or added over a hole, must not stretch a texture.
+    """
+    attributes = seam_attributes(buffers, domains)
+    names = [
+        name
+        for name, values in attributes.items()
+        if name == "uv"
+        or (name == "color" and seams is not None and (values[seams.first][seams.number] != values).any())
+    ]
+    corners = buffers["indices"].reshape(-1)
+    by_corner: dict[str, Domain] = dict.fromkeys(names, "corner")
+    return {**buffers, **{name: buffers[name][corners] for name in names}}, {**domains, **by_corner}
 
 
 def _turns(plan: Sequence[str], work: _Work, peer: str | None) -> Iterator[str]:
@@ -243,6 +280,7 @@ def what_is_left(after: Audit, split: str | None = None) -> list[str]:
 
     `split` says why a file does not share the vertices that the repaired mesh shares, if it does not.
     """
+    after = after.judged
     counts, left = after.counts, []
     why = "open stays open unless close fills holes"
     if after.topology == "triangle_soup":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from msb.errors import one_line
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
-from msb.topology.seams import closes_at_seams, is_closed
+from msb.topology.seams import closes_once_merged, find_seams, is_closed
 from msb.topology.verdict import judge, percent
 from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from msb.topology.analysis import Analysis
     from msb.topology.findings import Counts, Findings
+    from msb.topology.seams import Attributes, SeamKind
     from msb.topology.verdict import Level
 
 SCHEMA = "msb.audit/1"
@@ -79,6 +80,10 @@ class Audit:
     samples : dict of str to tuple of Sample
         The first few elements behind each count, in ascending order.
     welded : Welded or None
+    seams : {"texture", "color"} or None
+        For what vertices are doubled at seams, `counts.seam_vertices` of them; None where none are.
+    without_seams : Audit or None
+        The audit of the mesh without its seams; None where there are none.
     closed_once_merged : bool
         Whether the mesh is open as stored, and closed, manifold and consistently wound once coincident
         vertices are merged exactly. False, too, where that was not tried: of more than 200,000 faces, unless
@@ -109,9 +114,16 @@ class Audit:
     path: str | None = None
     method: str | None = None
     welded: Welded | None = None
+    seams: SeamKind | None = None
+    without_seams: Audit | None = None
     closed_once_merged: bool = False
     corners_coincide: bool | None = None
     cross_check: list[dict[str, Any]] | None = None
+
+    @property
+    def judged(self) -> Audit:
+        """The audit that the verdict is about: of the mesh without its seams, if it has any."""
+        return self.without_seams or self
 
     @property
     def verdict(self) -> Level:
@@ -167,12 +179,8 @@ class Audit:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the audit as JSON data (schema msb.audit/1); no NaN, no infinity."""
-        counts, metrics = asdict(self.counts), asdict(self.metrics)
-        welded = self.welded and {
-            "weld": self.welded.weld,
-            "counts": asdict(self.welded.counts),
-            "metrics": asdict(self.welded.metrics),
-        }
+        welded = self.welded and {"weld": self.welded.weld, **_numbers(self.welded)}
+        without_seams = self.without_seams and {"kind": self.seams, **_numbers(self.without_seams)}
         return {
             "schema": SCHEMA,
             "path": self.path,
@@ -180,8 +188,7 @@ class Audit:
             "topology": self.topology,
             "is_soup": self.is_soup,
             "verdict": {"level": self.verdict, "sentence": self.sentence},
-            "counts": counts,
-            "metrics": metrics,
+            **_numbers(self),
             "variants": self.variants(),
             "winding_consistent": self.winding_consistent,
             "valence_histogram": {str(k): n for k, n in self.valence_histogram.items()},
@@ -197,6 +204,7 @@ class Audit:
                 for kind, samples in self.samples.items()
             },
             "welded": welded,
+            "without_seams": without_seams,
             "cross_check": self.cross_check,
             "timings_ms": self.timings_ms,
             "computed_by": self.computed_by,
@@ -220,11 +228,16 @@ class Audit:
 
 
 def audit_arrays(
-    vertices: ArrayLike, faces: ArrayLike, *, weld: Weld | None = None
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    *,
+    weld: Weld | None = None,
+    attributes: Attributes | None = None,
 ) -> tuple[Audit, Analysis]:
     """Return the audit of plain arrays together with their analysis (for viewers and exports).
 
-    For a large mesh the parts of the analysis are only made when they are asked for.
+    `attributes` are what vertices may be doubled for (`msb.topology.seams.seam_attributes`). For a large
+    mesh the parts of the analysis are only made when they are asked for.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find(points, triangles)
@@ -233,10 +246,17 @@ def audit_arrays(
     if chosen is not None:
         merged = find(*weld_vertices(points, triangles, chosen))[0]
         report = replace(report, welded=Welded(chosen, merged.counts, _metrics(merged)))
+    seams = find_seams(points, triangles, attributes or {}) if report.counts.boundary_edges else None
+    if seams is not None:
+        counts = replace(report.counts, seam_vertices=seams.doubles)
+        without, _ = audit_arrays(points[seams.first], seams.merged(triangles))
+        report = replace(report, counts=counts, seams=seams.kind, without_seams=without)
     if report.welded is not None and chosen == "exact":
         closes = report.counts.boundary_edges > 0 and is_closed(report.welded.counts)
+    elif report.without_seams is not None:
+        closes = is_closed(report.without_seams.counts) or report.without_seams.closed_once_merged
     else:
-        closes = closes_at_seams(findings, points, triangles)
+        closes = closes_once_merged(findings, points, triangles)
     soup = report.topology == "triangle_soup" and report.counts.faces > 0
     coincide = corners_coincide(points, triangles) if soup else None
     return replace(report, closed_once_merged=closes, corners_coincide=coincide), analysis
@@ -278,6 +298,10 @@ def _metrics(findings: Findings) -> Metrics:
         total_area=findings.total_area,
         largest_component_area=area,
     )
+
+
+def _numbers(audited: Audit | Welded) -> dict[str, Any]:
+    return {"counts": asdict(audited.counts), "metrics": asdict(audited.metrics)}
 
 
 def _ratio(part: float, whole: float) -> float | None:

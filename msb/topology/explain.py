@@ -112,7 +112,7 @@ def explain(name: str) -> Explanation:
     >>> explain("metrics.vf-ratio").formula
     'V / F'
     """
-    wanted = name.strip().replace("-", "_").removeprefix("welded.")
+    wanted = name.strip().replace("-", "_").removeprefix("welded.").removeprefix("without_seams.")
     wanted = wanted.removeprefix("counts.").removeprefix("metrics.")
     exact = {
         known: entry

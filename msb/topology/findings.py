@@ -44,6 +44,7 @@ class Counts:
     components: int
     components_manifold_edges: int
     largest_component_faces: int
+    seam_vertices: int = 0
 
 
 @dataclass(frozen=True)

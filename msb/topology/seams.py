@@ -1,20 +1,142 @@
-"""Whether a mesh is open only where coincident vertices are stored more than once: at UV seams, say."""
+"""Seams: vertices that a file had to store more than once, because each row has one texture coordinate.
+
+The definition is in docs/definitions.md ("Seams"). What is doubled for another reason, such as normals or a
+format without shared vertices, is no seam; whether a mesh would be closed without such doubles is told, too.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.topology.components import label_components
 from msb.topology.dispatch import find
-from msb.topology.weld import weld_vertices
+from msb.topology.faces import names_vertex_twice
+from msb.topology.weld import coincident_vertices, weld_vertices
 
 if TYPE_CHECKING:
     from msb.topology.findings import Counts, Findings
 
+Attributes = Mapping[str, NDArray[Any]]
+"""What a file doubles vertices for: "uv" (V, 2), "color" (V, n), and "face_texture" (F,) of faces."""
+SeamKind = Literal["texture", "color"]
+
 MOST_FACES = 200_000
 """Welding and auditing again takes as long as the audit: larger meshes are not welded unasked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seams:
+    """The vertices of a mesh without its seams.
+
+    `first` (W,) is the first row of each, ascending, and `number` (V,) says which of them each row is. The
+    `kind` is "texture" where the mesh has UVs, else "color".
+    """
+
+    first: NDArray[Any]
+    number: NDArray[Any]
+    kind: SeamKind
+
+    @property
+    def doubles(self) -> int:
+        """Number of rows that repeat another at a seam."""
+        return len(self.number) - len(self.first)
+
+    def merged(self, faces: NDArray[Any]) -> NDArray[Any]:
+        """Return `faces` by the merged vertices, in the type they have."""
+        return np.asarray(self.number.astype(faces.dtype)[faces])
+
+
+def seam_attributes(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> dict[str, Any]:
+    """Return those of an asset's buffers for whose sake a file doubles vertices: UVs and colours by vertex.
+
+    What a model was trained to have at its vertices is not among them: its rows are its own, not a file's.
+    """
+    names = [name for name in ("uv", "color") if domains.get(name) == "vertex"]
+    if "uv" in names and "face_texture" in buffers:  # files hold the faces of each texture apart
+        names.append("face_texture")
+    return {name: buffers[name] for name in names}
+
+
+def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
+    """Return the seams of a mesh, or None if it has none.
+
+    Two boundary edges in one place are one edge that was torn if UVs or colours differ at an end, or the
+    textures of their faces: their ends are merged. The corners of a triangle soup may meet by chance. That
+    seams alone made a mesh a soup is believed if every face has a torn edge, and no edges in one place are
+    alike. O(V log V) time, of which next to nothing where no two vertices coincide.
+    """
+    if not attributes or not len(faces):
+        return None
+    rows, set_of = coincident_vertices(points)
+    if not len(rows):
+        return None
+    place = np.arange(len(points))
+    place[rows] = rows[set_of]
+    double = np.zeros(len(points), bool)
+    double[rows] = True
+    a, b, c = faces.T
+    near = np.flatnonzero(double[a] | double[b] | double[c])
+    near = near[~names_vertex_twice(faces[near])]
+    attributes = {
+        name: values[near] if name == "face_texture" else values for name, values in attributes.items()
+    }
+    edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, attributes)
+    if not len(edges):
+        return None
+    proper = ~names_vertex_twice(faces)
+    believed = not alike and torn_faces == np.count_nonzero(proper)
+    if not believed and np.bincount(faces[proper].reshape(-1)).max() == 1:
+        return None
+    ends, node = np.unique(edges.reshape(-1), return_inverse=True)
+    _, label = label_components(len(ends), *node.reshape(-1, 2).T)
+    _, lowest = np.unique(label, return_index=True)  # `ends` ascend, so the first of each is the lowest
+    labels = np.arange(len(points))
+    labels[ends] = ends[lowest][label]
+    is_first = labels == np.arange(len(points))
+    number = (np.cumsum(is_first) - 1)[labels]
+    return Seams(np.flatnonzero(is_first), number, "texture" if "uv" in attributes else "color")
+
+
+def _torn_edges(
+    faces: NDArray[np.int64], place: NDArray[Any], double: NDArray[np.bool_], attributes: Attributes
+) -> tuple[NDArray[np.int64], int, bool]:
+    """Return the (n, 2) pairs of rows to be merged, at how many faces, and whether other edges coincide.
+
+    Those are boundary edges in one place that are alike at both ends. `faces` are all proper ones with a
+    vertex that is stored more than once, so all faces at an edge with such an end are among them.
+    """
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    start, end = ends.T
+    number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
+    ends = ends[number]
+    low, high = np.minimum(*ends.T), np.maximum(*ends.T)
+    _, first, faces_there = np.unique(low * len(place) + high, return_index=True, return_counts=True)
+    first = first[faces_there == 1]
+    rim, face = ends[first], number[first] // 3
+    # The end whose place has the lower number first, so that ends in one place stand in one column.
+    there = place[rim]
+    rim = np.where((there[:, 0] > there[:, 1])[:, None], rim[:, ::-1], rim)
+    there = np.sort(there, axis=1)
+    _, first, group, size = np.unique(
+        there[:, 0] * len(place) + there[:, 1], return_index=True, return_inverse=True, return_counts=True
+    )
+    group = group.reshape(-1)
+    beside = rim[first[group]]
+    differs = np.zeros(len(rim), bool)
+    for name, values in attributes.items():
+        if name == "face_texture":
+            differs |= values[face] != values[face[first[group]]]
+        else:
+            differs |= (values[rim] != values[beside]).any(axis=(1, 2))
+    torn = np.bincount(group, differs, len(size))[group] > 0
+    alike = bool(((size[group] > 1) & ~torn).any())
+    pairs = np.stack([rim[torn], beside[torn]], axis=-1).reshape(-1, 2)
+    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(face[torn])), alike
 
 
 def is_closed(counts: Counts) -> bool:
@@ -27,7 +149,7 @@ def is_closed(counts: Counts) -> bool:
     )
 
 
-def closes_at_seams(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
+def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether the exact weld closes an open mesh of at most `MOST_FACES` faces; else False.
 
     `findings` are those of the mesh as stored.
@@ -38,12 +160,12 @@ def closes_at_seams(findings: Findings, points: NDArray[Any], faces: NDArray[Any
     # What welding does not mend, and what it would mend everywhere: nearly all meshes end here.
     if counts.nonmanifold_edges or counts.inconsistent_winding_edges or counts.duplicate_faces:
         return False
-    if not _at_seams([edge for _, edge in findings.first["boundary_edges"]], points):
+    if not _all_coincide([edge for _, edge in findings.first["boundary_edges"]], points):
         return False
     return is_closed(find(*weld_vertices(points, faces, "exact"))[0].counts)
 
 
-def _at_seams(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:
+def _all_coincide(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:
     """Return whether an end of each edge has the float32 coordinates of another vertex.
 
     A boundary edge that a weld removes has such an end: had both ends none, the edge would stay as it is.

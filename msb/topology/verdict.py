@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ SMALL_PIECE, FEW_PIECES = 10, 10
 """Pieces of fewer faces, where there are more than a few, are no surface to unwrap or subdivide."""
 
 MERGED = "closed once coincident vertices are merged"
-"""What is said of a mesh that is open only at seams of UVs or normals (`msb.topology.seams`)."""
+"""What is said of a mesh that is open only where vertices are doubled, but for no UV or colour."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,15 @@ def judge(audit: Audit) -> Verdict:
     """Return the verdict on an audited mesh: all that stands in the way, the gravest first.
 
     Any mesh with a face renders on the standard tier. The gravest reason decides what else it is good for.
+    Seams stand in nobody's way: what is judged is the mesh without them.
     """
     counts = audit.counts
+    if audit.without_seams is not None:
+        verdict = judge(audit.without_seams)
+        doubled = "vertex is" if counts.seam_vertices == 1 else "vertices are"
+        kind = "texture" if audit.seams == "texture" else "colour"
+        text = f"{verdict.sentence}; {counts.seam_vertices:,} {doubled} doubled at {kind} seams"
+        return replace(verdict, sentence=text)
     if counts.faces == counts.repeated_index_faces:
         return Verdict("bad", "does not render: it has no proper face", "no proper face")
     merged = f"; {MERGED}" if audit.closed_once_merged else ""

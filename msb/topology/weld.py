@@ -62,10 +62,7 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
     Positions are hashed to 32 bits and sorted; only those whose hash repeats are compared.
     """
     bits, corners = _as_stored(vertices).view(np.uint32), faces.reshape(-1)
-    hashes = bits[:, 0] * np.uint32(0x9E3779B1) ^ bits[:, 1] * np.uint32(0x85EBCA77)
-    hashes = (hashes ^ bits[:, 2] * np.uint32(0xC2B2AE3D))[corners]
-    ordered = np.sort(hashes)
-    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
+    hashes, repeated = _hashed(bits, corners)
     start, count = 0, 64  # where corners coincide, the first few hashes mostly show it
     while start < len(repeated):
         bucket = np.zeros(1 << 20, bool)
@@ -78,6 +75,35 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
             return True
         start, count = start + count, count << 8
     return False
+
+
+def coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the vertices (n,), ascending, that the exact weld would merge, and which of them each becomes.
+
+    The second array (n,) has a place in the first: that of the smallest vertex of the same coordinates.
+    """
+    hashes, repeated = _hashed(_as_stored(vertices).view(np.uint32))
+    bucket = np.zeros(1 << 20, bool)  # most rows of most meshes go by this
+    bucket[repeated >> 12] = True
+    rows = np.flatnonzero(bucket[hashes >> 12])
+    rows = rows[np.isin(hashes[rows], repeated)]
+    labels = _exact_labels(vertices[rows])
+    several = np.bincount(labels, minlength=len(rows))[labels] > 1
+    return rows[several], (np.cumsum(several) - 1)[labels[several]]
+
+
+def _hashed(
+    bits: NDArray[np.uint32], order: NDArray[Any] | None = None
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Return a hash of each row (V, 3), or of those of `order`, and the hashes that occur more than once."""
+    hashes = np.zeros(len(bits), np.uint32)
+    for axis in range(3):
+        hashes += bits[:, axis]
+        hashes *= np.uint32(0x9E3779B1)
+        hashes ^= hashes >> 15  # else signs would end in the highest bit, and mirrored points be alike
+    hashes = hashes if order is None else hashes[order]
+    ordered = np.sort(hashes)
+    return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
 def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:

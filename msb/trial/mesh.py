@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.api.opening import stored_mesh
 from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
 from msb.topology import audit_arrays
+from msb.topology.seams import find_seams
 from msb.topology.verdict import judge
 from msb.topology.weld import weld_vertices
 
@@ -45,11 +47,9 @@ class TriedMesh:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """What an audit says, UV seams merged: they double vertices, and are no fault of the surface."""
-        vertices, faces = self.vertices, self.faces
-        if self.uv is not None:
-            vertices, faces = weld_vertices(vertices, faces, "exact")
-        return judge(audit_arrays(vertices, faces)[0])
+        """What an audit says: seams of UVs, which double vertices, are no fault of the surface."""
+        attributes = {} if self.uv is None else {"uv": self.uv}
+        return judge(audit_arrays(self.vertices, self.faces, attributes=attributes)[0])
 
     @property
     def sha256(self) -> str:
@@ -97,25 +97,29 @@ class TriedMesh:
 
 
 def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
-    """Return the mesh of `asset` as it is stored, less the faces that its STE threshold hides.
+    """Return the mesh of `asset` as it is stored, without its seams and the faces its STE threshold hides.
 
     Colours of faces and corners become the means of the faces at each vertex, so that the mesh keeps its
-    vertices as they are; without any colours it is white. A vertex that `weld` merges first has the mean
-    colour, too.
+    vertices as they are; without any colours it is white. Vertices that were doubled at seams, or that `weld`
+    merges first, have the mean colour, too.
     """
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)
     faces = asset.buffers["indices"].astype(np.int64)
     colors = _vertex_colors(asset, faces)
     shown = visible_faces(asset, stored_threshold(asset))
-    faces = faces if shown is None else faces[shown]
+    seams = find_seams(vertices, faces, stored_mesh(asset).attributes)
+    corners = faces if shown is None else faces[shown]
+    merged, faces = vertices, corners
+    if seams is not None:
+        merged, faces = vertices[seams.first], seams.merged(faces)
     if weld is not None:
         with about(asset.path):
-            merged, welded = weld_vertices(vertices, faces, weld)
+            merged, faces = weld_vertices(merged, faces, weld)
+    if merged is not vertices:
         # A vertex that no face uses merges with none that is seen, so corners tell all that matters.
-        colors = _means(welded.reshape(-1), colors[faces.reshape(-1)], len(merged))
-        vertices, faces = merged, welded
-    return TriedMesh(vertices, faces, colors)
+        colors = _means(faces.reshape(-1), colors[corners.reshape(-1)], len(merged))
+    return TriedMesh(merged, faces, colors)
 
 
 def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.api.auditing import audit_stored
+from msb.api.opening import stored_mesh
 from msb.asset.tiers import why_not
 from msb.base.limits import Limits
 from msb.errors import MsbError, OutputError
@@ -16,7 +18,6 @@ from msb.render.backend import lean_options
 from msb.render.images import to_bytes
 from msb.repair.assets import repair_asset
 from msb.repair.pictures import keep_picture
-from msb.topology import audit_arrays
 from msb.topology.halfedge import NONE
 from msb.trial.look import BACKGROUND, likeness
 from msb.trial.run import try_asset
@@ -166,7 +167,7 @@ def compare(
     """
     views = choose_views(asset, cameras).seeing(asset, device)
     judge = _Judge(views, tasks, options.limits, device)
-    audit, _ = audit_arrays(asset.buffers["positions"], asset.buffers["indices"])
+    audit, _ = audit_stored(stored_mesh(asset))
     looks, before = judge.result(asset)
     stored = Row(
         STORED,

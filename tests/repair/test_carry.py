@@ -73,7 +73,7 @@ def test_a_new_vertex_has_the_mean_of_its_rim_and_a_new_face_the_values_beside_i
         ("of_the_method", "face", np.zeros((2, 4), np.float32), turned()),
         ("features.lattice", "face", np.zeros((2, 4, 7), np.float32), turned()),  # no level has 4 samples
         ("of_the_method", "face", np.zeros((2, 4), np.float32), with_cap()),
-        ("color", "corner", np.zeros((6, 3), np.float32), with_cap()),
+        ("of_the_method", "corner", np.zeros((6, 3), np.float32), with_cap()),
         ("of_the_method", "vertex", np.zeros(4, np.uint32), with_cap()),
     ],
 )

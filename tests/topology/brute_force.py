@@ -60,6 +60,7 @@ def audit(points: list[Point], faces: list[Face]) -> dict[str, Any]:
         "components": len(set(component.values())),
         "components_manifold_edges": len(set(two_face.values())),
         "largest_component_faces": len(largest),
+        "seam_vertices": 0,  # places are all it knows
         "vf_ratio": ratio(n_v, n_f),
         "mean_valence": ratio(2 * n_e, n_v),
         "boundary_edge_ratio": ratio(sizes.count(1), n_e),

@@ -1,14 +1,19 @@
-"""A mesh that is open at seams alone is said to be closed once merged, and no other mesh is."""
+"""Seams of UVs and colours are no fault; a mesh that is open at other doubles alone closes once merged."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from data_stubs.splat_like import splat_like
 from msb import audit
-from msb.topology import seams
+from msb.api.gates import parse_gate
+from msb.topology import audit_arrays, seams
 from tests.conftest import BOOK, TETRAHEDRON
+from tests.topology.seamed import CUBE, CUBE_UVS, doubled, torus
 
 MERGED = "closed once coincident vertices are merged"
 POINTS, FACES = TETRAHEDRON
@@ -20,7 +25,7 @@ SLIT = np.concatenate([POINTS, POINTS[FACES[0, :1]]]), np.concatenate([[[4, *FAC
 
 @pytest.mark.parametrize("weld", [None, "exact", 1e-9])
 @pytest.mark.parametrize("mesh", [HARD, SLIT])
-def test_seams_are_told_from_holes(mesh: tuple[np.ndarray, np.ndarray], weld: float | None) -> None:
+def test_doubles_are_told_from_holes(mesh: tuple[np.ndarray, np.ndarray], weld: float | None) -> None:
     found = audit(*mesh, weld=weld)
     assert found.closed_once_merged
     assert found.verdict in ("limited", "bad")
@@ -56,3 +61,79 @@ def test_a_mesh_with_true_holes_is_not_welded(monkeypatch: pytest.MonkeyPatch) -
     points, faces = splat_like(14)
     audit(points, faces)
     audit(POINTS, FACES[:3])
+
+
+def test_a_verdict_is_that_of_the_mesh_without_its_seams_and_counts_are_as_stored() -> None:
+    points, faces, uvs = doubled(*CUBE, CUBE_UVS)
+    plain, found = audit(*CUBE), audit_arrays(points, faces, attributes={"uv": uvs})[0]
+    assert found.sentence == f"{plain.sentence}; 16 vertices are doubled at texture seams"
+    assert (found.verdict, found.counts.seam_vertices, plain.counts.seam_vertices) == ("ok", 16, 0)
+    assert replace(found.counts, seam_vertices=0) == audit(points, faces).counts
+    assert found.without_seams is not None
+    assert found.without_seams.counts == plain.counts
+    # One corner of the hole is a row that no face uses: nothing is torn there.
+    hole = audit_arrays(points, faces[:-1], attributes={"uv": uvs})[0]
+    assert hole.verdict == "limited"
+    assert "it is open: 3 boundary edges in 1 loop; 15 vertices are doubled at texture seams" in hole.sentence
+
+
+@pytest.mark.parametrize("name", ["uv", "color"])
+@pytest.mark.parametrize("kinds", [2, 3, 1000])  # with many kinds no two corners are alike: a soup
+def test_whatever_a_closed_mesh_has_at_its_corners_its_file_is_closed(name: str, kinds: int) -> None:
+    rng = np.random.default_rng(kinds)
+    points, faces = torus()
+    values = rng.integers(0, kinds, (faces.size, 2)).astype(np.float32)
+    stored, rows, values = doubled(points, faces, values)
+    found = audit_arrays(stored, rows, attributes={name: values})[0]
+    assert found.without_seams is not None
+    assert found.without_seams.counts == audit(points, faces).counts
+    assert found.counts.seam_vertices == len(stored) - len(points)
+    assert found.sentence.endswith({"uv": "at texture seams", "color": "at colour seams"}[name])
+
+
+def test_what_was_never_one_vertex_is_not_merged() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        points = rng.random((12, 3)).astype(np.float32)
+        faces = np.stack([rng.permutation(12)[:3] for _ in range(20)])  # edges of many faces, and holes
+        stored, rows, uvs = doubled(points, faces, rng.integers(0, 2, (60, 2)).astype(np.float32))
+        made = seams.find_seams(stored, rows, {"uv": uvs})
+        if made is not None:
+            assert np.array_equal(stored[made.first][made.number], stored)
+            assert np.array_equal(stored[made.first][made.merged(rows)], stored[rows])
+
+
+def test_doubles_for_no_uv_or_colour_are_no_seams() -> None:
+    uvs = np.concatenate([POINTS, POINTS[FACES[0]]])[:, :2].astype(np.float32)  # alike where places are
+    found = audit_arrays(*HARD, attributes={"uv": uvs})[0]
+    assert (found.seams, found.verdict) == (None, audit(*HARD).verdict)
+    assert MERGED in found.sentence
+
+
+def test_faces_of_two_textures_have_a_seam_between_them_whatever_their_uvs() -> None:
+    faces, uvs = HARD[1], np.zeros((7, 2), np.float32)
+    shown = (np.arange(4) == 0).astype(np.uint32)
+    found = audit_arrays(HARD[0], faces, attributes={"uv": uvs, "face_texture": shown})[0]
+    assert (found.verdict, found.counts.seam_vertices) == ("ok", 3)
+
+
+def test_a_soup_whose_corners_meet_here_and_there_stays_a_soup() -> None:
+    rng = np.random.default_rng(2)
+    points = rng.random((300, 3)).astype(np.float32)
+    points[3:5] = points[:2]  # two trained triangles meet in an edge
+    faces, colors = np.arange(300).reshape(-1, 3), rng.random((300, 3)).astype(np.float32)
+    found = audit_arrays(points, faces, attributes={"color": colors})[0]
+    assert (found.seams, found.counts.seam_vertices) == (None, 0)
+    assert "triangle soup" in found.sentence
+    stored, rows, uvs = doubled(*torus(), rng.random((2 * 96 * 3, 2)).astype(np.float32))
+    assert audit_arrays(stored, rows, attributes={"uv": uvs})[0].seams == "texture"
+    stored[rows[0]] += 1  # a lone face
+    assert audit_arrays(stored, rows, attributes={"uv": uvs})[0].seams is None
+
+
+def test_a_profile_asks_for_the_mesh_without_its_seams() -> None:
+    points, faces, uvs = doubled(*CUBE, CUBE_UVS)
+    found = audit_arrays(points, faces, attributes={"uv": uvs})[0]
+    gate = parse_gate("boundary_edges>0")
+    assert gate.check(found, Path("x")) is not None
+    assert replace(gate, profile="print").check(found, Path("x")) is None

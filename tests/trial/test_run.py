@@ -16,9 +16,10 @@ from msb.meshes.assets import asset_from_mesh
 from msb.metrics.likeness import decibels
 from msb.topology import audit_arrays
 from msb.trial import run
-from msb.trial.mesh import TriedMesh
+from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.run import Trial, try_asset
 from msb.trial.task import Attempt, Attempted, Made, Task
+from tests.topology.seamed import textured_cube
 from tests.trial.conftest import box, grid, made_of, pages, soup
 
 UV = {"charts": 1, "charts_per_1000_faces": 1.0, "packing": 0.5, "faces_left_out": 0, "stretch_l2": 1.0}
@@ -50,7 +51,8 @@ def tried(task: str, mesh: TriedMesh, keep: Path | None = None) -> Trial:
 
 
 def with_uv(mesh: TriedMesh) -> TriedMesh:
-    return TriedMesh(mesh.vertices, mesh.faces, mesh.colors, mesh.vertices[:, :2].copy())
+    uv = np.random.default_rng(3).random((len(mesh.vertices), 2)).astype(np.float32)
+    return TriedMesh(mesh.vertices, mesh.faces, mesh.colors, uv)
 
 
 def test_seams_of_uvs_are_no_fault_of_a_file(replying: Any) -> None:
@@ -59,7 +61,8 @@ def test_seams_of_uvs_are_no_fault_of_a_file(replying: Any) -> None:
     assert (found.outcome, found.why) == ("works", None)
     assert found.says.endswith("; the file is, seams aside, OK")
     audit, _ = audit_arrays(box().vertices, box().faces)
-    assert found.numbers["verdict"] == {"level": "ok", "sentence": audit.sentence}
+    sentence = f"{audit.sentence}; 28 vertices are doubled at texture seams"
+    assert found.numbers["verdict"] == {"level": "ok", "sentence": sentence}
 
 
 def test_a_file_that_is_bad_as_the_mesh_was_works_with_care(replying: Any, tmp_path: Path) -> None:
@@ -152,3 +155,11 @@ def test_what_stands_in_for_a_library_has_time_to_start(monkeypatch: pytest.Monk
     assert given == {"coacd": 1.0, "manifold3d": 20.0, "pymeshlab": 20.0}
     try_asset(mesh, "collision", limits=Limits(30.0))
     assert set(given.values()) == {30.0}
+
+
+@pytest.mark.parametrize("by", ["vertex", "corner"])
+def test_a_mesh_is_tried_without_its_seams(by: str) -> None:
+    mesh = mesh_to_try(asset_from_mesh(textured_cube(by)))
+    assert (len(mesh.vertices), len(mesh.faces), mesh.verdict.level) == (8, 12, "ok")
+    assert "seams" not in mesh.verdict.sentence
+    assert np.ptp(mesh.colors) > 0

@@ -40,7 +40,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
         colors=Colors(_colors(before, faces, change.deleted, len(added)), "face"),
         notes=(),
     )
-    audit, _ = audit_arrays(points, faces)
+    audit, _ = audit_arrays(points, faces, attributes=before.attributes)
     _, analysis = audit_arrays(union.vertices, union.faces)
     model = build_model(union, audit, analysis)
     mesh = analysis.mesh
@@ -53,7 +53,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
     layers = {
         kind: Layer(REPAIR_STYLES[kind], rows, vertices[rows]) for kind, (rows, vertices) in numbers.items()
     }
-    verdict = judge(audit_arrays(*new)[0])
+    verdict = judge(audit_arrays(*new, attributes=after.attributes)[0])
     deleted, cut = len(change.deleted), len(change.cut)
     what = f"faces deleted: {deleted:,}, added: {len(added):,}; edges cut: {cut:,}"
     notes = (

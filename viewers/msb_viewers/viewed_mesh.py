@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from msb.api.opening import StoredMesh
+    from msb.topology.seams import Attributes
 
 Domain = Literal["vertex", "face", "corner"]
 NO_COLOR = "its colours depend on the view and have no static part: drawn in grey"
@@ -28,7 +29,8 @@ class Colors:
 class ViewedMesh:
     """A mesh to look at: as stored, nothing is checked yet.
 
-    `up` is an axis such as "+y", or "unknown"; `notes` are what the viewer has to say about how it is drawn.
+    `up` is an axis such as "+y", or "unknown"; `notes` are what the viewer has to say about how it is drawn;
+    `attributes` is what vertices may be doubled for at seams.
     """
 
     name: str
@@ -39,6 +41,7 @@ class ViewedMesh:
     method: str | None = None
     up: str = "unknown"
     notes: tuple[str, ...] = ()
+    attributes: Attributes = field(default_factory=dict)
 
 
 def read_viewed_mesh(path: Path) -> ViewedMesh:
@@ -59,7 +62,8 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     colors = None if found is None else Colors(color_bytes(found.values), found.domain)
     notes: tuple[str, ...] = () if colors is not None or mesh.method in (None, "mesh") else (NO_COLOR,)
     notes += tuple(f"{each.code}: {each.message}" for each in mesh.warnings)
-    return ViewedMesh(path.name, path, mesh.vertices, mesh.faces, colors, mesh.method, mesh.up, notes)
+    place = (path.name, path, mesh.vertices, mesh.faces)
+    return ViewedMesh(*place, colors, mesh.method, mesh.up, notes, mesh.attributes)
 
 
 def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:

@@ -8,7 +8,7 @@ edges for us and three vertex pairs for most peers. docs/definitions.md has the 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from msb.topology.analysis import Analysis
     from msb.topology.audit import Audit
     from msb.topology.crosscheck.peers import Answer
+    from msb.topology.findings import Counts
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,13 @@ class Facts:
             unfit = "it is defined on manifold meshes only"
         return replace(self.same("boundary_loops", call), unfit=unfit)
 
+    def without_seams(self, flag: Expected, holds: Callable[[Counts], bool]) -> Expected:
+        """Expect of a mesh with seams, which peers are handed as it is stored, that it is open to them."""
+        if flag.ours or flag.theirs or not holds(self.report.judged.counts):
+            return flag
+        doubled = some(self.counts.seam_vertices, "row")
+        return replace(flag, ours=True, why=f"it takes the {doubled} doubled at seams for a border")
+
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
         """Expect V - E + F with another V, and with the pairs of repeated-index rows among E."""
         ours = self.report.metrics.euler_characteristic
@@ -183,7 +191,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
     )
     unique = "edges_unique_inverse"
     used = counts.referenced_vertices + facts.shift["used"]
-    closed = counts.boundary_edges == counts.nonmanifold_edges == 0 < counts.edges
+    closed = _is_closed(counts)
     consistent = counts.inconsistent_winding_edges == 0
     sees_closed, sees_consistent = closed, consistent
     if facts.repeated:
@@ -205,7 +213,7 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
         facts.euler("euler_number", used, "that a face uses", "pairs"),
         facts.area("area"),
         _flag("winding_consistent", "is_winding_consistent", consistent, sees_consistent, facts),
-        _flag("closed", "is_watertight", closed, sees_closed, facts),
+        facts.without_seams(_flag("closed", "is_watertight", closed, sees_closed, facts), _is_closed),
     ]  # fmt: skip
 
 
@@ -222,10 +230,7 @@ def expect_manifold3d(facts: Facts) -> list[Expected]:
     way. It requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh
-    ours = (
-        counts.boundary_edges == counts.nonmanifold_edges == counts.inconsistent_winding_edges == 0
-        < counts.edges
-    )  # fmt: skip
+    ours = _is_oriented(counts)
     upwards = mesh.origin[mesh.edge_halfedges] < mesh.target[mesh.edge_halfedges]
     surplus = np.bincount(
         mesh.edge[mesh.edge_halfedges], weights=np.where(upwards, 1, -1), minlength=mesh.edge_count
@@ -236,7 +241,16 @@ def expect_manifold3d(facts: Facts) -> list[Expected]:
         why = "it pairs opposite half-edges, so an edge with as many faces each way passes"
     elif ours and not theirs:
         why = "it refuses fewer than four vertices or faces"
-    return [Expected("closed_oriented", "status", "closed_oriented", ours, theirs, why)]
+    expected = Expected("closed_oriented", "status", "closed_oriented", ours, theirs, why)
+    return [facts.without_seams(expected, _is_oriented)]
+
+
+def _is_closed(counts: Counts) -> bool:
+    return counts.boundary_edges == counts.nonmanifold_edges == 0 < counts.edges
+
+
+def _is_oriented(counts: Counts) -> bool:
+    return _is_closed(counts) and counts.inconsistent_winding_edges == 0
 
 
 def expect_networkx(facts: Facts) -> list[Expected]:
