@@ -8,14 +8,17 @@ step of the 1/4096 pixel grid, or which of two surfaces is nearer where they cro
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from msb.asset.look import StaticColors
 from msb.reference.frame import ReferenceFrame
+from msb.reference.textured import Surface, shown, steps_at
 
 if TYPE_CHECKING:
+    from msb.asset.texture import Textured
     from msb.scenes import Camera
 
     Reals = NDArray[np.float64]
@@ -28,32 +31,37 @@ GUARD = 0.75 * 2**29
 
 
 class Pixels(NamedTuple):
-    """What one face covers: rows, columns, 1 / z and the weights of its corners (n, 3)."""
+    """What one face covers: rows, columns, 1 / z, the weights of its corners (n, 3) and rays to it (n, 3)."""
 
     y: NDArray[np.int64]
     x: NDArray[np.int64]
     inverse_depth: Reals
     weights: Reals
+    rays: Reals
 
 
 def render_standard(
     positions: ArrayLike,
     indices: ArrayLike,
-    colors: ArrayLike,
+    colors: ArrayLike | None,
     domain: str,
     camera: Camera,
     background: Sequence[float] = (0.0, 0.0, 0.0),
-    shown: NDArray[np.bool_] | None = None,
+    visible: NDArray[np.bool_] | None = None,
+    textured: Textured | None = None,
 ) -> ReferenceFrame:
     """Return a frame, in float64, of an opaque mesh of positions (V, 3) and indices (F, 3).
 
     Colours are (n, 3) or (n, 4) uint8, or floats, which are clamped to [0, 1]; a fourth channel is not used.
-    Their domain, "vertex", "face" or "corner", says what n counts: V, F or 3F. Faces that are not `shown`
-    (F,) keep their numbers.
+    Their domain, "vertex", "face" or "corner", says what n counts: V, F or 3F. Faces that are not `visible`
+    (F,) keep their numbers. Textures are multiplied by the colours, which may be None then.
     """
     points = np.asarray(positions, np.float64)
     faces = np.asarray(indices, np.int64)
-    rgb = _unit_colors(colors)
+    surface, rgb = None, np.zeros((0, 3)) if colors is None else _unit_colors(colors)
+    if textured is not None:
+        tint = None if colors is None else StaticColors(np.asarray(colors), cast("Any", domain))
+        surface = Surface(textured, tint, np.asarray(indices))
     pose = camera.world_to_camera
     local = points @ pose[:3, :3].T + pose[:3, 3]
     turn_normals = np.linalg.inv(pose[:3, :3])  # noqa: TID251 - its own arithmetic
@@ -63,7 +71,7 @@ def render_standard(
     image = np.empty((height, width, 3))  # noqa: TID251 - filled in the next line
     image[:] = background
     for face, corners in enumerate(faces):
-        if shown is not None and not shown[face]:
+        if visible is not None and not visible[face]:
             continue
         # An order that depends on the places of the corners alone: faces in the same place tie exactly.
         order = np.lexsort(points[corners].T[::-1])
@@ -72,14 +80,19 @@ def render_standard(
         near = nearest_corner(local[corners])
         # Turned afterwards: differences of places as stored are exact.
         normal = np.cross(*(points[np.delete(corners, near)] - points[corners[near]])) @ turn_normals
-        for y, x, depth, weights in covered(local[corners], normal, camera):
+        for y, x, depth, weights, rays in covered(local[corners], normal, camera):
             wins = depth > nearest[y, x]  # ascending faces: at equal depths the lowest stays
+            if surface is None:
+                seen = weights @ rgb[rows]
+            else:
+                light = surface.at(face, order, weights, steps_at(local[corners], rays, camera))
+                wins &= surface.is_there(light)
+                seen = shown(light)
             y, x = y[wins], x[wins]
             nearest[y, x] = depth[wins]
             face_id[y, x] = face
-            image[y, x] = weights[wins] @ rgb[rows]
+            image[y, x] = seen[wins]
     hit = nearest > 0
-    visible = np.ones(len(faces), bool) if shown is None else shown
     return ReferenceFrame(
         image=image,
         alpha=hit.astype(np.float64),
@@ -87,7 +100,7 @@ def render_standard(
         depth_median=None,
         normal=None,
         face_id=face_id,
-        visible=visible,
+        visible=np.ones(len(faces), bool) if visible is None else visible,
     )
 
 
@@ -110,7 +123,7 @@ def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
         rays = np.concatenate([(centers - principal) / focal, np.ones((len(x), 1))], axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = np.nan_to_num(rays @ normal / (normal @ first), nan=low, posinf=high, neginf=low)
-        yield Pixels(y, x, np.clip(depth, low, high), weights_at(corners, rays))
+        yield Pixels(y, x, np.clip(depth, low, high), weights_at(corners, rays), rays)
 
 
 def nearest_corner(corners: Reals) -> int:

@@ -17,6 +17,9 @@ typedef struct {
     int stride;
     int x0, y0, x1, y1;    // pixels of the image, ends excluded
     __global const float *triangles;
+#if COLORS == TEXTURES
+    Textures textures;
+#endif
 } Tile;
 
 int face_of(const Tile *t, int slot) { return INTEGERS(t->triangles)[(size_t)slot * WORDS + FACE_WORD]; }
@@ -82,6 +85,22 @@ void settle(const Tile *t, int at, float depth, int slot)
         t->slot[at] = slot;
 }
 
+// With an alpha cut-off, nothing is where a texture's alpha is below it, of what is not behind `old`.
+#if COLORS == TEXTURES && CUTOFF
+float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
+{
+    int8 nearer = (depth > 0.0f) & (depth >= old);
+    if (!any8(nearer))
+        return depth;
+    float8 light[4], px = TO_FLOAT(x) + 0.5f - view[OPTICAL], py = TO_FLOAT(y) + 0.5f - view[OPTICAL + 1];
+    surface(&t->textures, view, slot, px, py, light);
+    return nearer & (light[3] < CUTOFF_OF(&t->textures)) ? (float8)MASKED : depth;
+}
+#define CUT(depth, slot, x, y, old) depth = cut(t, (int8)(slot), (int8)(x), (int8)(y), depth, old, view);
+#else
+#define CUT(depth, slot, x, y, old)
+#endif
+
 // A triangle of any size, or one that has to be clipped: spans of pixels, row by row.
 void draw_outline(Tile *t, int slot, __constant float *view)
 {
@@ -125,6 +144,7 @@ void draw_outline(Tile *t, int slot, __constant float *view)
                         ((float *)&depth)[l] = wide_depth(&o, s.x0 + x + l, y, view);
                 depth = min8(max8(depth, (float8)o.low), (float8)o.high);
                 depth = x + lane > (int)last ? (float8)MASKED : depth;
+                CUT(depth, slot, s.x0 + x + lane, y, LOAD(t->depth + at + x, 0))
                 if (any8(keep(t, at + x, depth, slot)))
                     for (int l = 0; l < 8; l++)
                         settle(t, at + x + l, PICK_F(depth, l), slot);
@@ -264,6 +284,7 @@ void draw_block(Tile *t, int block, __constant float *view)
         depth = min8(max8(depth, low), high);
         depth = mask ? depth : (float8)MASKED;
         int8 at = (base + y * t->stride + x) & mask;
+        CUT(depth, slot + (int8)(0, 1, 2, 3, 4, 5, 6, 7), x0 + x, y0 + y, GATHER(float8, t->depth, at))
         // Without branches: which triangle wins is random. Depths are not negative, so their bits compare alike.
 #define KEEP(l)                                                                                                 \
     {                                                                                                           \
@@ -314,6 +335,7 @@ void draw_block(Tile *t, int block, __constant float *view)
                     float8 depth = MAD(a, u, MAD(b, (float)(v + (y << SUBPIXEL_BITS)), reference));
                     depth = min8(max8(depth, (float8)farthest), (float8)nearest);
                     depth = (f0 | f1 | f2) < 0 ? (float8)MASKED : depth;
+                    CUT(depth, slot + l, left + x + lane, up + y, LOAD(t->depth + at, 0))
                     ties |= keep(t, at, depth, slot + l);
                     f0 += down0;
                     f1 += down1;
@@ -329,6 +351,7 @@ void draw_block(Tile *t, int block, __constant float *view)
                         float8 depth = MAD(a, u, row);
                         depth = min8(max8(depth, (float8)farthest), (float8)nearest);
                         depth = (f0 | f1 | f2) < 0 ? (float8)MASKED : depth;
+                        CUT(depth, slot + l, left + x + lane, up + rows - y, LOAD(t->depth + at, 0))
                         for (int i = 0; i < 8; i++)
                             settle(t, at + i, PICK_F(depth, i), slot + l);
                     }

@@ -11,6 +11,11 @@
 #define LANES 8
 #include "zbuffer_math.cl"
 #include "lanes.cl"
+#if COLORS == TEXTURES
+#include "zbuffer_texture.cl"
+#else
+#define TEXTURE_ARGUMENTS
+#endif
 #include "zbuffer_block.cl"
 
 #define BUCKETS 16      // depths that clusters are told apart by: more would only scatter the reads
@@ -103,6 +108,15 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
             int8 hit = depth > 0.0f, face = (int8)NO_FACE, slot = LOAD_INT(t->slot + at) & hit;
             float8 red = (float8)background.x, green = (float8)background.y, blue = (float8)background.z;
             if (any8(hit)) {
+                float8 r, g, b;
+#if COLORS == TEXTURES
+                face = hit ? GATHER(int8, INTEGERS(t->triangles) + FACE_WORD, slot * WORDS) : face;
+                float8 light[4];
+                surface(&t->textures, view, slot, (float)x + lane + 0.5f - view[OPTICAL], (float8)py, light);
+                r = encoded(light[0]);
+                g = encoded(light[1]);
+                b = encoded(light[2]);
+#else
                 __global const float *r0 = t->triangles + (size_t)slot.s0 * WORDS;
                 __global const float *r1 = t->triangles + (size_t)slot.s1 * WORDS;
                 __global const float *r2 = t->triangles + (size_t)slot.s2 * WORDS;
@@ -115,7 +129,6 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
                 float8 d4 = LOAD(r4, 1), d5 = LOAD(r5, 1), d6 = LOAD(r6, 1), d7 = LOAD(r7, 1);
                 TRANSPOSE(d0, d1, d2, d3, d4, d5, d6, d7)
                 face = hit ? as_int8(d4) : face;
-                float8 r, g, b;
 #if COLORS == FLOATS_OF_FACE
                 r = d1;
                 g = d2;
@@ -161,6 +174,7 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
                 r = min8(r, (float8)1.0f);
                 g = min8(g, (float8)1.0f);
                 b = min8(b, (float8)1.0f);
+#endif
 #endif
                 red = hit ? r : red;
                 green = hit ? g : green;
@@ -247,12 +261,16 @@ __kernel void tiles(__global const float *triangles, __global const float *color
     __global const int *rects, __global const float *nearest, __global const int *group_rects, int count, int stride,
     int blocks, int width, int height, int tile_width, int tile_height, __global int *next_tile,
     __global float *scratch, int scratch_words, __global float *image, __global float *depth, __global float *alpha,
-    __global int *faces, int all, float4 background)
+    __global int *faces, int all, float4 background TEXTURE_ARGUMENTS)
 {
     Output out = {image, depth, alpha, faces, all};
     int columns = (width + tile_width - 1) / tile_width, rows = (height + tile_height - 1) / tile_height;
     Tile tile, *t = &tile;
     t->triangles = triangles;
+#if COLORS == TEXTURES
+    Textures textures = TEXTURES_OF(triangles, colors);
+    t->textures = textures;
+#endif
     t->stride = tile_width + PAD;
     int area = t->stride * (tile_height + PAD_ROWS);
     t->depth = scratch + (size_t)get_global_id(0) * scratch_words;

@@ -7,6 +7,15 @@
 // are drawn twice: depths first, then slots where the depth is that of the pixel.
 #define LANES 1
 #include "zbuffer_math.cl"
+#if COLORS == TEXTURES
+#include "zbuffer_texture.cl"
+#define DRAWN_TEXTURES , __global const float *corners TEXTURE_ARGUMENTS
+#define IN_TARGET , TEXTURES_OF(records, corners)
+#else
+#define TEXTURE_ARGUMENTS
+#define DRAWN_TEXTURES
+#define IN_TARGET
+#endif
 
 #if KEYS
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
@@ -18,21 +27,38 @@
 typedef struct {
     __global uint *pixels; // slot's complement, depth: the halves of a little-endian 64-bit key
     int width, height, pass;
+#if COLORS == TEXTURES
+    Textures textures;
+#endif
 } Target;
 
-void hit(const Target *t, int x, int y, float depth, uint slot)
+#if COLORS == TEXTURES && CUTOFF
+// Whether a texture's alpha is not below the cut-off.
+int is_there(const Target *t, int x, int y, uint slot, __constant float *view)
+{
+    float light[4], px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
+    surface(&t->textures, view, (int)slot, px, py, light);
+    return !(light[3] < CUTOFF_OF(&t->textures));
+}
+#define IS_THERE(t, x, y, slot, view) is_there(t, x, y, slot, view)
+#else
+#define IS_THERE(t, x, y, slot, view) 1
+#endif
+
+void hit(const Target *t, int x, int y, float depth, uint slot, __constant float *view)
 {
     __global uint *pixel = t->pixels + 2 * ((size_t)y * t->width + x);
 #if KEYS
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
     // Keys only grow, so one read earlier that is larger says enough: most hidden pixels end here.
-    if (key > *(volatile __global ulong *)place)
+    if (key > *(volatile __global ulong *)place && IS_THERE(t, x, y, slot, view))
         atom_max(place, key);
 #else
-    if (t->pass == 0)
-        atomic_max(pixel + 1, as_uint(depth));
-    else if (pixel[1] == as_uint(depth))
+    if (t->pass == 0) {
+        if (IS_THERE(t, x, y, slot, view))
+            atomic_max(pixel + 1, as_uint(depth));
+    } else if (pixel[1] == as_uint(depth) && IS_THERE(t, x, y, slot, view))
         atomic_max(pixel, ~slot);
 #endif
 }
@@ -57,7 +83,7 @@ void fill(const Target *t, const Outline *o, const Edges *s, uint slot, __consta
                 depth = wide_depth(o, x, y, view);
             depth = depth > o->low ? depth : o->low;
             depth = depth < o->high ? depth : o->high;
-            hit(t, x, y, depth, slot);
+            hit(t, x, y, depth, slot, view);
         }
     }
 }
@@ -74,9 +100,9 @@ __kernel void clear(__global uint2 *pixels, __global int *listed, uint count)
 // One work-item for each triangle. `list` gets the slots left for `listed_triangles`: those for one work-group
 // from its start, those for many from its end; `listed` counts both.
 __kernel void triangles(__global const float *records, __constant float *view, __global uint *pixels,
-    __global uint *list, __global int *listed, uint slots, int width, int height, int pass)
+    __global uint *list, __global int *listed, uint slots, int width, int height, int pass DRAWN_TEXTURES)
 {
-    Target t = {pixels, width, height, pass};
+    Target t = {pixels, width, height, pass IN_TARGET};
     size_t slot = get_global_id(0);
     if (slot >= slots)
         return;
@@ -101,9 +127,10 @@ __kernel void triangles(__global const float *records, __constant float *view, _
 // Work-groups share the listed triangles: `many` 0, each takes whole ones; 1, those of a column of the second
 // dimension take every so many rows.
 __kernel void listed_triangles(__global const float *records, __constant float *view, __global uint *pixels,
-    __global const uint *list, __global const int *listed, uint slots, int width, int height, int pass, int many)
+    __global const uint *list, __global const int *listed, uint slots, int width, int height, int pass,
+    int many DRAWN_TEXTURES)
 {
-    Target t = {pixels, width, height, pass};
+    Target t = {pixels, width, height, pass IN_TARGET};
     for (int i = get_group_id(0); i < listed[many]; i += get_num_groups(0)) {
         uint slot = list[many ? slots - 1 - i : i];
         Outline o = make_outline(records + (size_t)slot * WORDS, view);
@@ -116,7 +143,7 @@ __kernel void listed_triangles(__global const float *records, __constant float *
 
 __kernel void shade(__global const float *records, __global const float *colors, __constant float *view,
     __global const uint *pixels, int width, int height, __global float *image, __global float *depth,
-    __global float *alpha, __global int *faces, int all, float4 background)
+    __global float *alpha, __global int *faces, int all, float4 background TEXTURE_ARGUMENTS)
 {
     int x = get_global_id(0), y = get_global_id(1);
     if (x >= width || y >= height)
@@ -130,7 +157,15 @@ __kernel void shade(__global const float *records, __global const float *colors,
         __global const float *c = records + slot * WORDS;
         z = 1.0f / as_float(bits);
         face = INTEGERS(c)[FACE_WORD];
-#if COLORS == FLOATS_OF_FACE
+#if COLORS == TEXTURES
+        Textures textures = TEXTURES_OF(records, colors);
+        float light[4];
+        surface(&textures, view, (int)slot, (float)x + 0.5f - view[OPTICAL], (float)y + 0.5f - view[OPTICAL + 1],
+            light);
+        r = encoded(light[0]);
+        g = encoded(light[1]);
+        b = encoded(light[2]);
+#elif COLORS == FLOATS_OF_FACE
         r = c[9];
         g = c[10];
         b = c[11];

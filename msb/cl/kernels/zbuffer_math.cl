@@ -27,10 +27,11 @@ typedef float real;
 
 // A triangle is 16 words, one cache line:
 //   0..8   its three corners
-//   9..11  three RGBA8 colours, or one RGB colour in floats (COLORS)
+//   9..11  three RGBA8 colours, or one RGB colour in floats, or the number of a texture (COLORS)
 //   12     its face
 //   13     1 if it is longer than FAR / 2, else 0
 #define WORDS 16
+#define TEXTURE_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
 // What is no float goes in and out as an integer: as a float it may be subnormal or NaN, which a device need
@@ -39,6 +40,7 @@ typedef float real;
 #define BYTES_OF_CORNERS 0 // COLORS: RGBA8 for each corner, in the record
 #define FLOATS_OF_FACE 1   // RGB for the face, in the record
 #define FLOATS_OF_CORNERS 2 // RGB for each corner, nine floats in a buffer of their own
+#define TEXTURES 3 // zbuffer_texture.cl; CUTOFF says whether alpha decides what is there
 #define NO_FACE (-1)
 
 // The camera, VIEW in msb/render/standard/view.py. Its rotation R has rows r0, r1, r2.

@@ -68,7 +68,7 @@ class StandardRenderer(OnDevice):
         with self._scope.setting_up():
             self._triangles = make_triangles(self._device, asset, values)
             self._scope.kept |= self._triangles.buffers
-            defines: dict[str, Any] = {"COLORS": self._triangles.kind}
+            defines: dict[str, Any] = dict(self._triangles.defines)
             if self._device.style == "cpu":
                 blocks = CLUSTER // BLOCK
                 defines |= {
@@ -184,6 +184,7 @@ class StandardRenderer(OnDevice):
                 scratch,
                 np.int32(words),
                 *output,
+                *mesh.textures,
             )
 
     def _run_gpu(self, view: Buffer, width: np.int32, height: np.int32, output: tuple[Any, ...]) -> None:
@@ -195,14 +196,16 @@ class StandardRenderer(OnDevice):
         with device.stage("clear"):
             program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
         group = (_GROUP_SIZE, 1)
+        corners = (mesh.colors, *mesh.textures) if mesh.textures else ()
         for number in range(1 if device.record.int64_atomics else 2):
             target = mesh.records, view, pixels, listed, counter, np.uint32(mesh.slots), width, height
             with device.stage("draw"):
-                program.triangles(mesh.slots, _GROUP_SIZE, *target, np.int32(number))
+                program.triangles(mesh.slots, _GROUP_SIZE, *target, np.int32(number), *corners)
             with device.stage("draw large"):
                 for many, rows in enumerate((1, _ROWS)):
                     size = _GROUPS * _GROUP_SIZE, rows
-                    program.listed_triangles(size, group, *target, np.int32(number), np.int32(many))
+                    listing = np.int32(number), np.int32(many), *corners
+                    program.listed_triangles(size, group, *target, *listing)
         with device.stage("shade"):
             program.shade(
                 (int(width), int(height)),
@@ -214,6 +217,7 @@ class StandardRenderer(OnDevice):
                 width,
                 height,
                 *output,
+                *mesh.textures,
             )
 
 

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.look import StaticColors, drawn_colors, shown_faces
+from msb.asset.look import StaticColors, corner_tint, drawn_colors, shown_faces, tint_of
+from msb.asset.texture import textures_of
 from msb.cl import sort_pairs
+from msb.render.standard.texels import Texels, put_texels
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -28,7 +30,10 @@ _PREPARATION = "standard preparation"
 """Prefix of the names of scratch buffers that are given back before the first frame."""
 _SAMPLES = 1 << 14
 _MORTON_BITS = 30
-_COLOR_TYPES = {0: "__global const uchar *", 1: "__global const float *", 2: "__global const float *"}
+_COLOR_TYPES = {0: "__global const uchar *", **dict.fromkeys((1, 2, 3), "__global const float *")}
+_TEXTURES = 3
+_CORNER_WORDS = (8, 24)
+"""Of a slot with textures, without and with a tint."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ class Triangles:
     """(slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
     slots are near in space, on a GPU slots are in the order of faces."""
     colors: Buffer
-    """(slots, 9) float32 where corners have colours in floats, else one word that no kernel reads."""
+    """(slots, 9) float32 where corners have colours in floats, else one word that no kernel reads; with
+    textures (slots, 8 | 24) as zbuffer_texture.cl has it."""
     boxes: Buffer
     """(6, stride) float32: centre and half extent of the clusters of triangles."""
     kind: int
@@ -47,11 +53,23 @@ class Triangles:
     slots: int
     clusters: int
     stride: int
+    texels: Texels | None
 
     @property
     def buffers(self) -> dict[str, Buffer]:
         """All buffers, by use."""
-        return {buffer.use: buffer for buffer in (self.records, self.colors, self.boxes)}
+        own = self.records, self.colors, self.boxes
+        return {buffer.use: buffer for buffer in (*own, *self.textures)}
+
+    @property
+    def textures(self) -> tuple[Buffer, ...]:
+        """What the kernels that draw textures take at their end."""
+        return self.texels.buffers if self.texels else ()
+
+    @property
+    def defines(self) -> dict[str, int]:
+        """What the kernels that draw are told of the colours."""
+        return {"COLORS": self.kind, **(self.texels.defines if self.texels else {})}
 
 
 def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) -> Triangles:
@@ -60,15 +78,26 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
     listed = shown_faces(asset, settings.get("ste_threshold"))
     count = len(indices) if listed is None else len(listed)
     slots = -(-count // BLOCK) * BLOCK
-    kind, colors, domain = _arranged(drawn_colors(asset))
-    defines = {"COLORS": kind, "COLOR_TYPE": _COLOR_TYPES[kind], "CHANNELS": colors.shape[1], "LANES": 1}
+    texels, more = None, list[NDArray[Any]]()
+    if (textured := textures_of(asset)) is None:
+        kind, colors, domain = _arranged(drawn_colors(asset))
+        wide = 9 if kind == 2 else 0
+    else:
+        kind, colors, domain, tint = _TEXTURES, textured.uvs.reshape(-1, 2), "corner", tint_of(asset)
+        wide = _CORNER_WORDS[tint is not None]
+        texels = put_texels(device, textured, wide)
+        none = np.zeros(1, np.float32)
+        more.append(none if tint is None else corner_tint(tint, indices))
+        more.append(none.view(np.uint32) if textured.face_texture is None else textured.face_texture)
+    defines: dict[str, Any] = {"COLORS": kind, "COLOR_TYPE": _COLOR_TYPES[kind], "LANES": 1}
+    defines |= {"CHANNELS": colors.shape[1], **(texels.defines if texels else {})}
     program = device.program("zbuffer_prepare", defines)
 
     source = [
         device.upload(array, "standard source")
-        for array in (positions, indices, np.zeros(1, np.uint32) if listed is None else listed, colors)
+        for array in (positions, indices, np.zeros(1, np.uint32) if listed is None else listed, colors, *more)
     ]
-    vertices, faces, chosen, color = source
+    vertices, faces, chosen, color, *rest = source
     head = vertices, faces, chosen, np.int32(listed is None)
     order, ordered = chosen, device.style == "cpu" and count > 0
     if ordered:
@@ -78,7 +107,7 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
         order = sort_pairs(device, keys, bits=_MORTON_BITS, name=_PREPARATION)[1]
     records = device.allocate((slots, WORDS), np.float32, "standard triangles", "geometry")
     corner_colors = device.allocate(
-        (slots, 9) if kind == 2 else (1,), np.float32, "standard colors", "appearance"
+        (slots, wide) if wide else (1,), np.float32, "standard colors", "appearance"
     )
     program.records(
         slots,
@@ -92,6 +121,8 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
         corner_colors,
         np.uint32(count),
         np.uint32(slots),
+        *rest,
+        *([] if textured is None else [np.int32(textured.face_texture is None), np.int32(wide)]),
     )
     clusters = -(-slots // CLUSTER)
     stride = -(-clusters // BLOCK) * BLOCK
@@ -102,7 +133,7 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
     for buffer in source:
         buffer.release()
     device.release_scratch(_PREPARATION)
-    return Triangles(records, corner_colors, boxes, kind, slots, clusters, stride)
+    return Triangles(records, corner_colors, boxes, kind, slots, clusters, stride, texels)
 
 
 def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:

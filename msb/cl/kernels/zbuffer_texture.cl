@@ -1,0 +1,285 @@
+// Textures for the opaque z-buffer: what they show of a face at a sample, eight samples at once (LANES 8) or one.
+// The rules are in docs/standard.md, the readable twin is `sample` in msb/asset/texture.py.
+//
+// `corners` has 8 or 24 floats for each slot: u, v of its three corners and two words that are not read; then, of 24,
+// the linear light and alpha that the texture is multiplied with there and four words that are not read. `texels` has
+// all levels of all textures as RGBA8. `rows` says how to read them:
+//   row 0            whether texels are not blended, whether smaller levels are read, wrap of u, wrap of v
+//   row 1            alpha below which there is nothing, as a float, and the floats of a slot in `corners`
+//   row 2 + 16t + l  level l of texture t: its first texel, width, height, and the last level of the texture
+
+#define CLAMPED 1 // wraps; 0 repeats
+#define MIRRORED 2
+#define FIRST_ROW 2
+#define LEVEL_ROWS 16
+
+typedef struct {
+    __global const float *triangles, *corners;
+    __global const uint *texels;
+    __global const float *decode; // linear light of the bytes of sRGB
+    __global const int *rows;
+} Textures;
+#define CUTOFF_OF(t) as_float((t)->rows[4])
+#define CORNER_WORDS(t) ((t)->rows[5])
+#define PLAIN_WORDS 8
+// The arguments of a kernel that draws, and what they are to it.
+#define TEXTURE_ARGUMENTS , __global const uint *texels, __global const float *decode, __global const int *level_rows
+#define TEXTURES_OF(triangles, corners) {triangles, corners, texels, decode, level_rows}
+
+#if LANES == 8
+typedef float8 floats;
+typedef int8 ints;
+#define FLOATS_OF(i) TO_FLOAT(i)
+#define INTS_OF(x) TO_INT(x)
+#define AS_FLOATS(i) as_float8(i)
+#define AS_INTS(x) as_int8(x)
+#define ANY(mask) any8(mask)
+#define GATHER(type, p, i)                                                                                      \
+    (type)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
+#define ROW_OF(p, words, slot, lane, i) LOAD((p) + (size_t)(slot).s##lane * (words), i)
+// Eight words of each of eight records, from the i-th eight on.
+#define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
+    {                                                                                                           \
+        w[0] = ROW_OF(p, words, slot, 0, i), w[1] = ROW_OF(p, words, slot, 1, i);                               \
+        w[2] = ROW_OF(p, words, slot, 2, i), w[3] = ROW_OF(p, words, slot, 3, i);                               \
+        w[4] = ROW_OF(p, words, slot, 4, i), w[5] = ROW_OF(p, words, slot, 5, i);                               \
+        w[6] = ROW_OF(p, words, slot, 6, i), w[7] = ROW_OF(p, words, slot, 7, i);                               \
+        TRANSPOSE(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7])                                               \
+    }
+#else
+typedef float floats;
+typedef int ints;
+#define FLOATS_OF(i) ((float)(i))
+#define INTS_OF(x) ((int)(x))
+#define AS_FLOATS(i) as_float(i)
+#define AS_INTS(x) as_int(x)
+#define ANY(mask) (mask)
+#define GATHER(type, p, i) (type)((p)[i])
+#define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
+    for (int word = 0; word < 8; word++)                                                                        \
+        w[word] = (p)[(size_t)(slot) * (words) + 8 * (i) + word];
+#endif
+
+floats floor_of(floats x)
+{
+    floats whole = FLOATS_OF(INTS_OF(x));
+    whole = whole > x ? whole - 1.0f : whole;
+    return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // beyond, floats are whole
+}
+
+// With m the mantissa in sqrt(1/2) to sqrt(2) and s = (m - 1) / (m + 1): log m = 2 (s + s^3 / 3 + s^5 / 5 + ...).
+// Right to 1e-7 for positive normal numbers.
+floats log2_of(floats x)
+{
+    ints bits = AS_INTS(x), exponent = (bits - 0x3f3504f3) >> 23;
+    floats m = AS_FLOATS(bits - (exponent << 23)), s = (m - 1.0f) / (m + 1.0f), square = s * s;
+    floats series = MAD(square, MAD(square, MAD(square, (floats)0.41219858f, (floats)0.57707801f),
+        (floats)0.96179669f), (floats)2.88539008f);
+    return MAD(s, series, FLOATS_OF(exponent));
+}
+
+// Taylor's series about the nearest whole number, right to 2e-7 of itself, for -126 to 126.
+floats exp2_of(floats x)
+{
+    floats whole = floor_of(x + 0.5f), y = x - whole;
+    floats series = MAD(y, MAD(y, MAD(y, (floats)1.5403530e-4f, (floats)1.3333558e-3f), (floats)9.6181291e-3f),
+        (floats)5.5504109e-2f);
+    series = MAD(y, MAD(y, MAD(y, series, (floats)0.24022651f), (floats)0.69314718f), (floats)1.0f);
+    return series * AS_FLOATS((INTS_OF(whole) + 127) << 23);
+}
+
+// Linear light to sRGB (IEC 61966-2-1).
+floats encoded(floats x)
+{
+    floats above = x > 0.0031308f ? x : (floats)0.0031308f;
+    floats curve = MAD((floats)1.055f, exp2_of(log2_of(above) * (1.0f / 2.4f)), (floats)(-0.055f));
+    floats made = x > 0.0031308f ? curve : 12.92f * x;
+    return made < 1.0f ? made : (floats)1.0f;
+}
+
+// A texture coordinate as one within the texture: 0 to 1, whatever it was.
+floats folded(floats u, int wrap)
+{
+    if (wrap == MIRRORED) {
+        u -= 2.0f * floor_of(0.5f * u);
+        u = u > 1.0f ? 2.0f - u : u;
+    } else if (wrap != CLAMPED)
+        u -= floor_of(u);
+    return u > 0.0f ? (u < 1.0f ? u : (floats)1.0f) : (floats)0.0f;
+}
+
+// Add `share` of the texels at x, y of a level.
+void add_texels(const Textures *t, ints first, ints width, ints x, ints y, floats share, floats *light)
+{
+    ints at = first + y * width + x;
+    ints texel = GATHER(ints, t->texels, at);
+    light[0] = MAD(share, GATHER(floats, t->decode, texel & 255), light[0]);
+    light[1] = MAD(share, GATHER(floats, t->decode, (texel >> 8) & 255), light[1]);
+    light[2] = MAD(share, GATHER(floats, t->decode, (texel >> 16) & 255), light[2]);
+    light[3] = MAD(share * (1.0f / 255.0f), FLOATS_OF((texel >> 24) & 255), light[3]);
+}
+
+// Add `share` of what the level of a row shows at u, v, which are folded.
+void add_level(const Textures *t, ints row, floats u, floats v, floats share, floats *light)
+{
+    ints at = 4 * row;
+    ints first = GATHER(ints, t->rows, at), width = GATHER(ints, t->rows + 1, at);
+    ints height = GATHER(ints, t->rows + 2, at);
+    if (t->rows[0]) { // the texel it lies in
+        ints x = INTS_OF(u * FLOATS_OF(width)), y = INTS_OF(v * FLOATS_OF(height));
+        x = x < width ? x : width - 1;
+        y = y < height ? y : height - 1;
+        add_texels(t, first, width, x, y, share, light);
+        return;
+    }
+    floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f)), y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
+    floats left = floor_of(x), up = floor_of(y);
+    ints x0 = INTS_OF(left), y0 = INTS_OF(up), x1 = x0 + 1, y1 = y0 + 1;
+    x -= left;
+    y -= up;
+    // Past an edge lies the opposite one, or the edge itself.
+    int around_x = t->rows[2] == 0, around_y = t->rows[3] == 0;
+    x0 = x0 < 0 ? (around_x ? width - 1 : (ints)0) : x0;
+    y0 = y0 < 0 ? (around_y ? height - 1 : (ints)0) : y0;
+    x1 = x1 < width ? x1 : (around_x ? (ints)0 : width - 1);
+    y1 = y1 < height ? y1 : (around_y ? (ints)0 : height - 1);
+    floats upper = share - share * y, lower = share * y;
+    add_texels(t, first, width, x0, y0, upper - upper * x, light);
+    add_texels(t, first, width, x1, y0, upper * x, light);
+    add_texels(t, first, width, x0, y1, lower - lower * x, light);
+    add_texels(t, first, width, x1, y1, lower * x, light);
+}
+
+// Weights of the second and third corner at a sample, and their steps to the next pixel along x and along y: in all
+// w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y. As WEIGHTS; the volumes are written as products
+// of the ray with vectors that are the same for the whole face, so their steps are those of the ray's.
+void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
+{
+    floats ax = c[3] - c[0], ay = c[4] - c[1], az = c[5] - c[2];
+    floats bx = c[6] - c[0], by = c[7] - c[1], bz = c[8] - c[2];
+    floats tx = view[REST] - (c[0] - view[CENTER]), ty = view[REST + 1] - (c[1] - view[CENTER + 1]);
+    floats tz = view[REST + 2] - (c[2] - view[CENTER + 2]);
+    CROSS(floats, ux, uy, uz, bx, by, bz, tx, ty, tz)
+    CROSS(floats, vx, vy, vz, tx, ty, tz, ax, ay, az)
+    CROSS(floats, nx, ny, nz, bx, by, bz, ax, ay, az)
+    floats dx = MAD(px, view[RAY], MAD(py, view[RAY + 3], view[RAY + 6]));
+    floats dy = MAD(px, view[RAY + 1], MAD(py, view[RAY + 4], view[RAY + 7]));
+    floats dz = MAD(px, view[RAY + 2], MAD(py, view[RAY + 5], view[RAY + 8]));
+    DOT(floats, u, dx, dy, dz, ux, uy, uz)
+    DOT(floats, v, dx, dy, dz, vx, vy, vz)
+    DOT(floats, all, dx, dy, dz, nx, ny, nz)
+    floats sign = all < 0.0f ? (floats)(-1.0f) : (floats)(1.0f);
+    u *= sign;
+    v *= sign;
+    floats rest = sign * all - u - v;
+    u = u > 0.0f ? u : (floats)0.0f;
+    v = v > 0.0f ? v : (floats)0.0f;
+    rest = rest > 0.0f ? rest : (floats)0.0f;
+    floats sum = u + v + rest;
+    floats inverse = sum > 0.0f ? 1.0f / sum : (floats)0.0f;
+    w[0] = u * inverse;
+    w[1] = v * inverse;
+    inverse *= sign;
+    for (int axis = 0; axis < 2; axis++) {
+        float rx = view[RAY + 3 * axis], ry = view[RAY + 3 * axis + 1], rz = view[RAY + 3 * axis + 2];
+        DOT(floats, step_u, ux, uy, uz, rx, ry, rz)
+        DOT(floats, step_v, vx, vy, vz, rx, ry, rz)
+        DOT(floats, step, nx, ny, nz, rx, ry, rz)
+        w[2 + 2 * axis] = (step_u - w[0] * step) * inverse;
+        w[3 + 2 * axis] = (step_v - w[1] * step) * inverse;
+    }
+}
+
+// The same in double where wide_weights says that it has to be.
+void wide_weights_and_steps(__global const float *record, __constant float *view, real px, real py, float *w)
+{
+    float exact[3];
+    if (!wide_weights(record, view, px, py, exact))
+        return;
+    real o[3], a[3], b[3], step[2][3], d[3];
+    int nearest = from_nearest(record, view, o, a, b);
+    CROSS(real, ux, uy, uz, o[0], o[1], o[2], b[0], b[1], b[2])
+    CROSS(real, vx, vy, vz, a[0], a[1], a[2], o[0], o[1], o[2])
+    CROSS(real, nx, ny, nz, b[0], b[1], b[2], a[0], a[1], a[2])
+    for (int axis = 0; axis < 3; axis++)
+        d[axis] = MAD(px, EXACT_RAY(view, axis), MAD(py, EXACT_RAY(view, 3 + axis), EXACT_RAY(view, 6 + axis)));
+    DOT(real, all, d[0], d[1], d[2], nx, ny, nz)
+    int next = nearest < 2 ? nearest + 1 : 0, last = nearest > 0 ? nearest - 1 : 2;
+    for (int axis = 0; axis < 2; axis++) {
+        real rx = EXACT_RAY(view, 3 * axis), ry = EXACT_RAY(view, 3 * axis + 1), rz = EXACT_RAY(view, 3 * axis + 2);
+        DOT(real, step_u, ux, uy, uz, rx, ry, rz)
+        DOT(real, step_v, vx, vy, vz, rx, ry, rz)
+        DOT(real, change, nx, ny, nz, rx, ry, rz)
+        step[axis][next] = (step_u - exact[next] * change) / all;
+        step[axis][last] = (step_v - exact[last] * change) / all;
+        step[axis][nearest] = -step[axis][next] - step[axis][last];
+    }
+    for (int k = 0; k < 2; k++) {
+        w[k] = exact[k + 1];
+        w[2 + k] = (float)step[0][k + 1];
+        w[4 + k] = (float)step[1][k + 1];
+    }
+}
+
+// Linear light and alpha of the faces in `slot` at px, py from the principal point, clamped to the faces.
+void surface(const Textures *t, __constant float *view, ints slot, floats px, floats py, floats *light)
+{
+    floats c[16], w[6], uv[8];
+    EIGHT_WORDS(t->triangles, WORDS, slot, 0, c)
+    EIGHT_WORDS(t->triangles, WORDS, slot, 1, (c + 8))
+    weights_and_steps(c, view, px, py, w);
+    ints number = AS_INTS(c[TEXTURE_WORD]), reaches_far = AS_INTS(c[LONG_WORD]);
+#if LANES == 8
+    for (int l = 0; l < 8 && any8(reaches_far != 0); l++) {
+        float exact[6];
+        for (int k = 0; k < 6; k++)
+            exact[k] = PICK_F(w[k], l);
+        if (PICK(reaches_far, l))
+            wide_weights_and_steps(
+                t->triangles + (size_t)PICK(slot, l) * WORDS, view, PICK_F(px, l), PICK_F(py, l), exact);
+        for (int k = 0; k < 6; k++)
+            ((float *)&w[k])[l] = exact[k];
+    }
+#else
+    if (reaches_far)
+        wide_weights_and_steps(t->triangles + (size_t)slot * WORDS, view, px, py, w);
+#endif
+    int words = CORNER_WORDS(t);
+    EIGHT_WORDS(t->corners, words, slot, 0, uv)
+    floats u1 = uv[2] - uv[0], v1 = uv[3] - uv[1], u2 = uv[4] - uv[0], v2 = uv[5] - uv[1];
+    ints row = FIRST_ROW + LEVEL_ROWS * number;
+    floats lod = (floats)0.0f;
+    if (t->rows[1]) {
+        ints at = 4 * row;
+        ints wide = GATHER(ints, t->rows + 1, at), high = GATHER(ints, t->rows + 2, at);
+        floats width = FLOATS_OF(wide), height = FLOATS_OF(high), last = FLOATS_OF(GATHER(ints, t->rows + 3, at));
+        floats texels = (floats)1e-30f;
+        for (int axis = 0; axis < 2; axis++) {
+            floats x = width * MAD(w[2 + 2 * axis], u1, w[3 + 2 * axis] * u2);
+            floats y = height * MAD(w[2 + 2 * axis], v1, w[3 + 2 * axis] * v2);
+            floats squared = y * y;
+            squared = MAD(x, x, squared);
+            texels = squared > texels ? squared : texels;
+        }
+        lod = 0.5f * log2_of(texels);
+        lod = t->rows[0] ? floor_of(lod + 0.5f) : lod;
+        lod = lod > 0.0f ? (lod < last ? lod : last) : (floats)0.0f;
+    }
+    floats u = folded(MAD(w[0], u1, MAD(w[1], u2, uv[0])), t->rows[2]);
+    floats v = folded(MAD(w[0], v1, MAD(w[1], v2, uv[1])), t->rows[3]);
+    ints level = INTS_OF(lod);
+    floats share = lod - FLOATS_OF(level);
+    for (int k = 0; k < 4; k++)
+        light[k] = (floats)0.0f;
+    add_level(t, row + level, u, v, 1.0f - share, light);
+    if (ANY(share > 0.0f))
+        add_level(t, row + (share > 0.0f ? level + 1 : level), u, v, share, light);
+    if (words == PLAIN_WORDS)
+        return;
+    floats first[8], other[8];
+    EIGHT_WORDS(t->corners, words, slot, 1, first)
+    EIGHT_WORDS(t->corners, words, slot, 2, other)
+    for (int k = 0; k < 4; k++)
+        light[k] *= MAD(w[0], first[4 + k] - first[k], MAD(w[1], other[k] - first[k], first[k]));
+}
+

@@ -1,0 +1,82 @@
+"""An asset's textures on the device: every level of every texture in one buffer, and where each lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.texture import LINEAR, Sampler, Textured, mip_levels
+from msb.errors import DeviceError
+
+if TYPE_CHECKING:
+    from msb.cl import Buffer, Device
+
+_FIRST_ROW, _LEVEL_ROWS = 2, 16
+"""As in zbuffer_texture.cl: rows before those of levels, and rows of a texture."""
+_WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
+_MOST = 2**31 - 1
+"""Texels that the kernels can number."""
+
+
+@dataclass(frozen=True)
+class Texels:
+    """What zbuffer_texture.cl reads beside the corners of faces."""
+
+    buffers: tuple[Buffer, ...]
+    """Texels (N,) of RGBA8, the linear light (256,) of each byte, and the rows (R, 4) int32."""
+    defines: dict[str, int]
+
+
+def put_texels(device: Device, textured: Textured, words: int) -> Texels:
+    """Put the textures on `device`, for slots whose corners have so many words.
+
+    Raises
+    ------
+    DeviceError
+        DEVICE_MEMORY: they do not fit.
+    """
+    sampler = textured.sampler
+    sizes = [_level_sizes(image, sampler) for image in textured.images]
+    count = sum(height * width for levels in sizes for height, width in levels)
+    if count > _MOST:
+        text = f"the textures have {count:,} texels with their smaller levels; a device takes {_MOST:,}"
+        raise DeviceError("DEVICE_MEMORY", text)
+    texels = device.allocate(count, np.uint32, "standard textures", "appearance")
+    rows = np.zeros((_FIRST_ROW + _LEVEL_ROWS * len(sizes), 4), np.int32)
+    wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
+    rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
+    rows[1, :2] = np.float32(sampler.alpha_cutoff or 0).view(np.int32), words
+    first = 0
+    for number, image in enumerate(textured.images):
+        levels = mip_levels(image) if sampler.mipmaps else [image]
+        for level, texture in enumerate(levels):
+            height, width = texture.shape[:2]
+            row = _FIRST_ROW + _LEVEL_ROWS * number + level
+            rows[row] = first, width, height, len(levels) - 1
+            texels.write(packed(texture), start=first)
+            first += height * width
+    held = (
+        texels,
+        device.upload(LINEAR, "standard curve", "appearance"),
+        device.upload(rows, "standard texture rows", "appearance"),
+    )
+    return Texels(held, {"CUTOFF": int(sampler.alpha_cutoff is not None)})
+
+
+def packed(image: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Return texels (H, W, 3 | 4) as (H W,) RGBA8, one word each; what has no alpha gets 255."""
+    made = np.full((*image.shape[:2], 4), 255, np.uint8)
+    made[..., : image.shape[2]] = image
+    return made.view("<u4").reshape(-1).astype(np.uint32, copy=False)
+
+
+def _level_sizes(image: NDArray[np.uint8], sampler: Sampler) -> list[tuple[int, int]]:
+    """Return height and width of the levels that are kept."""
+    sizes = [(image.shape[0], image.shape[1])]
+    while sampler.mipmaps and max(sizes[-1]) > 1:
+        height, width = sizes[-1]
+        sizes.append((max(1, height // 2), max(1, width // 2)))
+    return sizes

@@ -1,0 +1,127 @@
+"""The standard tier with textures, held to its twin."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msb.asset import Asset
+from msb.asset.texture import Sampler, mip_levels, texture_images
+from msb.cl import Device
+from msb.errors import AssetError, DeviceError
+from msb.render.standard.renderer import StandardRenderer
+from msb.render.standard.supersampling import box_filter, enlarged
+from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
+from tests.render.standard_scenes import (
+    KINDS,
+    camera,
+    check_agreement,
+    check_equal,
+    draw,
+    scattered,
+    scene,
+    unshared,
+)
+from tests.render.textured_scenes import CASES, textured_asset, textured_twin
+
+NEAR = 2e-4
+"""How far a colour may be from the twin's; a level is 4e-3."""
+
+
+def check_near(device: Device, asset: Asset) -> None:
+    frame, expected = draw(device, asset, camera()), textured_twin(asset, camera())
+    check_agreement(frame, expected)
+    same = frame.face_id == expected.face_id
+    assert same.any()
+    assert (np.abs(frame.image - expected.image).max(axis=2)[same] > NEAR).mean() <= 1e-3
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_draws_as_its_twin(styled: Device, case: str) -> None:
+    parts = [scattered(11, 40, 1.2, 1, 4), scattered(12, 60, 0.08, 1, 3), scattered(13, 30, 0.7, 1.2, 0)]
+    check_near(styled, textured_asset(unshared(np.concatenate(parts)), 14, **CASES[case]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("case", CASES)
+def test_every_scene_as_its_twin(styled: Device, case: str, kind: str) -> None:
+    check_near(styled, textured_asset(scene(kind, 15), 16, **CASES[case]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["minified", "cut out"])
+def test_without_atomics(gpu: Device, case: str) -> None:
+    asset = textured_asset(scene("everything", 17), 18, **CASES[case])
+    with open_styled(WITHOUT_ATOMICS) as device:
+        check_equal(draw(device, asset, camera()), draw(gpu, asset, camera()))
+
+
+def layers(alphas: list[int], **sampler: Any) -> Asset:
+    """Return squares in one place, each with a texture of its own, white with an alpha."""
+    square = np.array([[[-1, -1, 3], [1, -1, 3], [1, 1, 3]], [[-1, -1, 3], [1, 1, 3], [-1, 1, 3]]], float)
+    mesh = unshared(np.concatenate([square] * len(alphas)))
+    case = {"sampler": Sampler(**sampler), "sizes": ((1, 1, 4),) * max(2, len(alphas))}
+    asset = textured_asset(mesh, 1, **case)
+    textures = {
+        f"texture.{i}": np.full((1, 1, 4), (255, 255, 255, a), np.uint8) for i, a in enumerate(alphas)
+    }
+    shown = np.repeat(np.arange(len(alphas), dtype=np.uint32), 2)
+    buffers = {**asset.buffers, **textures, "face_texture": shown}
+    return Asset(asset.manifest, buffers)
+
+
+@pytest.mark.parametrize(("cutoff", "first"), [(None, 0), (0.0, 0), (0.25, 1), (0.75, 2), (1.0, None)])
+def test_what_is_cut_out_hides_nothing(styled: Device, cutoff: float | None, first: int | None) -> None:
+    """Of layers at one depth the lowest is seen whose alpha is not below the cut-off."""
+    frame = draw(styled, layers([20, 128, 250], alpha_cutoff=cutoff), camera())
+    middle = frame.face_id[20:40, 30:50]
+    expected = [-1] if first is None else [2 * first, 2 * first + 1]
+    assert set(np.unique(middle)) <= set(expected)
+    assert np.array_equal(frame.alpha > 0, frame.face_id >= 0)
+
+
+def test_every_sample_of_a_pixel_has_a_level_of_its_own(cpu: Device) -> None:
+    asset = textured_asset(unshared(scattered(19, 30, 1.2, 1, 4)), 20, **CASES["several"])
+    fine = box_filter(draw(cpu, asset, enlarged(camera(), 3)), 3)
+    assert np.array_equal(draw(cpu, asset, camera(), supersample=3).image, fine.image)
+
+
+def test_any_finite_texture_coordinate_is_drawn(styled: Device) -> None:
+    random = np.random.default_rng(21)
+    for case in ("minified", "several", "nearest"):
+        asset = textured_asset(unshared(scattered(22, 60, 1.2, 1, 4)), 23, **CASES[case])
+        size = 10.0 ** random.uniform(-40, 38, asset.buffers["uv"].shape)
+        uvs = (size * random.choice([-1, 0, 1], size.shape)).astype(np.float32)
+        frame = draw(styled, Asset(asset.manifest, {**asset.buffers, "uv": uvs}), camera())
+        assert (np.isfinite(frame.image) & (frame.image >= 0) & (frame.image <= 1)).all()
+
+
+def test_textures_are_counted_and_what_does_not_fit_is_refused(fresh: Device) -> None:
+    asset = textured_asset(scene("large", 24), 25, **CASES["several"])
+    renderer = StandardRenderer(asset, device=fresh)
+    texels = sum(
+        image.size // image.shape[2]
+        for texture in texture_images(asset.buffers)
+        for image in mip_levels(texture)
+    )
+    assert renderer.memory()["standard textures"] == 4 * texels
+    groups = renderer.memory_groups()
+    assert {groups[use] for use in ("standard textures", "standard colors")} == {"appearance"}
+    renderer.close()
+    fresh._queue.record = replace(fresh.record, max_allocation=40_000)
+    with pytest.raises(DeviceError, match="standard textures do not fit") as raised:
+        StandardRenderer(asset, device=fresh)
+    assert raised.value.code == "DEVICE_MEMORY"
+
+
+def test_refuses_what_has_no_texel(cpu: Device) -> None:
+    asset = textured_asset(scene("large", 26), 27, **CASES["several"])
+    uvs, shown = asset.buffers["uv"].copy(), asset.buffers["face_texture"].copy()
+    uvs[5, 1], shown[7] = np.nan, 3
+    for name, wrong, where in (("uv", uvs, "row 5"), ("face_texture", shown, "face 7 shows texture 3")):
+        with pytest.raises(AssetError, match=where):
+            StandardRenderer(Asset(asset.manifest, {**asset.buffers, name: wrong}), device=cpu)
