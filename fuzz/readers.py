@@ -81,6 +81,22 @@ def mesh(path: Path) -> None:
     read(path)
 
 
+def texture(path: Path) -> None:
+    """Decode an image; what was declared is what there is, and no more than is allowed."""
+    from msb.asset.texture import MAX_SIDE
+    from msb.errors import MeshFileError
+    from msb.meshes.images import Decoder, ImageError
+
+    try:
+        image = Decoder().decode(path.read_bytes(), alpha=True)
+    except ImageError as error:
+        raise MeshFileError(error.code, f"of its image, {error}") from error
+    assert image.dtype == np.uint8
+    assert image.ndim == 3
+    assert image.shape[2] in (3, 4)
+    assert 0 < max(image.shape[:2]) <= MAX_SIDE
+
+
 def cameras(path: Path) -> None:
     from msb.scenes import read_cameras as read
 

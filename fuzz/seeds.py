@@ -140,14 +140,15 @@ def pictures(suffix: str) -> list[bytes]:
     pixels = np.random.default_rng(0).integers(0, 256, (6, 9, 4), dtype=np.uint8)
     found = []
     kinds = {"png": ("1", "L", "LA", "P", "RGB", "RGBA", "I;16"), "jpg": ("L", "RGB", "CMYK")}
+    kinds["webp"] = ("RGB", "RGBA")
     for mode in kinds[suffix]:
         if mode == "I;16":
             picture = Image.fromarray(pixels[..., 0].astype(np.uint16))
         else:
             picture = Image.fromarray(pixels).convert("RGB").convert(mode)
-        for more in ({}, {"progressive": True}) if suffix == "jpg" else ({},):
+        for more in {"jpg": ({}, {"progressive": True}), "webp": ({}, {"lossless": True})}.get(suffix, ({},)):
             stream = io.BytesIO()
-            picture.save(stream, {"png": "PNG", "jpg": "JPEG"}[suffix], **more)
+            picture.save(stream, {"png": "PNG", "jpg": "JPEG", "webp": "WEBP"}[suffix], **more)
             found.append(stream.getvalue())
     return found
 

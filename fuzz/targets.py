@@ -88,6 +88,11 @@ TARGETS: dict[str, Target] = {
     "neus_npz": Target(readers.neus, seeds.matrices, "cameras.npz"),
     "image_png": Target(readers.image, lambda: seeds.pictures("png"), "a.png"),
     "image_jpeg": Target(readers.image, lambda: seeds.pictures("jpg"), "a.jpg"),
+    "texture": Target(
+        readers.texture,
+        lambda: [each for kind in ("png", "jpg", "webp") for each in seeds.pictures(kind)],
+        "a.img",
+    ),
     "image_npy": Target(readers.image, seeds.npy_images, "a.npy"),
     "image_exr": Target(readers.image, seeds.exr_images, "a.exr"),
     "image_mask": Target(readers.mask, lambda: seeds.pictures("png"), "mask.png"),

@@ -20,7 +20,7 @@ _EMBEDDED = re.compile(r"data:[^,]{0,200};base64,")
 
 
 def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
-    """Return what a `uri` of glTF means: base64 data, or a file beside; at most `most` bytes."""
+    """Return what a `uri` of glTF means: base64 data, or the first bytes of a file beside."""
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
         try:
@@ -31,7 +31,7 @@ def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
 
 
 def read_beside(source: Source, name: str, pointer: str, most: int) -> bytes:
-    """Return the content of the file `name`, with forward slashes, beside a mesh file.
+    """Return the first `most` bytes, or one more, of the file `name` beside a mesh file.
 
     Whatever leaves the folder is refused before it is looked at: an absolute name, a scheme or host, "..", a
     link to elsewhere.
@@ -46,14 +46,10 @@ def read_beside(source: Source, name: str, pointer: str, most: int) -> bytes:
         text = f"{shown!r} is a link that leaves the folder of the mesh; put the file itself there"
         raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=pointer)
     try:
-        data = read_file(place, most)
+        return read_file(place, most)
     except InputError as error:
         text = f"it needs {shown!r} in its folder, and that cannot be read: {error.message}"
         raise source.error("MESH_FILE_INVALID", text, pointer=pointer) from None
-    if len(data) > most:
-        text = f"{shown!r} has more than {most} bytes"
-        raise source.error("MESH_FILE_TOO_LARGE", text, pointer=pointer)
-    return data
 
 
 def _why_not(name: str) -> str | None:

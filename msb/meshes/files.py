@@ -21,6 +21,7 @@ _MODULES = (
     "obj",
     "off",
     "stl",
+    "gltf_file",
     "glb",
 )
 """Modules here, each with its `FORMAT`."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -33,6 +34,8 @@ parsed."""
 MAX_JSON_DEPTH = 64
 """Deepest nesting of the JSON. glTF itself nests about ten deep; extras may add some levels."""
 
+_DATA_URI = re.compile(rb'"(data:[^"\\]{256,})"')
+
 MAX_BUFFER = 1 << 40
 """Most bytes of a buffer beside the file."""
 
@@ -48,10 +51,14 @@ _NESTING[list(b"]}")] = -1
 
 @dataclass(frozen=True)
 class Document:
-    """A glTF file: its JSON object and its buffers by number, of which those that are needed get read."""
+    """A glTF file: its JSON object and its buffers by number, of which those that are needed get read.
+
+    `embedded` are the long data URIs of the JSON, by what stands in their places: "#0", "#1", ...
+    """
 
     source: Source
     root: dict[str, Any]
+    embedded: dict[str, str]
     buffers: dict[int, memoryview] = field(default_factory=dict)
 
     @property
@@ -133,7 +140,7 @@ class Document:
         uri, where = owner.get("uri"), f"{pointer}/uri"
         if not isinstance(uri, str):
             raise self.error("MESH_FILE_INVALID", where, "'uri' is no text")
-        return read_uri(self.source, uri, where, most)
+        return read_uri(self.source, self.embedded.get(uri, uri), where, most)
 
     def view(self, index: int) -> tuple[memoryview, dict[str, Any], str]:
         """Return the bytes of buffer view `index`, its entry and its JSON pointer."""
@@ -205,11 +212,23 @@ def open_document(source: Source) -> Document:
     if not chunks or chunks[0][0] != b"JSON":
         raise source.error("MESH_FILE_INVALID", "the first chunk is not JSON", pointer="byte 16")
     binary = chunks[1][1] if len(chunks) > 1 and chunks[1][0] == b"BIN\0" else memoryview(b"")
-    document = Document(source, parse_json(source, bytes(chunks[0][1])))
+    document = document_of(source, bytes(chunks[0][1]))
     buffers = document.root.get("buffers")
     if isinstance(buffers, list) and buffers and isinstance(buffers[0], dict) and "uri" not in buffers[0]:
         document.buffers[0] = binary
     return document
+
+
+def document_of(source: Source, text: bytes) -> Document:
+    """Parse the JSON of a file. Long data URIs are taken out before: they cost a parser next to nothing."""
+    embedded: dict[str, str] = {}
+
+    def placed(match: re.Match[bytes]) -> bytes:
+        name = f"#{len(embedded)}"
+        embedded[name] = match[1].decode("latin-1")
+        return f'"{name}"'.encode("ascii")
+
+    return Document(source, _parse_json(source, _DATA_URI.sub(placed, text)), embedded)
 
 
 def accessor(document: Document, index: int, *, kinds: str, components: str) -> Accessor:
@@ -298,7 +317,7 @@ def _chunks(source: Source) -> list[tuple[bytes, memoryview]]:
     return chunks
 
 
-def parse_json(source: Source, text: bytes) -> dict[str, Any]:
+def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
     """Return the JSON object in `text`."""
     if len(text) > MAX_JSON_BYTES:
         message = f"the JSON has {len(text)} bytes, more than {MAX_JSON_BYTES}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .bad_glbs import BAD_GLBS
+from .bad_glbs import BAD_GLBS, BAD_GLTFS
 from .builders import (
     OBJ_SQUARE,
     OFF_SQUARE,
@@ -239,9 +239,10 @@ _STL: dict[str, tuple[bytes, str, str]] = {
     ),
 }
 
+_GLTF = ((".glb", BAD_GLBS), (".gltf", BAD_GLTFS))
 BAD: dict[str, Bad] = {
     f"{suffix[1:]}: {name}": (suffix, content, f"MESH_FILE_{code}", message)
-    for suffix, table in ((".ply", _PLY), (".obj", _OBJ), (".off", _OFF), (".stl", _STL), (".glb", BAD_GLBS))
+    for suffix, table in ((".ply", _PLY), (".obj", _OBJ), (".off", _OFF), (".stl", _STL), *_GLTF)
     for name, (content, code, message) in table.items()
 }
 """All of them."""

@@ -311,3 +311,30 @@ BAD_GLBS |= {
         "'alphaCutoff' is a, not a finite number",
     ),
 }
+
+
+def gltf(**buffer: Any) -> bytes:
+    """Return the square as .gltf with a change to its buffer."""
+    made = glb_square()
+    text = json.loads(made.text())
+    text["buffers"][0].update(buffer)
+    return json.dumps(text).encode()
+
+
+BAD_GLTFS: dict[str, tuple[bytes, str, str]] = {
+    "empty": (b"", "INVALID", "the file is empty"),
+    "a list": (b"[{}]", "INVALID", "it does not begin with '{'"),
+    "cut off": (gltf()[:-1], "INVALID", "the JSON cannot be read"),
+    "version": (b'{"asset": {"version": "1.1"}}', "UNSUPPORTED", "/asset/version: version 1.1 is not read"),
+    "no uri": (json.dumps(glb_square().root).encode(), "INVALID", "names no other place"),
+    "absent": (gltf(uri="absent.bin"), "INVALID", "/buffers/0/uri: it needs 'absent.bin' in its folder"),
+    "absolute": (gltf(uri="/dev/zero"), "UNSUPPORTED", UNSEEN),
+    "scheme": (gltf(uri="http://a/b.bin"), "UNSUPPORTED", "names a scheme"),
+    "up": (gltf(uri="../a.bin"), "UNSUPPORTED", "leaves the folder"),
+    "no data URI": (gltf(uri="#0"), "INVALID", "it needs '#0' in its folder"),
+    "not base64": (gltf(uri="data:;base64," + "&" * 300), "INVALID", "the data is not base64"),
+    "short": (gltf(uri="data:;base64,AAAA"), "TRUNCATED", "it ends at byte 48 of a buffer of 3 bytes"),
+    "no length": (gltf(byteLength=None), "INVALID", "'byteLength' is None"),
+    "huge": (gltf(byteLength=2**50), "INVALID", "'byteLength' is 1125899906842624, not an integer"),
+    "image": (glb_textured("../a.png").text(), "UNSUPPORTED", UNSEEN),
+}

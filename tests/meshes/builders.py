@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import struct
@@ -151,6 +152,12 @@ class Glb:
         self.root.setdefault(table, []).append(entry)
         return len(self.root[table]) - 1
 
+    def text(self, uri: str | None = None) -> bytes:
+        """Return the file as .gltf, whose buffer is in its text, or the file `uri` beside it."""
+        data = "data:application/octet-stream;base64," + base64.b64encode(self.binary).decode()
+        buffers = [self.root["buffers"][0] | {"uri": uri or data}, *self.root["buffers"][1:]]
+        return json.dumps(self.root | {"buffers": buffers}).encode()
+
     def bytes(self) -> bytes:
         """Return the file."""
         return glb_file(json.dumps(self.root).encode("utf-8"), self.binary)
@@ -218,5 +225,6 @@ SMALL = {
     ".STL": stl_text(stl_facet(), stl_facet()),
     ".glb": glb_square().bytes(),
     ".GLB": glb_textured().bytes(),
+    ".gltf": glb_textured().text(),
 }
 """One small valid file for each reader; the suffixes in capitals are another form: text, a texture."""

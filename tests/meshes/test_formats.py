@@ -30,7 +30,7 @@ from .checks import check_format
 CORNERS = np.array(SQUARE)[np.array(SQUARE_FACES)].reshape(-1, 3)
 
 
-TRIANGLES = {title: np.array(SQUARE)[np.array(SQUARE_FACES)] for title in ("PLY", "OFF", "GLB")}
+TRIANGLES = {title: np.array(SQUARE)[np.array(SQUARE_FACES)] for title in ("PLY", "OFF", "GLB", "glTF")}
 TRIANGLES["OBJ"] = np.array(SQUARE)[[[0, 1, 2], [0, 2, 3]]]
 TRIANGLES["STL"] = np.array(SQUARE)[[[0, 1, 2], [1, 2, 3]]]
 
@@ -116,7 +116,7 @@ def test_a_format_without_a_writer_is_read_and_not_written(
 def test_every_format_has_its_rows_in_the_tables_and_its_small_file() -> None:
     text = (ROOT / "docs" / "meshes.md").read_text()
     read, written = (text.split(f"## What is {what}")[1].split("\n## ")[0] for what in ("read", "written"))
-    assert set(re.findall(r"^\| ([A-Z]+) \|", read, re.MULTILINE)) == {f.title for f in FORMATS.values()}
+    assert set(re.findall(r"^\| (glTF|[A-Z]+) \|", read, re.MULTILINE)) == {f.title for f in FORMATS.values()}
     writers = {each.title for each in FORMATS.values() if each.write is not None}
     assert set(re.findall(r"^\| ([A-Z]+) \|", written, re.MULTILINE)) == writers
     assert set(MESH_SUFFIXES) <= set(SMALL)

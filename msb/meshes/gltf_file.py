@@ -1,0 +1,40 @@
+"""glTF 2.0 as JSON, whose buffers and images lie beside it or in its text; it is only read."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from msb.errors import shorten
+from msb.meshes.formats import Format
+from msb.meshes.gltf import document_of
+from msb.meshes.gltf_scene import read_scene
+
+if TYPE_CHECKING:
+    from msb.meshes.mesh import Mesh
+    from msb.meshes.source import Source
+
+_BEGINS = re.compile(rb"\s*\{")
+
+
+def read(source: Source) -> Mesh:
+    """Read what the file shows."""
+    if _BEGINS.match(source.data) is None:
+        raise source.not_a("glTF", "it does not begin with '{'")
+    document = document_of(source, source.data)
+    version = str(document.object(document.root, "asset", "").get("version", "2.0"))
+    if not version.startswith("2."):
+        text = f"version {shorten(version)} is not read; 2.0 is"
+        raise document.error("MESH_FILE_UNSUPPORTED", "/asset/version", text)
+    return read_scene(document)
+
+
+FORMAT = Format(
+    "glTF",
+    (".gltf",),
+    read,
+    begins=_BEGINS,
+    keeps=("vertex_colors",),
+    is_single=True,
+    up="+y",
+)
