@@ -120,7 +120,7 @@ def _print_one(report: SceneReport, output: Output) -> None:
     if report.scene is not None:
         rows += _described(report.scene)
     else:
-        rows += [("images", f"{f.name}: {f.count}") for f in report.image_folders]
+        rows += [("images", f"{f.name}: {f.images}") for f in report.image_folders]
     if report.points is not None:
         rows.append(("SfM points", f"{report.points:,}"))
     rows += [("not used", text) for text in report.unused]

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from msb.errors import SceneError
 from msb.scenes.checks import (
     MAX_SIDE,
-    check_focal,
+    MIN_FOCAL,
     check_name,
-    check_principal,
+    check_pixels,
     check_size,
     check_split,
     focal_from_fov,
@@ -91,8 +91,8 @@ class Camera:
         pose = check_pose(self.world_to_camera, "world_to_camera")
         pose.setflags(write=False)
         values: dict[str, Any] = {"width": width, "height": height, "world_to_camera": pose}
-        values |= {key: check_focal(key, getattr(self, key)) for key in ("fx", "fy")}
-        values |= {key: check_principal(key, getattr(self, key)) for key in ("cx", "cy")}
+        values |= {key: check_pixels(key, getattr(self, key), MIN_FOCAL) for key in ("fx", "fy")}
+        values |= {key: check_pixels(key, getattr(self, key)) for key in ("cx", "cy")}
         if self.name is not None:
             check_name(self.name)
         if self.image_path is not None:

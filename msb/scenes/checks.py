@@ -46,17 +46,11 @@ def _side(what: str, value: int) -> int:
     return side
 
 
-def check_focal(what: str, value: float) -> float:
-    """Return `value` as a float if it can be a focal length in pixels."""
-    return _in_pixels(what, value, MIN_FOCAL)
+def check_pixels(what: str, value: float, least: float = -MAX_FOCAL) -> float:
+    """Return `value` as a float if it can be a coordinate of the principal point in pixels.
 
-
-def check_principal(what: str, value: float) -> float:
-    """Return `value` as a float if it can be a coordinate of the principal point in pixels."""
-    return _in_pixels(what, value, -MAX_FOCAL)
-
-
-def _in_pixels(what: str, value: float, least: float) -> float:
+    A focal length is at `least` `MIN_FOCAL`.
+    """
     if not least <= value <= MAX_FOCAL:
         text = f"{what} is {_shown(value)}; it must be a number of pixels from {least:g} to {MAX_FOCAL:g}"
         raise SceneError("CAMERA_INVALID", text)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from msb.scenes.source import Source
 if TYPE_CHECKING:
     from msb.scenes.colmap_models import Lens, Shot
 
+_Record = TypeVar("_Record", "Lens", "Shot")
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
 """The forms of a model in the order of preference, which is that of the 3DGS family."""
 
@@ -52,26 +54,27 @@ def read_model(folder: Path) -> list[Camera]:
     form = _FORMS[suffix]
     lens_file = Source.open(folder / f"cameras{suffix}")
     shot_file = Source.open(folder / f"images{suffix}")
-    lenses: dict[int, Lens] = {}
-    for lens in form.read_lenses(lens_file):
-        if lens.number in lenses:
-            text = f"camera id {lens.number} occurs twice"
-            raise lens_file.error("COLMAP_INVALID", text, pointer=lens.pointer)
-        lenses[lens.number] = lens
+    lenses = {lens.number: lens for lens in _once("camera", form.read_lenses(lens_file), lens_file)}
     photographs = _image_folder(folder)
     images = None if photographs is None else SpelledFiles(photographs)
     cameras: list[Camera] = []
-    seen: set[int] = set()
-    for shot in form.read_shots(shot_file):
-        if shot.number in seen:
-            text = f"image id {shot.number} occurs twice"
-            raise shot_file.error("COLMAP_INVALID", text, pointer=shot.pointer)
+    for shot in _once("image", form.read_shots(shot_file), shot_file):
         if len(cameras) == MAX_CAMERAS:
             text = f"there are more than {MAX_CAMERAS} images; give a part of the model"
             raise shot_file.error("CAMERA_FILE", text, pointer=shot.pointer)
-        seen.add(shot.number)
         cameras.append(_camera(shot, shot_file, lenses, lens_file, images))
     return cameras
+
+
+def _once(what: str, records: Iterable[_Record], source: Source) -> Iterator[_Record]:
+    """Yield the records of a file; refuse one whose id another has."""
+    seen: set[int] = set()
+    for record in records:
+        if record.number in seen:
+            text = f"{what} id {record.number} occurs twice"
+            raise source.error("COLMAP_INVALID", text, pointer=record.pointer)
+        seen.add(record.number)
+        yield record
 
 
 def read_points(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -131,7 +134,11 @@ def _camera(
     shot: Shot, shot_file: Source, lenses: dict[int, Lens], lens_file: Source, images: SpelledFiles | None
 ) -> Camera:
     """Return the camera of one image."""
-    name = _name(shot, shot_file)
+    try:
+        name = shot.name.decode("utf-8")
+    except UnicodeDecodeError:
+        text = f"the name of image id {shot.number} is not UTF-8"
+        raise shot_file.error("CAMERA_INVALID", text, pointer=shot.pointer) from None
     what = f"image id {shot.number} ({shorten(name, 60)})"
     lens = lenses.get(shot.lens)
     if lens is None:
@@ -148,11 +155,3 @@ def _camera(
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
         return Camera(*intrinsics, pose, name, None if images is None else images.find(name))
-
-
-def _name(shot: Shot, source: Source) -> str:
-    try:
-        return shot.name.decode("utf-8")
-    except UnicodeDecodeError:
-        text = f"the name of image id {shot.number} is not UTF-8"
-        raise source.error("CAMERA_INVALID", text, pointer=shot.pointer) from None

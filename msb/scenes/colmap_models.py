@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from msb.errors import SceneError, shorten
-from msb.scenes.checks import check_focal, check_principal, check_size
+from msb.scenes.checks import MIN_FOCAL, check_pixels, check_size
 
 
 class Model(NamedTuple):
@@ -81,9 +81,9 @@ class Lens:
             text = f"the camera model is {self.model} with distortion {shown}; undistort the images"
             raise SceneError("CAMERA_DISTORTED", text)
         width, height = check_size((self.width, self.height))
-        fx = check_focal("the focal length", self.parameters[0])
-        fy = check_focal("the focal length", self.parameters[model.focals - 1])
-        cx, cy = (check_principal("the principal point", p) for p in self.parameters[model.focals :][:2])
+        focals = (self.parameters[0], self.parameters[model.focals - 1])
+        fx, fy = (check_pixels("the focal length", value, MIN_FOCAL) for value in focals)
+        cx, cy = (check_pixels("the principal point", p) for p in self.parameters[model.focals :][:2])
         return width, height, fx, fy, cx, cy
 
 

@@ -5,10 +5,10 @@ Layouts: `colmap/colmap`: doc/format.rst. Lines that begin with "#" are comments
 
 from __future__ import annotations
 
-import itertools
 import re
+from array import array
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -25,15 +25,14 @@ MAX_LINE = 1 << 24
 _BLOCK = 1 << 20
 """Number of bytes of text that are split into lines at a time."""
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
-_POINTS_AT_A_TIME = 1 << 14
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 
 def read_lenses(source: Source) -> Iterator[Lens]:
     """Yield the records of cameras.txt: ID MODEL WIDTH HEIGHT PARAMETERS..."""
-    for line in _records(source):
-        words = line.words(_MOST_WORDS)
+    for line in filter(_Line.is_record, _lines(source)):
+        words = line.text.split(None, _MOST_WORDS)
         if len(words) < 4:
             line.refuse(f"a camera is ID MODEL WIDTH HEIGHT PARAMETERS; this has {len(words)} words")
         name = words[1].decode("latin-1")
@@ -50,11 +49,9 @@ def read_shots(source: Source) -> Iterator[Shot]:
 
     The second line is empty where an image has no points, and still belongs to it. A name may hold spaces.
     """
-    lines = itertools.starmap(partial(_Line, source), _lines(source))
-    for line in lines:
-        if not line.is_record():
-            continue
-        words = line.words(9)
+    lines = _lines(source)
+    for line in filter(_Line.is_record, lines):
+        words = line.text.split(None, 9)
         if len(words) < 10:
             line.refuse(f"an image is ID QW QX QY QZ TX TY TZ CAMERA_ID NAME; this has {len(words)} words")
         number, lens = line.integer(words[0]), line.integer(words[8])
@@ -70,55 +67,31 @@ def read_shots(source: Source) -> Iterator[Shot]:
 
 def read_points(source: Source) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Return the positions and colours of points3D.txt: ID X Y Z R G B ERROR TRACK..."""
-    xyz, rgb = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.uint8)]
-    rows: list[list[float]] = []
-    places: list[int] = []
-    for index, text in _lines(source):
-        words = text.split(None, 8)
-        if not words or words[0].startswith(b"#"):
-            continue
+    values, places = array("d"), array("q")  # a list would take four times the memory
+    for line in filter(_Line.is_record, _lines(source)):
+        words = line.text.split(None, 8)
         if len(words) < 8:
-            message = f"a point is ID X Y Z R G B ERROR TRACK; this has {len(words)} words"
-            _Line(source, index, text).refuse(message)
-        rows.append(_Line(source, index, text).numbers(words[1:7]))
-        places.append(index)
-        if len(rows) == _POINTS_AT_A_TIME:
-            _gather(source, rows, places, xyz, rgb)
-    _gather(source, rows, places, xyz, rgb)
-    return np.concatenate(xyz), np.concatenate(rgb)
-
-
-def _gather(
-    source: Source,
-    rows: list[list[float]],
-    places: list[int],
-    xyz: list[NDArray[np.float64]],
-    rgb: list[NDArray[np.uint8]],
-) -> None:
-    """Move checked rows, which stand in the lines `places`, to the arrays."""
-    table = np.array(rows).reshape(-1, 6)
+            line.refuse(f"a point is ID X Y Z R G B ERROR TRACK; this has {len(words)} words")
+        values.extend(line.numbers(words[1:7]))
+        places.append(line.index)
+    table = np.asarray(values).reshape(-1, 6)
     colors = table[:, 3:]
     good = np.isfinite(table).all(axis=1) & ((colors >= 0) & (colors <= 255)).all(axis=1)
     good &= (colors == np.floor(colors)).all(axis=1)
     for row in np.flatnonzero(~good)[:1].tolist():
-        shown = " ".join(f"{value:g}" for value in rows[row])
+        shown = " ".join(f"{value:g}" for value in table[row])
         text = f"the point is {shown}; it must be three finite coordinates and three colours 0 to 255"
         raise source.error("COLMAP_INVALID", text, pointer=f"line {places[row]}")
-    xyz.append(table[:, :3].copy())
-    rgb.append(colors.astype(np.uint8))
-    rows.clear()
-    places.clear()
+    return table[:, :3].copy(), colors.astype(np.uint8)
 
 
+@dataclass(slots=True)
 class _Line:
     """One line of a text file."""
 
-    __slots__ = ("index", "source", "text")
-
-    def __init__(self, source: Source, index: int, text: bytes) -> None:
-        self.source = source
-        self.index = index
-        self.text = text
+    source: Source
+    index: int
+    text: bytes
 
     @property
     def pointer(self) -> str:
@@ -128,10 +101,6 @@ class _Line:
         """Return whether the line is neither blank nor a comment."""
         text = self.text.lstrip()
         return bool(text) and not text.startswith(b"#")
-
-    def words(self, most: int) -> list[bytes]:
-        """Return the words of the line; all text after the first `most` words is one more word."""
-        return self.text.split(None, most)
 
     def word_count(self) -> int:
         """Return the number of words without making a list of them, because lines of 2D points are long."""
@@ -163,13 +132,8 @@ class _Line:
         raise self.source.error("COLMAP_INVALID", f"'{shown}' is not {wanted}", pointer=self.pointer)
 
 
-def _records(source: Source) -> Iterator[_Line]:
-    """Yield the lines that are neither blank nor comments."""
-    return (line for line in itertools.starmap(partial(_Line, source), _lines(source)) if line.is_record())
-
-
-def _lines(source: Source) -> Iterator[tuple[int, bytes]]:
-    """Yield the number and the text of each line; the first is line 1."""
+def _lines(source: Source) -> Iterator[_Line]:
+    """Yield each line; the first is line 1."""
     data, size = source.data, len(source.data)
     at = len(_BYTE_ORDER_MARK) if bytes(data[:3]) == _BYTE_ORDER_MARK else 0
     index = 0
@@ -181,5 +145,5 @@ def _lines(source: Source) -> Iterator[tuple[int, bytes]]:
             text = f"the line has more than the {MAX_LINE} bytes that are allowed"
             raise source.error("COLMAP_INVALID", text, pointer=f"line {index}")
         for index, line in enumerate(data[at:end].split(b"\n"), index + 1):  # noqa: B020 - goes on counting
-            yield index, line
+            yield _Line(source, index, line)
         at = end + 1

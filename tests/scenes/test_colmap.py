@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb.scenes import colmap_binary, colmap_text, read_points
+from msb.scenes import colmap_binary, read_points
 from msb.scenes.colmap_models import MODEL_NAMES, MODELS
 
 from .builders import lens_bin, lens_parameters, many, point_bin, shot_bin, write
@@ -113,7 +113,6 @@ def text_points(xyz: np.ndarray, rgb: np.ndarray, tracks: list[int]) -> bytes:
 
 def test_points_are_read_from_both_forms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(colmap_binary, "_POINTS_AT_A_TIME", 7)
-    monkeypatch.setattr(colmap_text, "_POINTS_AT_A_TIME", 7)
     rng = np.random.default_rng(1)
     for count in (0, 1, 6, 7, 8, 100):
         xyz = rng.normal(size=(count, 3)) * 10.0 ** rng.integers(-5, 5, size=(count, 1))
@@ -143,7 +142,6 @@ def test_points_take_little_more_memory_than_they_are(
 ) -> None:
     count, at_a_time = 10_000, 1 << 10
     monkeypatch.setattr(colmap_binary, "_POINTS_AT_A_TIME", at_a_time)
-    monkeypatch.setattr(colmap_text, "_POINTS_AT_A_TIME", at_a_time)
     (tmp_path / "points3D.bin").write_bytes(many(*[point_bin(track=2)] * count))
     (tmp_path / "points3D.txt").write_bytes(b"1 0.5 1.5 2.5 1 2 3 0.5 1 2 3 4\n" * count)
     for suffix in (".bin", ".txt"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ImageFolder:
-    """A folder with photographs: their number, the size of the first, and how many the scene has `used`."""
+    """A folder with photographs: their number, how many the scene has `used`, and the size of the first."""
 
     name: str
-    count: int
-    size: Size | None
+    images: int
     used: int
+    size: Size | None
 
 
 @dataclass(frozen=True)
@@ -67,20 +67,12 @@ class SceneReport:
             "error": None if error is None else {"code": error.code, "message": error.message},
             "evaluated": None if self.scene is None else _evaluated(self.scene),
             "points": self.points,
-            "image_folders": [
-                {
-                    "name": each.name,
-                    "images": each.count,
-                    "used": each.used,
-                    "size": None if each.size is None else list(each.size),
-                }
-                for each in self.image_folders
-            ],
+            "image_folders": [asdict(each) for each in self.image_folders],
             "warnings": [
                 {"code": each.code, "file": each.file, "message": each.message} for each in self.findings
             ],
-            "unused": list(self.unused),
-            "deviations": {name: list(texts) for name, texts in self.deviations.items()},
+            "unused": self.unused,
+            "deviations": self.deviations,
         }
 
 
@@ -95,7 +87,7 @@ def _evaluated(scene: Scene) -> dict[str, Any]:
         "gt_resized": scene.gt_resized,
         "train": [camera.name for camera in scene.train],
         "test": [camera.name for camera in scene.test],
-        "background": list(scene.background),
+        "background": scene.background,
         "camera_convention": scene.camera_convention,
         "mask_source": scene.mask_source,
         "compositing": scene.compositing,
@@ -148,9 +140,7 @@ def _image_folders(root: Path, scene: Scene | None) -> tuple[ImageFolder, ...]:
             size: Size | None = None
             with contextlib.suppress(MsbError):  # what is evaluated is checked where it is read
                 size = image_size(images[0])
-            holding.append(
-                ImageFolder(folder.name, len(images), size, sum(image in used for image in images))
-            )
+            holding.append(ImageFolder(folder.name, len(images), len(used.intersection(images)), size))
     return tuple(holding)
 
 
@@ -170,12 +160,10 @@ def _view_count(scene: Scene) -> list[Finding]:
     """Return a warning if the scene is one of the benchmark and has not the views it must have."""
     dataset = DATASETS.get(scene.dataset)
     counts = len(scene.train), len(scene.test)
-    if dataset is None or dataset.views in (None, counts) or scene.name not in dataset.scenes:
+    wanted = dataset.views if dataset is not None and scene.name in dataset.scenes else None
+    if wanted is None or wanted == counts:
         return []
-    wanted = dataset.views or counts
-    text = (
-        f"it has {counts[0]} training and {counts[1]} test views; published are {wanted[0]} and {wanted[1]}"
-    )
+    text = "it has {} training and {} test views; published are {} and {}".format(*counts, *wanted)
     return [finding("SCENE_LAYOUT", text, severity="warning", file=str(scene.root), value=counts)]
 
 
@@ -188,9 +176,9 @@ def _unused(
     for folder in images:
         if not folder.used:
             size = "" if folder.size is None else f" of {folder.size[0]} x {folder.size[1]}"
-            unused.append(f"{folder.name}: {folder.count} images{size}")
-        elif folder.used < folder.count and folder.name != MASKS:
-            unused.append(f"{folder.name}: {folder.count - folder.used} images that no camera names")
+            unused.append(f"{folder.name}: {folder.images} images{size}")
+        elif folder.used < folder.images and folder.name != MASKS:
+            unused.append(f"{folder.name}: {folder.images - folder.used} images that no camera names")
     if layout == "colmap" and is_file(root / TRAIN):
         unused.append(f"{TRAIN}: the COLMAP model goes first")
     if is_file(root / "transforms_val.json"):
@@ -226,11 +214,8 @@ def _cannot(error: MsbError, dataset: str) -> str:
 def _differences(ours: Scene, theirs: Scene) -> list[str]:
     first, second = ours.test[0], theirs.test[0]
     differences = []
-    size = f"{second.width} x {second.height}"
-    if theirs.image_folder != ours.image_folder or (first.width, first.height) != (
-        second.width,
-        second.height,
-    ):
+    shown, size = (f"{view.width} x {view.height}" for view in (first, second))
+    if (theirs.image_folder, size) != (ours.image_folder, shown):
         how = f", resized ({theirs.resampling})" if theirs.gt_resized else ""
         place = "" if theirs.image_folder == "." else f"{theirs.image_folder} at "
         differences.append(f"{place}{size}{how}")

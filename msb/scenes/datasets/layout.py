@@ -88,7 +88,7 @@ def read_views(root: Path, layout: Layout, rules: Rules, image_folder: str) -> l
         views = _read_unsplit(root, layout, image_folder)
         if rules.first_lens:
             views = [_with_lens(view, views[0]) for view in views]
-        train, test = split_every_8th(views, stem if rules.order == "stem" else _full_name)
+        train, test = split_every_8th(views, stem if rules.order == "stem" else lambda view: view.name or "")
         views = [*train, *test]
     for split, what in (("train", "training"), ("test", "test")):
         if not any(view.split == split for view in views):
@@ -122,7 +122,3 @@ def _with_lens(view: Camera, first: Camera) -> Camera:
     """Return `view` with the intrinsics of `first`, scaled by the ratio of their sizes."""
     x, y = view.width / first.width, view.height / first.height
     return replace(view, fx=first.fx * x, fy=first.fy * y, cx=first.cx * x, cy=first.cy * y)
-
-
-def _full_name(view: Camera) -> str:
-    return view.name or ""

@@ -15,7 +15,7 @@ from msb.errors import Finding, MsbError, finding, shorten
 from msb.scenes.colmap import find_model
 from msb.scenes.datasets.describe import color_name
 from msb.scenes.datasets.layout import folders
-from msb.scenes.datasets.rules import AS_IS, LARGEST
+from msb.scenes.datasets.rules import AS_IS, half_even
 from msb.scenes.image_size import image_size
 
 if TYPE_CHECKING:
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
 _FAR = 1.5
 """Cameras are far larger than photographs if they are this many times as wide."""
-_FACTORS = (1, 2, 4, 8)
-"""Values of the option resolution that divide: 3DGS and what follows it."""
 
 
 def scaled_note(scenes: Iterable[Scene]) -> str | None:
@@ -148,16 +146,9 @@ def _size(training: Mapping[str, Any], scene: Scene) -> Size | None:
     with contextlib.suppress(MsbError):
         stored = image_size(SpelledFiles(scene.root / folder).find(str(view.name)))
     if stored is None and (divided := re.fullmatch(r"images_([1-9]\d?)", folder)):
-        stored = _divided(view.source_size or (view.width, view.height), int(divided[1]))
+        width, height = view.source_size or (view.width, view.height)
+        stored = round(width / int(divided[1])), round(height / int(divided[1]))
     resolution = training.get("resolution")
     if stored is None or resolution is None:
         return stored
-    if resolution in _FACTORS:
-        return _divided(stored, resolution)
-    width = min(stored[0], LARGEST) if resolution == AS_IS else resolution
-    return _divided(stored, stored[0] / width) if width > 0 else None
-
-
-def _divided(size: Size, factor: float) -> Size:
-    width, height = size
-    return round(width / factor), round(height / factor)
+    return half_even(stored, resolution) if resolution == AS_IS or resolution > 0 else None

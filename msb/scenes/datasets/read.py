@@ -230,11 +230,4 @@ def scene_at(
 
 @lru_cache(maxsize=8)
 def _read(scene: SceneAt) -> Scene:
-    return read_scene(
-        scene.path,
-        dataset=scene.dataset,
-        image_folder=scene.image_folder,
-        resolution=scene.resolution,
-        camera_convention=scene.camera_convention,
-        background=scene.background,
-    )
+    return read_scene(**{key: value for key, value in vars(scene).items() if key != "name"})
