@@ -123,9 +123,8 @@ def test_synthetic_photographs_are_composited_before_they_are_resized(tmp_path: 
     assert np.abs(found - expected).max() < 0.501  # rounded once
 
 
-def test_dtu_photographs_are_resized_before_they_are_composited(tmp_path: Path) -> None:
-    root = shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
-    scene = read_scene(root)
+def test_dtu_photographs_are_resized_before_they_are_composited() -> None:
+    scene = read_scene(STUBS / "dtu/scan1")
     assert (scene.compositing, scene.mask_source) == ("after_resize", "png_alpha")
     camera = scene.test[0]
     with Image.open(str(camera.image_path)) as image:
@@ -139,17 +138,21 @@ def test_dtu_photographs_are_resized_before_they_are_composited(tmp_path: Path) 
     assert np.abs(levels(before) - found).max() > 5  # the grey behind the mask does show at its border
 
 
-def test_masks_of_a_folder_do_as_alpha_does(tmp_path: Path) -> None:
-    root = shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
-    by_alpha = read_scene(root, resolution=1)
+@pytest.fixture
+def dtu(tmp_path: Path) -> Path:
+    return shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
+
+
+def test_masks_of_a_folder_do_as_alpha_does(dtu: Path) -> None:
+    by_alpha = read_scene(dtu, resolution=1)
     expected = [ground_truth(by_alpha, camera) for camera in by_alpha.test]
-    masks = sorted((root / "mask").iterdir())
-    for index, path in enumerate(sorted((root / "images").iterdir())):
+    masks = sorted((dtu / "mask").iterdir())
+    for index, path in enumerate(sorted((dtu / "images").iterdir())):
         with Image.open(path) as image:
             color, alpha = image.convert("RGB"), np.asarray(image.getchannel("A"))
         Image.fromarray(alpha).save(masks[index])  # grey, where the stub's are RGB
         color.save(path)
-    scene = read_scene(root, resolution=1)
+    scene = read_scene(dtu, resolution=1)
     assert (scene.mask_source, len(scene.masks)) == ("mask_folder", 2)
     for camera, image in zip(scene.test, expected, strict=True):
         assert np.array_equal(ground_truth(scene, camera), image)
@@ -193,13 +196,12 @@ def test_a_photograph_that_cannot_be_read(tmp_path: Path) -> None:
         ground_truth(scene, replace(missing, image_path=None))
 
 
-def test_a_mask_that_changed_size_since_the_scene_was_read(tmp_path: Path) -> None:
-    root = shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
-    for path in (root / "images").iterdir():
+def test_a_mask_that_changed_size_since_the_scene_was_read(dtu: Path) -> None:
+    for path in (dtu / "images").iterdir():
         with Image.open(path) as image:
             color = image.convert("RGB")
         color.save(path)
-    scene = read_scene(root)
-    Image.new("RGB", (20, 10)).save(root / "mask" / "000.png")
+    scene = read_scene(dtu)
+    Image.new("RGB", (20, 10)).save(dtu / "mask" / "000.png")
     with pytest.raises(MetricError, match=r"METRIC_SIZES_DIFFER: .*000.png: it is 20 x 10 pixels"):
         ground_truth(scene, scene.test[0])

@@ -10,7 +10,7 @@ import pytest
 
 from msb.bench.progress import Left, Stage
 from msb.bench.run import run_protocol
-from tests.bench.protocols import protocol
+from tests.bench.protocols import Notes, protocol
 
 
 class Clock:
@@ -87,22 +87,17 @@ def test_a_failure_says_nothing_about_others() -> None:
 def test_a_run_keeps_its_stages_up_to_date(tmp_path: Path, jobs: int) -> None:
     seen: list[tuple[str, int, tuple[str, ...], tuple[str, ...]]] = []
 
-    class Watch:
+    class Watch(Notes):
         """Writes down the state at the beginning and after each task."""
 
         @contextlib.contextmanager
         def stage(self, stage: Stage) -> Iterator[Callable[[str], None]]:
-            """Watch one stage."""
-
             def look(_name: str = "") -> None:
                 seen.append((stage.title, stage.done, stage.now, stage.then))
 
             look()
             yield look
             assert stage.done == len(stage.names)
-
-        def note(self, _text: str) -> None:
-            """Say nothing."""
 
     assert run_protocol(protocol(tmp_path, ("two_dts",)), jobs=jobs, watch=Watch()).exit_status == 0
     cells = [f"nerf_synthetic pebble two_dts {name}" for name in ("dedicated", "standard", "exported_mesh")]

@@ -1,8 +1,9 @@
-"""PSNR and SSIM against the golden values, against the formula written out, and what they refuse."""
+"""PSNR and SSIM against golden values and their formulas, what they refuse, and the helper of such tests."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -141,3 +142,25 @@ def test_identity_says_what_was_computed() -> None:
     assert metrics.identity("chamfer_dtu", seed=3).parameters["seed"] == 3
     with pytest.raises(MetricError, match="there is no metric 'fid'"):
         metrics.identity("fid")
+
+
+def spoils(a: Any, b: Any) -> float:
+    value = psnr_by_another(a, b)
+    a[:] = 0
+    return value
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"measure": lambda a, b: psnr_by_another(a, b) + 1},
+        {"measure": spoils},
+        {"measure": lambda a, b: str(psnr_by_another(a, b))},
+        {"equal": 1.0},
+        {"better": "lower"},
+        {"libraries": ("numpy", "not-there")},
+    ],
+)
+def test_a_metric_that_is_wrong_is_found(wrong: dict[str, Any]) -> None:
+    with pytest.raises(AssertionError):
+        check_metric(replace(PSNR, **wrong), psnr_by_another)

@@ -15,8 +15,7 @@ from msb import metrics
 from msb.errors import InputError, MetricError
 from msb.metrics import vgg
 from msb.metrics.vgg import HEADS_SHA256, VGG_FILE, VGG_SHA256, read_heads, read_vgg, weights_source
-from tests.metrics.conftest import GOLDEN, golden, needs_torch
-from tests.metrics.synthetic_vgg import synthetic_vgg
+from tests.metrics.conftest import GOLDEN, golden, needs_torch, synthetic_vgg
 
 CASES = golden("lpips_synthetic_vgg.json")["cases"]
 IMAGES = np.load(GOLDEN / "lpips_synthetic_vgg.npz")

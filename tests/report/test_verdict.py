@@ -13,26 +13,26 @@ from msb.report.report import Report
 from msb.report.results import Place
 from tests.report.factory import VIEWS, measure, note_hashes, verdict_of
 
+PLAIN, SHADED = "A plain mesh in any engine (Standard)", "A model with its own shaders (Dedicated)"
+EDITING = "Editing: subdivision, collision, UV unwrapping, printing"
+
 
 def test_verdict_says_what_the_asset_is_good_for(report: Report) -> None:
     (verdict,) = [one for one in report.verdicts if one.place == Place("tanksandtemples", "train", "two_dts")]
     said = {one.use: one for one in verdict.statements}
-    plain = said["A plain mesh in any engine (Standard)"]
+    plain = said[PLAIN]
     assert plain.mark == "NO"
     assert plain.why.startswith("Looks different from its own renderer: ")
     assert plain.why.endswith("to the photographs it loses 10.74 dB (PSNR 22.83 to 12.09 dB).")
     assert said["Real time, Standard"].mark == "YES"
-    assert said["Editing: subdivision, collision, UV unwrapping, printing"].mark == "NO"
-    assert (
-        "65 % of its vertices are non-manifold"
-        in said["Editing: subdivision, collision, UV unwrapping, printing"].why
-    )
+    assert said[EDITING].mark == "NO"
+    assert "65 % of its vertices are non-manifold" in said[EDITING].why
     assert said["Size on disk"].why == "343 MiB, the same for both."
     (soup,) = [one for one in report.verdicts if one.place == Place("tanksandtemples", "train", "diffsoup")]
     said = {one.use: one for one in soup.statements}
-    assert said["A plain mesh in any engine (Standard)"].mark == "NO"
-    assert said["A plain mesh in any engine (Standard)"].why.startswith("Not supported: its colours come")
-    assert said["A model with its own shaders (Dedicated)"].mark == "YES"
+    assert said[PLAIN].mark == "NO"
+    assert said[PLAIN].why.startswith("Not supported: its colours come")
+    assert said[SHADED].mark == "YES"
     assert "Real time, Standard" not in said
 
 
@@ -49,11 +49,11 @@ def test_looks_follow_the_loss_and_say_what_they_are_held_against(
     measure(tmp_path, "non_engine", 20.0, renderer={"kind": "msb_reference"})
     measure(tmp_path, "dedicated", 20.0 - loss)
     said = verdict_of(tmp_path)
-    dedicated = said["A model with its own shaders (Dedicated)"]
+    dedicated = said[SHADED]
     assert dedicated.mark == mark
     assert "our reference of its own renderer" in dedicated.why
     assert f"{abs(loss):.2f} dB (PSNR 20.00 to {20 - loss:.2f} dB)" in dedicated.why
-    assert said["A plain mesh in any engine (Standard)"].why == "Not known: not run."
+    assert said[PLAIN].why == "Not known: not run."
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_looks_are_those_of_the_two_renderings(
             changed = picture + random.integers(-change, change + 1, picture.shape)
             Image.fromarray(changed.astype(np.uint8)).save(place)
         note_hashes(file)
-    dedicated = verdict_of(tmp_path)["A model with its own shaders (Dedicated)"]
+    dedicated = verdict_of(tmp_path)[SHADED]
     assert (dedicated.mark, said in dedicated.why) == (mark, True), dedicated
 
 
@@ -90,7 +90,7 @@ def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: P
     for condition, psnr in (("dedicated", 30.0), ("standard", 28.5)):
         measure(tmp_path, condition, psnr, images=pictures)
     said = verdict_of(tmp_path)
-    plain = said["A plain mesh in any engine (Standard)"]
+    plain = said[PLAIN]
     assert plain.mark == "WITH CARE"
     assert "in the dedicated tier: " in plain.why
     assert ("dB between the two renderings" in plain.why) is pictures
@@ -98,7 +98,7 @@ def test_without_the_own_renderer_standard_is_held_against_dedicated(tmp_path: P
         "loses 1.50 dB (PSNR 30.00 to 28.50 dB). Held against the dedicated tier of this run, as the "
         "protocol has no images of the official renderer."
     )
-    dedicated = said["A model with its own shaders (Dedicated)"]
+    dedicated = said[SHADED]
     assert (dedicated.mark, dedicated.why) == (
         "UNKNOWN",
         "PSNR 30.00 dB; the protocol has no images of the official renderer, so there is nothing to judge it "
