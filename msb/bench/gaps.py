@@ -202,7 +202,7 @@ def incomparable(
         return reason
     if first.quality is None or second.quality is None:
         return None
-    if _images(first) != _images(second):
+    if first.quality.views != second.quality.views:
         return "camera_mismatch"
     if not one_asset:
         if _photographs(first) != _photographs(second):
@@ -275,11 +275,6 @@ def _commonest(reasons: list[str]) -> str:
     return max(dict.fromkeys(reasons), key=reasons.count) if reasons else "missing"
 
 
-def _images(result: Result) -> frozenset[tuple[str, int, int]]:
-    assert result.quality is not None
-    return frozenset((image.name, image.width, image.height) for image in result.quality.images)
-
-
 def _photographs(result: Result) -> tuple[str, bool] | None:
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
@@ -297,16 +292,14 @@ def _other_device(first: Result, second: Result) -> str | None:
         return "whole_command"
     if elsewhere:
         return None if _device_name(first) == _device_name(second) else "device_mismatch"
-    return None if _device(first) == _device(second) else "device_mismatch"
+    devices = [
+        {key: value for key, value in one.drawn_on.items() if key not in OF_THE_MOMENT}
+        for one in (first, second)
+    ]
+    return None if devices[0] == devices[1] else "device_mismatch"
 
 
 def _device_name(result: Result) -> str:
     if result.renderer_timing is not None:
         return result.renderer_timing.device.casefold()
-    return str(_device(result).get("name")).casefold()
-
-
-def _device(result: Result) -> dict[str, object]:
-    device = None if result.device is None else result.device.get("device")
-    facts = device.items() if isinstance(device, dict) else ()
-    return {key: value for key, value in facts if key not in OF_THE_MOMENT}
+    return str(result.drawn_on.get("name")).casefold()

@@ -156,6 +156,11 @@ class Quality(_Measured):
     """Metric of a package -> the reason why it has no value."""
 
     @property
+    def views(self) -> frozenset[tuple[str, int, int]]:
+        """Name, width and height of every image."""
+        return frozenset((image.name, image.width, image.height) for image in self.images)
+
+    @property
     def not_installed(self) -> set[str]:
         """The metrics of packages that were there when this was measured, and are not here."""
         return {key for one in (self, *self.images) for key in one.__pydantic_extra__} - set(IMAGE_METRICS)
@@ -293,6 +298,12 @@ class Result(Record):
     """Part ("timing", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
     """Part -> its inputs, name -> hash or version; one that changed is computed again."""
+
+    @property
+    def drawn_on(self) -> dict[str, Any]:
+        """What is known of the device that drew, or the engine; empty where nothing is."""
+        device = (self.device or {}).get("device")
+        return device if isinstance(device, dict) else {}
 
 
 def read_renderer_timing(path: str | os.PathLike[str]) -> RendererTiming:

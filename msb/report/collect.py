@@ -223,12 +223,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
         yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"
     elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
         kind = ON_CPU if result.timing.device_kind == "cpu" else "measured on a device that is no GPU"
-        yield f"{kind}{_device(result)}"
-
-
-def _device(result: Result) -> str:
-    device = None if result.device is None else result.device.get("device")
-    return f": {device['name']}" if isinstance(device, dict) and "name" in device else ""
+        name = result.drawn_on.get("name")
+        yield kind if name is None else f"{kind}: {name}"
 
 
 def _mean(numbers: Mapping[str, Number], members: Iterable[str]) -> Number:

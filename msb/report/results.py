@@ -202,8 +202,7 @@ def _must_agree(result: Result) -> dict[str, object]:
     if result.renderer is not None and result.renderer.kind != "upstream" and result.cell.variant is None:
         facts["their settings"] = result.renderer.settings
     if result.quality is not None:
-        images = frozenset((image.name, image.width, image.height) for image in result.quality.images)
-        facts["their test images or sizes"] = images
+        facts["their test images or sizes"] = result.quality.views
     return facts
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from msb.report.build import build_report
-from msb.report.collect import collect
 from msb.report.numbers import Numbers
 from msb.report.report import Report
 from msb.report.results import read_results
@@ -21,9 +20,15 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def numbers(results: Path) -> Numbers:
+def whole(results: Path) -> Report:
+    """Return the report on it, without pictures."""
+    return build_report(read_results(results), pictures=False)
+
+
+@pytest.fixture(scope="session")
+def numbers(whole: Report) -> Numbers:
     """Return the numbers in it."""
-    return collect(read_results(results))
+    return whole.numbers
 
 
 @pytest.fixture(scope="session")

@@ -100,9 +100,8 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
             )
             about = f"{record.renderer.name} {record.renderer.version} ({record.renderer.kind})"
             add(condition_title(condition), f"{about}{f'; {settings}' if settings else ''}")
-        device = (record.device or {}).get("device")
-        if isinstance(device, dict):
-            add("Device", ", ".join(str(device[key]) for key in ("platform", "name") if key in device))
+        device = record.drawn_on
+        add("Device", ", ".join(str(device[key]) for key in ("platform", "name") if key in device))
         if record.setup is not None:
             background = ", ".join(f"{value:g}" for value in record.setup.background)
             resized = ", resized here" if record.setup.gt_resized else ""
