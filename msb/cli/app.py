@@ -10,8 +10,7 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
-from msb.cli.command import Command, epilog
-from msb.cli.help_pages import Context
+from msb.cli.command import Command, Context, epilog
 
 GROUPS: dict[str, dict[str, str]] = {
     "Look at a mesh": {

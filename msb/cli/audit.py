@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.api.gates import GateOptions
 from msb.base.option import Argument, Option
 from msb.cli.command import Rule, command
-from msb.cli.output import Output, echo, report_error
+from msb.cli.output import Output, echo, file_option, report_error
 from msb.errors import GateFailed
 
 if TYPE_CHECKING:
@@ -30,11 +30,8 @@ class AuditOptions:
     ] = False
     elements: Annotated[
         Path | None,
-        Option(
-            "Write the offending elements to a .vtp, .csv or .npz file.",
-            metavar="FILE",
-            output="file",
-            endings=(".vtp", ".csv", ".npz"),
+        file_option(
+            "Write the offending elements to a .vtp, .csv or .npz file.", endings=(".vtp", ".csv", ".npz")
         ),
     ] = None
     view: Annotated[bool, Option("Then show the mesh in a window, as msb view does; one mesh only.")] = False

@@ -81,8 +81,7 @@ def bench(
 
     limit = options.limit
     old = None if options.compare is None else _read_old(options.compare)
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
+    asset = open_asset(path, output)
     if views.cameras is not None:
         cameras = views.read(output)
     else:

@@ -97,21 +97,15 @@ class Views:
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
         """Return the background: by default the asset's own; "official" must be stated in the asset."""
-        from msb.scenes.colors import BLACK, parse_color
+        from msb.scenes.colors import BLACK
         from msb.scenes.datasets import own_background
 
-        text = self.background
-        if text is None:
+        if self.background is None:
             return BLACK if asset is None else own_background(asset.manifest)
         official = "official, which only an asset has"
         if asset is not None:
             official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
-        color = parse_color(text, official)
-        if color is None:
-            shown = shorten(official if text.strip().lower() == "official" else text, 40)
-            text = f'--background is "{shown}"; it must be black, white, #rrggbb, r,g,b in 0..1, or official'
-            raise UsageError("USAGE", text)
-        return color
+        return parsed_color(self.background, official)
 
 
 @dataclass(frozen=True)
@@ -156,6 +150,19 @@ class Drawing:
         """Only the modes that were given, because some renderers refuse even the official ones."""
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}
+
+
+def parsed_color(text: str, official: str | None = None) -> tuple[float, float, float]:
+    """Return the colour that --background names, where there is an `official` one that, too."""
+    from msb.scenes.colors import parse_color
+
+    color = parse_color(text, official)
+    if color is None:
+        more = "" if official is None else ", or official"
+        shown = official if official and text.strip().lower() == "official" else text
+        allowed = f"black, white, #rrggbb{', ' if more else ' or '}r,g,b in 0..1{more}"
+        raise UsageError("USAGE", f'--background is "{shorten(shown, 40)}"; it must be {allowed}')
+    return color
 
 
 def _find(cameras: list[Camera], name: str) -> Camera:

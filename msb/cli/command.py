@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
@@ -25,7 +26,6 @@ import typer
 from typer.core import TyperCommand
 
 from msb.base.option import Argument, Option
-from msb.cli.help_pages import Context
 from msb.cli.output import Output, check_apart, open_log
 from msb.errors import UsageError
 
@@ -131,6 +131,30 @@ class _Group(NamedTuple):
     def made(self, values: Mapping[str, Any]) -> Any:
         """Return the object with its values of all `values`."""
         return self.kind(**{each.name: values[each.name] for each in self.declared})
+
+
+_LIBRARY: Any = TyperCommand.context_class
+_UNBROKEN = "\ue000"
+"""It stands for a hyphen inside a word while lines are broken."""
+_HYPHEN = re.compile(r"(?<=\S)-(?=\S)")
+
+
+class _WholeWords(_LIBRARY.formatter_class):  # type: ignore[misc]
+    def write_text(self, text: str) -> None:
+        super().write_text(_HYPHEN.sub(_UNBROKEN, text))
+
+    def write_dl(self, rows: Any, *args: Any, **options: Any) -> None:
+        kept = [tuple(_HYPHEN.sub(_UNBROKEN, text) for text in row) for row in rows]
+        super().write_dl(kept, *args, **options)
+
+    def getvalue(self) -> str:
+        return str(super().getvalue()).replace(_UNBROKEN, "-")
+
+
+class Context(_LIBRARY):  # type: ignore[misc]
+    """What the library makes of a command's words, its help among them."""
+
+    formatter_class = _WholeWords
 
 
 class Command(TyperCommand):

@@ -101,8 +101,7 @@ def _read(path: Path, wish: _Wish, output: Output) -> CompareState:
     from msb.cli.inputs import open_asset
     from msb_viewers.deployment.state import CompareState
 
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
+    asset = open_asset(path, output)
     views, said = _chosen(asset, wish) if wish.views.cameras is None else (_given(wish), "")
     comparison = _comparison(asset, path, views, wish, output)
     options = wish.options

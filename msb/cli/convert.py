@@ -136,8 +136,7 @@ def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], 
     from msb.asset import write_asset
     from msb.cli.inputs import open_asset
 
-    with output.progress(f"reading {source.name}"):
-        asset = open_asset(source, output)
+    asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"):
         write_asset(asset, target, form)
     manifest = asset.manifest
@@ -148,8 +147,7 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
     from msb.adapters.official import write_official
     from msb.cli.inputs import open_asset
 
-    with output.progress(f"reading {source.name}"):
-        asset = open_asset(source, output)
+    asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"), about(source):
         write_official(asset, target)
     _say(target, [f"as the exporter of {asset.manifest.method} writes it"], output)
@@ -166,14 +164,14 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.meshes.transform import turned_upright, with_linear_colors
 
     suffix = output_suffix(target, "OUT")
-    with output.progress(f"reading {source.name}"):
-        if is_mesh_file(source):
+    if is_mesh_file(source):
+        with output.progress(f"reading {source.name}"):
             mesh = read_mesh(source)  # itself: an asset would hold its coordinates in float32
-            left_out, known = list(mesh.left_out), True
-        else:
-            asset = open_asset(source, output)
-            mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
-            known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
+        left_out, known = list(mesh.left_out), True
+    else:
+        asset = open_asset(source, output)
+        mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
+        known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = turned_upright(mesh, options.up) if options.up else mesh
     mesh = with_linear_colors(mesh) if options.color == "linear" else mesh
     # What is wrong with coordinates and indices is wrong in the source.

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msb.base.extras import need_extra
 from msb.base.option import Argument, Option
+from msb.cli.camera_options import parsed_color
 from msb.cli.command import command
 from msb.cli.output import Cell, Output, report_error
-from msb.errors import EXIT_STATUS, MsbError, UsageError, about, shorten
+from msb.errors import EXIT_STATUS, MsbError, about, shorten
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair
@@ -38,20 +39,6 @@ class EvalOptions:
     ] = None
     subset: Annotated[bool, Option("GT may hold more images than PRED.")] = False
 
-    @property
-    def color(self) -> tuple[float, float, float] | None:
-        """The background's colour."""
-        from msb.scenes.colors import parse_color
-
-        if self.background is None:
-            return None
-        color = parse_color(self.background)
-        if color is None:
-            shown = shorten(self.background, 40)
-            text = f'--background is "{shown}"; it must be black, white, #rrggbb or r,g,b in 0..1'
-            raise UsageError("USAGE", text)
-        return color
-
 
 @command(
     "msb eval data_stubs/scenes/tanksandtemples/pebble/images/000001.jpg \\\n"
@@ -72,7 +59,7 @@ def evaluate(
     be equal; nothing is resized. All images are clamped and rounded to 8 bits. A bad image gets a line on
     standard error and status 3; the others are still compared.
     """
-    color = options.color
+    color = None if options.background is None else parsed_color(options.background)
     from msb.metrics import pair_images
 
     pairs = pair_images(pred, gt, subset=options.subset)

@@ -25,8 +25,7 @@ def info(path: Source, output: JsonOutput) -> None:
     """
     from msb.cli.inputs import open_asset
 
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
+    asset = open_asset(path, output)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     manifest = asset.manifest.to_dict()
     output.write_json({"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest})

@@ -20,7 +20,8 @@ def open_asset(path: Path, output: Output) -> Asset:
     """Return the asset that `msb.open` gives, and print its warnings."""
     from msb.api.opening import open
 
-    asset = open(path)
+    with output.progress(f"reading {path.name}"):
+        asset = open(path)
     note_warnings(asset.warnings, path, output)
     return asset
 

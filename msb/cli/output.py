@@ -35,6 +35,11 @@ Cell = str | tuple[str, str]
 """A text of a table, or a text and its style."""
 
 
+def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
+    """Return the option of a file that is written, with one of these endings if there are any."""
+    return Option(text, flags, "FILE", output="file", endings=endings)
+
+
 @dataclass(frozen=True)
 class Output:
     """The user's wishes about output: what to print, and where.
@@ -44,12 +49,7 @@ class Output:
 
     json_file: Annotated[
         Path | None,
-        Option(
-            "Write JSON to FILE; - is standard output, and nothing else.",
-            ("--json",),
-            metavar="FILE",
-            output="file",
-        ),
+        file_option("Write JSON to FILE; - is standard output, and nothing else.", "--json"),
     ] = None
     quiet: Annotated[bool, Option("Say less: no progress, no notes, short results.", ("--quiet", "-q"))] = (
         False
@@ -60,18 +60,11 @@ class Output:
     force: Annotated[bool, Option("Replace outputs that exist.", ("--force", "-f"))] = False
     json_lines: Annotated[
         Path | None,
-        Option(
-            "Write one line of JSON per input to FILE; - as above.",
-            ("--jsonl",),
-            metavar="FILE",
-            output="file",
-        ),
+        file_option("Write one line of JSON per input to FILE; - as above.", "--jsonl"),
     ] = None
     csv_file: Annotated[
         Path | None,
-        Option(
-            "Write one row per item to FILE; - is standard output.", ("--csv",), metavar="FILE", output="file"
-        ),
+        file_option("Write one row per item to FILE; - is standard output.", "--csv"),
     ] = None
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _checked: set[str] = field(default_factory=set, init=False)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from msb.base.option import Option
 from msb.cli.camera_options import Drawing, Source, Tier, Up, Views
 from msb.cli.command import Rule, Typed, command
-from msb.cli.output import JsonOutput, Output, echo
+from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -80,9 +80,7 @@ class RenderOptions:
     ] = None
     depth: Annotated[bool, Option("Also write depths (npy, or exr with it).")] = False
     ids: Annotated[bool, Option("Also write face ids; -1 means no face.")] = False
-    film: Annotated[
-        Path | None, Option("Also write a film, .mp4 or .gif.", metavar="FILE", output="file")
-    ] = None
+    film: Annotated[Path | None, file_option("Also write a film, .mp4 or .gif.")] = None
     fps: Annotated[int, Option("Frames per second of the film.", least=1, most=240)] = 24
 
     @property
@@ -119,8 +117,7 @@ def render(
     from msb.render import Renderer
     from msb.render.backend import check_supported, lean_options
 
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
+    asset = open_asset(path, output)
     color = views.color(asset)
     about: dict[str, Any] = {}
     if options.scene is not None:

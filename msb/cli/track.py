@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from msb.base.option import Argument, Option
 from msb.cli.command import command
-from msb.cli.output import PlainOutput
+from msb.cli.output import PlainOutput, file_option
 
 if TYPE_CHECKING:
     from msb.bench.records import RendererTiming
@@ -26,9 +26,7 @@ def track(
     command: Annotated[
         tuple[str, ...], Argument("The command to run, passed on unchanged.", metavar="COMMAND...")
     ],
-    out: Annotated[
-        Path, Option("Where the record goes.", ("--out", "-o"), metavar="FILE", output="file")
-    ] = Path("track.json"),
+    out: Annotated[Path, file_option("Where the record goes.", "--out", "-o")] = Path("track.json"),
     frames: Annotated[
         int | None,
         Option("Write how fast a renderer is that draws N images.", metavar="N", least=1),

@@ -133,8 +133,7 @@ class _Run:
         from msb.cli.inputs import open_asset
         from msb.trial.run import try_asset
 
-        with self.output.progress(f"reading {path.name}"):
-            asset = open_asset(path, self.output)
+        asset = open_asset(path, self.output)
         with (
             nullcontext() if self.save is None else new_folder(self.save) as keep,
             self.output.counted("trying", len(self.tasks)) as step,

@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Up, Views
 from msb.cli.command import Rule, command
-from msb.cli.output import JsonOutput, Output, echo
+from msb.cli.output import JsonOutput, Output, echo, file_option
+from msb.errors import DeviceError, GateFailed, InputError, UsageError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from msb.asset import Asset
+    from msb.engines.dedicated_page.measure import Measured
+    from msb.engines.dedicated_page.page import CheckView, Cost
+    from msb.reference import ReferenceFrame
     from msb.scenes import Camera
+
+TEST_VIEWS = 4
+"""Views by which a page is measured, evenly spread over the cameras."""
+TEST_SIDE = 640
+"""The most pixels of a side of a test view that we draw ourselves."""
+WEIGHING_VIEWS = 16
+"""Cameras, evenly spread, over which --faces sums what each face contributes."""
+_RENDERS = (".png", ".npy")
 
 RULES = (
     Rule(
@@ -38,13 +54,7 @@ class WebOptions:
 
     out: Annotated[
         Path | None,
-        Option(
-            "The page to write: .html.",
-            ("--out", "-o"),
-            metavar="FILE",
-            output="file",
-            endings=(".html", ".htm"),
-        ),
+        file_option("The page to write: .html.", "--out", "-o", endings=(".html", ".htm")),
     ] = None
     tier: Annotated[
         Literal["standard", "dedicated"],
@@ -110,8 +120,6 @@ def web(
     """
 
     if options.verify is not None:
-        from msb.cli.web_dedicated import verify_page
-
         verify_page(options.verify, options, output)
         return
     target = options.out or Path()
@@ -125,8 +133,7 @@ def web(
     from msb.cli.inputs import open_asset
     from msb.views import choose_views
 
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
+    asset = open_asset(path, output)
     said = ""
     if views.cameras is not None:
         cameras = views.read(output)
@@ -143,8 +150,6 @@ def web(
     if options.tier == "standard":
         _write_mesh(shown, target, output)
     else:
-        from msb.cli.web_dedicated import write_page
-
         write_page(shown, options, target, output)
 
 
@@ -172,3 +177,212 @@ def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
 def _say(output: Output, target: Path) -> None:
     if not output.quiet:
         echo(str(target))
+
+
+def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) -> None:
+    """Write the page of an asset, measured where a browser is at hand; tell what became of it."""
+    from msb.base.atomic import new_file
+    from msb.engines.dedicated_page.page import CheckView, make_page
+    from msb.engines.hardware.packing import pack
+    from msb.scenes.around import around
+    from msb.views import spread
+
+    asset, background = shown.asset, shown.background
+    with output.progress("checking the model"):
+        pack(asset, shown.settings)  # what cannot be drawn is said before anything takes long
+    seen = shown.cameras or around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, shown.up)
+    if options.renders is not None:
+        tests = [_given(camera, options.renders, background) for camera in spread(seen, TEST_VIEWS)]
+        against = "the images of --renders"
+    else:
+        cameras = [_at_most(camera) for camera in spread(seen, TEST_VIEWS)]
+        frames = _drawn(shown, asset, cameras, output, "drawing test views")
+        tests = [
+            CheckView(camera, background, _bytes(frame.image))
+            for camera, frame in zip(cameras, frames, strict=True)
+        ]
+        against = "the reference renderer"
+    smaller, costs = _smaller(shown, options, spread(seen, WEIGHING_VIEWS), tests, output)
+    with output.progress(f"packing {shown.name}"):
+        page = make_page(
+            smaller,
+            name=shown.name,
+            settings=shown.settings,
+            cameras=shown.cameras,
+            up=shown.up,
+            background=background,
+            tests=tests,
+            against=against,
+            costs=costs,
+            all_faces=asset.manifest.face_count,
+        )
+        data = page.encoded()
+    measured = None
+    if not options.no_verify:
+        try:
+            measured = _measured(data, page.scene, [test.image for test in tests], output)
+        except DeviceError as error:
+            output.note(f"warning: {target.name} is not measured: {error.message}")
+    if measured is not None:
+        page.record(measured.by, measured.psnr)
+        data = page.encoded()
+    with new_file(target, size=len(data)) as file:
+        file.write(data)
+    _tell(output, target, len(data), page.scene, measured)
+
+
+def verify_page(path: Path, options: WebOptions, output: Output) -> None:
+    """Measure a page again."""
+    from msb.engines.dedicated_page.measure import FAITHFUL
+    from msb.engines.dedicated_page.page import read_page
+
+    limit = FAITHFUL if options.at_least is None else options.at_least
+    with output.progress(f"reading {path.name}"):
+        data, scene, images = read_page(path)
+    if not images:
+        raise InputError("FILE_NOT_RECOGNISED", "the page holds no test views to measure it by", file=path)
+    measured = _measured(data, scene, images, output, software=options.device != "gpu")
+    _tell(output, path, len(data), scene, measured, limit)
+    if measured.worst is not None and measured.worst < limit:
+        text = f"its worst view has {measured.worst:.1f} dB, the bar is {limit:g} dB"
+        raise GateFailed("GATE_FAILED", text, file=path)
+
+
+def _at_most(camera: Camera) -> Camera:
+    return camera.scaled(min(1.0, TEST_SIDE / max(camera.width, camera.height)))
+
+
+def _drawn(
+    shown: Shown, asset: Asset, cameras: Sequence[Camera], output: Output, doing: str
+) -> Iterator[ReferenceFrame]:
+    from msb.reference import render_reference
+
+    with output.counted(doing, len(cameras)) as step:
+        for camera in cameras:
+            yield render_reference(asset, camera, shown.background, shown.settings)
+            step()
+
+
+def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
+    import numpy as np
+
+    from msb.render.images import to_bytes
+
+    return image if image.dtype == np.uint8 else to_bytes(image)
+
+
+def _given(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:
+    """Return a test view with the image of that camera in a folder, in the image's size."""
+    from msb.engines.dedicated_page.page import CheckView
+    from msb.metrics.image_files import read_image
+
+    if camera.name is None:
+        raise UsageError("USAGE", "--renders finds images by the names of cameras, and these have none")
+    stem = PurePosixPath(camera.name).with_suffix("")
+    places = [folder / f"{base}{suffix}" for base in (stem, stem.name) for suffix in _RENDERS]
+    place = next((each for each in places if each.is_file()), places[-2])
+    image = _bytes(read_image(place))
+    return CheckView(camera.resized(image.shape[1], image.shape[0]), background, image)
+
+
+def _smaller(
+    shown: Shown, options: WebOptions, seen: Sequence[Camera], tests: Sequence[CheckView], output: Output
+) -> tuple[Asset, list[Cost]]:
+    """Return what --faces and --quantise leave of an asset, and what each costs."""
+    import numpy as np
+
+    from msb.engines.dedicated_page.measure import byte_psnr
+    from msb.engines.dedicated_page.page import Cost
+    from msb.engines.dedicated_page.smaller import quantised, with_faces
+
+    smaller, faces = shown.asset, options.faces
+    steps: list[tuple[str, Asset]] = []
+    views = [test.camera for test in tests]
+    total = smaller.manifest.face_count
+    if faces is not None and faces < total:
+        frames = _drawn(shown, smaller, [_at_most(camera) for camera in seen], output, "weighing faces")
+        weights = sum(frame.contribution for frame in frames if frame.contribution is not None)
+        # The heaviest; of equal ones the first. They stay in their order.
+        kept = np.sort(np.argsort(-np.broadcast_to(weights, total), kind="stable")[:faces])
+        smaller = with_faces(smaller, kept)
+        steps.append((f"{faces:,} of {total:,} faces (--faces)", smaller))
+    if options.quantise:
+        with output.progress("rounding values"):
+            smaller = quantised(smaller)
+        steps.append(("Rounded to 16 and 8 bits (--quantise)", smaller))
+
+    def images(asset: Asset) -> list[NDArray[np.uint8]]:
+        return [_bytes(frame.image) for frame in _drawn(shown, asset, views, output, "drawing what it costs")]
+
+    before = [test.image for test in tests]
+    if steps and options.renders is not None:  # these are not ours
+        before = images(shown.asset)
+    costs = []
+    for what, made in steps:
+        after = images(made)
+        values = [byte_psnr(*pair) for pair in zip(after, before, strict=True)]
+        psnr = min((value for value in values if value is not None), default=None)
+        costs.append(Cost(what, psnr))
+        output.note(f"{what}: {_decibels(psnr)}, the worst of {len(views)} views, to what was there before")
+        before = after
+    return smaller, costs
+
+
+def _measured(
+    data: bytes,
+    scene: Mapping[str, Any],
+    images: Sequence[NDArray[np.uint8]],
+    output: Output,
+    *,
+    software: bool = True,
+) -> Measured:
+    from msb.engines.dedicated_page.measure import measure_page
+
+    with output.counted("measuring in a browser", len(images)) as step:
+        return measure_page(data, scene, images, software=software, step=step)
+
+
+def _tell(
+    output: Output,
+    path: Path,
+    size: int,
+    scene: Mapping[str, Any],
+    measured: Measured | None,
+    limit: float | None = None,
+) -> None:
+    about = scene["dedicated"]
+    names = [test["name"] for test in about["tests"]]
+    document: dict[str, Any] = {
+        "schema": "msb.web/1",
+        "path": str(path),
+        "bytes": size,
+        "method": about["title"],
+        "faces": about["faces"],
+        "against": about["against"],
+        "costs": about["costs"],
+        "measured": None,
+    }
+    if measured is not None:
+        rows = zip(names, measured.psnr, measured.milliseconds, strict=True)
+        document["measured"] = {
+            "browser": measured.browser,
+            "device": measured.device,
+            "format": measured.format,
+            "worst": measured.worst,
+            "views": [{"name": n, "psnr": p, "equal": p is None, "ms": ms} for n, p, ms in rows],
+        }
+    if limit is not None:
+        document["at_least"] = limit
+    output.write_json(document)
+    if not output.prints_text or output.quiet:
+        return
+    echo(f"{path}")
+    echo(f"{size / 1e6:.1f} MB, {about['title']}, {about['faces']:,} faces")
+    if measured is not None:
+        for name, value in zip(names, measured.psnr, strict=True):
+            echo(f"  {name}: {_decibels(value)}")
+        echo(f"worst {_decibels(measured.worst)} to {about['against']}, in bytes ({measured.by})")
+
+
+def _decibels(value: float | None) -> str:
+    return "equal" if value is None else f"{value:.1f} dB"

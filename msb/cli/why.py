@@ -50,8 +50,7 @@ def why(
         for known in CAUSES:
             output.check_free(save / f"{known.name}.png")
     size = views.pixels(640, 480) if views.cameras is None else (640, 480)
-    with output.progress(f"reading {path.name}"):
-        asset = open_asset(path, output)
+    asset = open_asset(path, output)
     given = None if views.cameras is None else views.read(output)
     device = drawing.device
     with about(path):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from msb.base.option import Option
 from msb.cli.camera_options import MOST_PIXELS, PIXELS, Up, not_a_size
+from msb.cli.output import file_option
 from msb.errors import UsageError
 
 if TYPE_CHECKING:
@@ -20,27 +21,15 @@ class Window:
 
     screenshot: Annotated[
         Path | None,
-        Option(
-            "Write what the window would show to a .png.", metavar="FILE", output="file", endings=(".png",)
-        ),
+        file_option("Write what the window would show to a .png.", endings=(".png",)),
     ] = None
     figure: Annotated[
         Path | None,
-        Option(
-            "Write the four-panel figure: .png, .svg or .pdf.",
-            metavar="FILE",
-            output="file",
-            endings=(".png", ".svg", ".pdf"),
-        ),
+        file_option("Write the four-panel figure: .png, .svg or .pdf.", endings=(".png", ".svg", ".pdf")),
     ] = None
     html: Annotated[
         Path | None,
-        Option(
-            "Write a page that any browser opens, offline.",
-            metavar="FILE",
-            output="file",
-            endings=(".html", ".htm"),
-        ),
+        file_option("Write a page that any browser opens, offline.", endings=(".html", ".htm")),
     ] = None
     up: Annotated[Up | None, Option("Axis that points up. Default: the asset's.")] = None
     size: Annotated[str, Option("Size of the window or screenshot in pixels.", metavar="WxH")] = "1280x800"

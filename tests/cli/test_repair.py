@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import msb as library
-from msb.cli.repair_compare import print_table
+from msb.cli.repair import print_table
 from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import Mesh, read_mesh, write_mesh
 from tests.cli.conftest import Msb, Refused
