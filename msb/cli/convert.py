@@ -34,8 +34,9 @@ class ConvertOptions:
         ),
     ] = None
     color: Annotated[
-        Literal["stored", "linear"], Option("Colours as stored, or sRGB converted to linear.")
-    ] = "stored"
+        Literal["linear", "srgb"] | None,
+        Option("Colours of vertices. Default: linear in .glb, as glTF says, else srgb."),
+    ] = None
     official: Annotated[bool, Option("Write what the method's own exporter would write.")] = False
 
 
@@ -123,7 +124,7 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
     if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:
-        if options.up is not None or options.color != "stored":
+        if options.up is not None or options.color is not None:
             raise UsageError("USAGE", "--up and --color are for mesh files; a .triasset keeps what is stored")
         _write_asset(source, target, options.form or "packed", output)
     else:
@@ -160,8 +161,9 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
     from msb.cli.inputs import open_asset
     from msb.meshes import read_mesh, write_mesh
     from msb.meshes.assets import as_held, mesh_from_asset
+    from msb.meshes.formats import Style
     from msb.meshes.losses import beyond_a_mesh, losses, what_is_up
-    from msb.meshes.transform import turned_upright, with_linear_colors
+    from msb.meshes.transform import turned_upright
 
     suffix = output_suffix(target, "OUT")
     if is_mesh_file(source):
@@ -173,11 +175,10 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
         known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = turned_upright(mesh, options.up) if options.up else mesh
-    mesh = with_linear_colors(mesh) if options.color == "linear" else mesh
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
         held = as_held(mesh, suffix)
-        write_mesh(held, file, suffix=suffix)
+        write_mesh(held, file, suffix=suffix, style=Style(options.color))
     turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
     _say(target, [*_holds(held, suffix), *turned], output)
     for text in (*losses(mesh, held, suffix, left_out), *what_is_up(mesh, suffix, known=known)):

@@ -16,6 +16,7 @@ from msb.asset.look import drawn_colors, shown_faces
 from msb.asset.settings import effective_settings
 from msb.errors import UsageError, shorten
 from msb.meshes import Mesh, write_mesh
+from msb.meshes.formats import Style
 from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
 
@@ -155,9 +156,9 @@ class EngineMesh:
     """The asset's numbers of the faces; None if they are 0, 1, 2, ..."""
 
     def encoded(self, suffix: str) -> bytes:
-        """Return the file that `msb convert` writes of the asset, in the format of `suffix`."""
-        file = BytesIO()
-        write_mesh(Mesh(self.positions, self.indices.astype(np.int64), self.colors), file, suffix=suffix)
+        """Return the file that `msb convert --color srgb` writes of the asset, in the format of `suffix`."""
+        file, mesh = BytesIO(), Mesh(self.positions, self.indices.astype(np.int64), self.colors)
+        write_mesh(mesh, file, suffix=suffix, style=Style("srgb"))
         return file.getvalue()
 
     def depth_range(self, world_to_camera: NDArray[np.float64]) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import LINEAR, linear_to_srgb
+from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
 _SAME = 1e-6
 """Floats in [0, 1] that differ by less are one number, written by two programs."""
@@ -38,7 +38,7 @@ def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
     """Return colours (N, 3 | 4) as (N, 4); what had no alpha is opaque."""
     if colors.shape[1] == 4:
         return colors
-    opaque = 255 if colors.dtype == np.uint8 else 1
+    opaque = 1 if colors.dtype.kind == "f" else np.iinfo(colors.dtype).max
     alpha = np.full((len(colors), 1), opaque, dtype=colors.dtype)
     return np.concatenate((colors, alpha), axis=1)
 
@@ -67,3 +67,20 @@ def _rounded(values: NDArray[Any], most: int) -> NDArray[np.intp]:
 def _nearest_levels() -> NDArray[np.intp]:
     """Return the byte of sRGB that is nearest to each 65535th of linear light."""
     return _rounded(linear_to_srgb(np.arange(65536) / 65535), 255)
+
+
+def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:
+    """Return sRGB colours (N, 3 | 4) as linear light in whole numbers: bytes where these are off by less than
+    half a level everywhere, else uint16.
+
+    A level is one of the 255 steps of sRGB. Linear bytes are too coarse where it is dark; uint16 is off by a
+    fortieth of a level at most. Alpha is linear as it is.
+    """
+    scale = 255 if colors.dtype == np.uint8 else 1
+    light = colors / np.float32(scale)
+    light[:, :3] = LINEAR[colors[:, :3]] if scale == 255 else srgb_to_linear(colors[:, :3])
+    as_bytes = np.rint(light * 255)
+    off = linear_to_srgb(as_bytes[:, :3] / np.float32(255)) - colors[:, :3] / np.float32(scale)
+    if (np.abs(off) < 0.499 / 255).all():
+        return as_bytes.astype(np.uint8)
+    return np.rint(light * 65535).astype(np.uint16)

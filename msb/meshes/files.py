@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
-from msb.meshes.formats import FORMATS, Format, written_suffixes
+from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
 from msb.meshes.source import Source
+from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
 
 if TYPE_CHECKING:
@@ -81,7 +82,9 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
         raise source.error("MESH_FILE_TOO_LARGE", message) from None
 
 
-def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix: str) -> None:
+def write_mesh(
+    mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix: str, style: Style | None = None
+) -> None:
     """Write a mesh; the same mesh gives the same bytes.
 
     Parameters
@@ -92,6 +95,8 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
         Where to write. A path is overwritten; give a temporary name if a half-written file would be harmful.
     suffix : str
         One of `MESH_SUFFIXES`, in any case: the format. Some may be only read.
+    style : Style, optional
+        Whether colours are linear light, and what textures are packed as.
 
     Raises
     ------
@@ -109,12 +114,15 @@ def write_mesh(mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix:
         message = f"{chosen.title} is only read; {' '.join(written_suffixes())} are written"
         raise InputError("FILE_NOT_RECOGNISED", message, file=str(name))
     check_writable(mesh)
+    style = style or Style()
+    if style.color == "linear" and not chosen.is_linear:
+        mesh = with_linear_colors(mesh)
     if not isinstance(target, str | os.PathLike):
-        chosen.write(mesh, target)
+        chosen.write(mesh, target, style)
         return
     try:
         with Path(target).open("wb") as stream:
-            chosen.write(mesh, stream)
+            chosen.write(mesh, stream, style)
     except OSError as error:
         message = f"it cannot be written: {error.strerror or error}"
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error

@@ -12,6 +12,26 @@ if TYPE_CHECKING:
     from msb.meshes.source import Source
 
 
+Color = Literal["linear", "srgb"]
+Picture = Literal["png", "jpeg", "webp"]
+
+
+@dataclass(frozen=True)
+class Style:
+    """What may be chosen of a mesh file that is written.
+
+    Attributes
+    ----------
+    color : {"linear", "srgb"}, optional
+        Whether vertex colours are linear light or sRGB; None: as the format has them.
+    texture : {"png", "jpeg", "webp"}
+        What the textures are packed as.
+    """
+
+    color: Color | None = None
+    texture: Picture = "png"
+
+
 @dataclass(frozen=True)
 class Format:
     """One mesh format. Its module declares it, and a line of `msb.meshes.files` registers it.
@@ -36,6 +56,8 @@ class Format:
         True if the format writes the vertices of every face anew, so that no two faces share one.
     is_single : bool
         True if the format holds coordinates as float32, whatever the mesh has.
+    is_linear : bool
+        True if the format says that vertex colours are linear light.
     up : str, optional
         The axis that the format says is up, such as "+y".
     """
@@ -43,11 +65,12 @@ class Format:
     title: str
     suffixes: tuple[str, ...]
     read: Callable[[Source], Mesh]
-    write: Callable[[Mesh, BinaryIO], None] | None = None
+    write: Callable[[Mesh, BinaryIO, Style], None] | None = None
     begins: re.Pattern[bytes] | None = None
     keeps: tuple[Literal["vertex_colors", "face_colors"], ...] = ()
     is_soup: bool = False
     is_single: bool = False
+    is_linear: bool = False
     up: str | None = None
 
 

@@ -28,5 +28,6 @@ FORMAT = Format(
     begins=re.compile(rb"glTF"),
     keeps=("vertex_colors",),
     is_single=True,
+    is_linear=True,
     up="+y",
 )

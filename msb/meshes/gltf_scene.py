@@ -114,7 +114,7 @@ def _join(document: Document, parts: list[Part]) -> Mesh:
     mesh = Mesh(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate(faces),
-        _join_colors([_colors(part, cutoff) for part in parts], parts),
+        _join_colors([_colors(part, cutoff, says_srgb(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )
     return _with_textures(mesh, document, parts, cutoff) if is_textured and document.source.images else mesh
@@ -158,7 +158,14 @@ def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: 
         raise document.error(error.code, pointer, f"of its image, {error}") from None
 
 
-def _colors(part: Part, cutoff: float | None) -> NDArray[Any] | None:
+def says_srgb(document: Document) -> bool:
+    """Return whether the file says that its vertex colours are sRGB, as ours do where that was asked for."""
+    about = document.root.get("asset")
+    extras = about.get("extras") if isinstance(about, dict) else None
+    return isinstance(extras, dict) and extras.get("color_space") == "srgb"
+
+
+def _colors(part: Part, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
     """Return the colours (V, 3 | 4) of a part in sRGB: those of its vertices times its factor; None is white.
 
     Of a mesh with a `cutoff` alpha is scaled as that differs from the part's own, and 1 where the part has
@@ -176,7 +183,7 @@ def _colors(part: Part, cutoff: float | None) -> NDArray[Any] | None:
         colors = with_alpha(colors) if own is not None else colors[:, :3]
     width = colors.shape[1]
     if (factor[:width] == 1).all():
-        return colors
+        return colors if is_srgb else srgb_colors(colors, part.step)
     linear = colors if colors.dtype == np.float32 else colors / np.float32(255)
     return srgb_colors(linear * factor[:width], 0)
 

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from msb.meshes.writing import write_rows
 
 if TYPE_CHECKING:
+    from msb.meshes.formats import Style
     from msb.meshes.mesh import Mesh
 
 
-def write(mesh: Mesh, stream: BinaryIO) -> None:
+def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write `v` and `f` lines; float32 and float64 coordinates read back as exactly the same number.
 
     Colours are written after the coordinates, as 0..1 with nine digits.

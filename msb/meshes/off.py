@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
-from msb.meshes.formats import Format
+from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate, steps, wrong_polygon
 from msb.meshes.text import Table, read_table
@@ -74,7 +74,7 @@ def read(source: Source) -> Mesh:
     return Mesh(vertices, faces, vertex_colors, face_colors, left_out=tuple(left_out), wrong_face=wrong_face)
 
 
-def write(mesh: Mesh, stream: BinaryIO) -> None:
+def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write OFF, or COFF where vertices have colours; face colours follow the indices.
 
     Coordinates read back as exactly the same number. uint8 colours are integers, float32 colours decimals.

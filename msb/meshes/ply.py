@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from msb.errors import shorten
 from msb.meshes.colors import stored_colors
-from msb.meshes.formats import Format
+from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
@@ -60,7 +60,7 @@ def read(source: Source) -> Mesh:
     return Mesh(positions, triangles, vertex_colors, face_colors, left_out=left_out, wrong_face=wrong_face)
 
 
-def write(mesh: Mesh, stream: BinaryIO) -> None:
+def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write binary little-endian PLY with the vertices' and colours' own types.
 
     Indices are `int`, which every reader knows, unless V needs `uint`.

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.meshes.formats import Format
+from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
@@ -50,7 +50,7 @@ def read(source: Source) -> Mesh:
     raise source.error("MESH_FILE_INVALID", text, pointer="byte 80")
 
 
-def write(mesh: Mesh, stream: BinaryIO) -> None:
+def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
     """Write binary STL: float32 corners of every face and their normals, no colours.
 
     Vertices no face uses are lost: the format has no vertices. Faces without area have no normal: it is 0.

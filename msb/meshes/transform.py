@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import srgb_to_linear
+
 if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
 
@@ -47,11 +49,9 @@ def with_linear_colors(mesh: Mesh) -> Mesh:
 
 
 def _linear(colors: NDArray[Any] | None) -> NDArray[np.float32] | None:
-    """Return linear colours (IEC 61966-2-1); a fourth column is alpha, which is linear already."""
+    """Return linear colours; a fourth column is alpha, which is linear already."""
     if colors is None:
         return None
-    scale = 255.0 if colors.dtype == np.uint8 else 1.0
-    values = colors.astype(np.float64) / scale
-    rgb = values[:, :3]
-    values[:, :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0) + 0.055) / 1.055) ** 2.4)
+    values = colors / (255.0 if colors.dtype == np.uint8 else 1.0)
+    values[:, :3] = srgb_to_linear(values[:, :3])
     return values.astype(np.float32)

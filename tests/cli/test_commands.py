@@ -285,8 +285,8 @@ def test_convert_linear_colours(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "in.off").write_text(
         "COFF\n3 1 0\n0 0 0 255 128 0\n1 0 0 255 128 0\n0 1 0 255 128 0\n3 0 1 2\n"
     )
-    assert msb("convert", "--color", "linear", tmp_path / "in.off", tmp_path / "out.glb").status == 0
-    colors = read_mesh(tmp_path / "out.glb").vertex_colors
+    assert msb("convert", "--color", "linear", tmp_path / "in.off", tmp_path / "out.ply").status == 0
+    colors = read_mesh(tmp_path / "out.ply").vertex_colors
     assert colors[0, :3] == pytest.approx([1.0, 0.2158605, 0.0], abs=1e-6)
 
 

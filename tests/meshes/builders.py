@@ -34,7 +34,7 @@ def assert_colors(found: np.ndarray | None, expected: np.ndarray | None) -> None
     assert (found is None) == (expected is None)
     if found is not None and expected is not None:
         assert found.dtype == expected.dtype
-        assert found.tolist() == expected.tolist()
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
 
 
 def ply(form: str, lines: Iterable[str], body: bytes) -> bytes:

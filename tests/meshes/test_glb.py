@@ -76,7 +76,7 @@ def test_interleaved_vertices(read: Read) -> None:
     made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
     mesh = read(made.bytes(), ".glb")
     assert mesh.vertices.tolist() == MOVED
-    assert_colors(mesh.vertex_colors, np.uint8([[1, 2, 3, 4]] * 4))
+    assert_colors(mesh.vertex_colors, np.uint8([[13, 22, 28, 4]] * 4))
 
 
 @pytest.mark.parametrize("has_base", [True, False])
@@ -187,11 +187,12 @@ def test_the_identity_keeps_float32(read: Read) -> None:
 @pytest.mark.parametrize(
     ("dtype", "values", "expected"),
     [
-        ("u1", [255, 0, 7, 9], np.uint8([255, 0, 7, 9])),
-        ("u1", [255, 0, 7], np.uint8([255, 0, 7])),
-        ("u2", [65535, 0, 13107], np.float32([1, 0, 0.2])),
-        ("f4", [1, 0.5, 0], np.float32([1, 0.5, 0])),
-        ("f4", [1.5, -0.5, 0, 1], np.float32([1, 0, 0, 1])),
+        ("u1", [255, 0, 7, 9], np.uint8([255, 0, 46, 9])),
+        ("u1", [255, 0, 7], np.uint8([255, 0, 46])),
+        ("u2", [65535, 0, 13107], np.float32([1, 0, 0.484529])),
+        ("u2", [65535, 0, 14146], np.uint8([255, 0, 128])),
+        ("f4", [1, 0.5, 0], np.float32([1, 0.735357, 0])),
+        ("f4", [1.5, -0.5, 0, 1], np.uint8([255, 0, 0, 255])),
     ],
 )
 @pytest.mark.parametrize("normalized", [True, False])
@@ -210,7 +211,7 @@ def test_primitives_join_with_white_where_one_has_no_color(read: Read) -> None:
     mesh = read(made.bytes(), ".glb")
     assert mesh.vertices.tolist() == SQUARE + MOVED[:3] * 2
     assert mesh.faces.tolist() == [*SQUARE_FACES, [4, 5, 6], [7, 8, 9]]
-    expected = [[1, 1, 1, 1]] * 4 + [[0, 0.5, 1, 0.25]] * 3 + [[1, 0, 0.2, 1]] * 3
+    expected = [[1, 1, 1, 1]] * 4 + [[0, 0.735357, 1, 0.25]] * 3 + [[1, 0, 124 / 255, 1]] * 3
     assert_colors(mesh.vertex_colors, np.float32(expected))
 
 

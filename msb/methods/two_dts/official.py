@@ -13,6 +13,7 @@ from msb.asset.activation import sigmoid
 from msb.asset.look import baked_colors, stored_threshold, visible_faces
 from msb.base.atomic import new_file
 from msb.meshes.files import write_mesh
+from msb.meshes.formats import Style
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def write(asset: Asset, path: Path) -> None:
     else:
         mesh = Mesh(vertices, all_faces, None, np.concatenate([rgba, rgba]) if twice else rgba)
     with new_file(path) as file:
-        write_mesh(mesh, file, suffix=path.suffix)
+        write_mesh(mesh, file, suffix=path.suffix, style=Style("srgb"))
 
 
 def _in_box(asset: Asset) -> NDArray[np.bool_]:
