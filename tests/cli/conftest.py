@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import pytest
 from typer.main import get_command
 
 from msb.cl.devices import Tried, try_devices
 from msb.cli.app import app
 from msb.cli.process import run as run_here
+from msb.meshes import Mesh, write_mesh
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
@@ -36,27 +38,44 @@ class Result:
         """The one JSON document on standard output."""
         return json.loads(self.out, parse_constant=lambda name: pytest.fail(f"bare {name} in JSON"))
 
+    def ends(self, status: int, begin: str) -> None:
+        """Check that it ended with this status, and one line on standard error alone that begins so."""
+        assert (self.status, self.out, self.err.count("\n")) == (status, "", 1), self
+        assert self.err.startswith(begin), self
+
 
 Refused = Callable[[str | list[str]], str]
 Here = Callable[..., Result]
 
 
 class Msb(Protocol):
-    """Run a command: ``msb("audit", path)``."""
+    """Run a command, whose first words may be one text: ``msb("audit --json -", path)``.
 
-    def __call__(self, *args: object, cwd: Path = ROOT, **env: str) -> Result: ...
+    If a `status` is given it must end with this one.
+    """
+
+    def __call__(self, *args: object, status: int | None = None, cwd: Path = ROOT, **env: str) -> Result: ...
 
 
 @pytest.fixture(scope="session")
 def msb() -> Msb:
     """Return a function that runs `msb` with the given arguments."""
 
-    def run(*args: object, cwd: Path = ROOT, **env: str) -> Result:
+    def run(*args: object, status: int | None = None, cwd: Path = ROOT, **env: str) -> Result:
         clean = dict.fromkeys(("NO_COLOR", "FORCE_COLOR", "COLUMNS"))
-        done = run_msb([*map(str, args)], cwd, {**clean, **env})
-        return Result(done.returncode, done.stdout.decode(), done.stderr.decode())
+        first, *rest = map(str, args or ("",))
+        done = run_msb([*shlex.split(first), *rest], cwd, {**clean, **env})
+        result = Result(done.returncode, done.stdout.decode(), done.stderr.decode())
+        assert status in (None, result.status), result
+        return result
 
     return run
+
+
+def mesh_file(path: Path, points: np.ndarray, faces: np.ndarray) -> Path:
+    """Write a mesh to a file of the format that its suffix names; return the file."""
+    write_mesh(Mesh(points, faces.astype(np.int64)), path, suffix=path.suffix)
+    return path
 
 
 def on_terminal(*args: object) -> str:

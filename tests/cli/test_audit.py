@@ -11,10 +11,9 @@ import pytest
 
 import msb as library
 from msb.api.gates import PROFILES, parse_gate
-from msb.meshes import Mesh, write_mesh
 from msb.report import paper_row
 from msb.topology.verdict import MERGED
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Msb, mesh_file
 from tests.conftest import BOOK, TETRAHEDRON
 
 COUNT_KEYS = {
@@ -29,16 +28,9 @@ METRIC_KEYS = {
 }  # fmt: skip
 
 
-def write(folder: Path, name: str, mesh: tuple[np.ndarray, np.ndarray]) -> Path:
-    path = folder / name
-    with path.open("wb") as file:
-        write_mesh(Mesh(mesh[0], mesh[1].astype(np.int64), None, None), file, suffix=path.suffix)
-    return path
-
-
 @pytest.fixture
 def book(tmp_path: Path) -> Path:
-    return write(tmp_path, "book.ply", BOOK)
+    return mesh_file(tmp_path / "book.ply", *BOOK)
 
 
 @pytest.mark.slow
@@ -61,21 +53,19 @@ def test_json_holds_the_contract_and_nothing_else_is_on_stdout(msb: Msb, demo_as
 def test_a_mesh_that_is_closed_once_vertices_are_merged_is_pointed_to_what_merges_them(
     msb: Msb, tmp_path: Path
 ) -> None:
-    path = tmp_path / "tetrahedron.stl"
     points, faces = np.eye(4, 3, dtype=np.float32), np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
-    with path.open("wb") as file:
-        write_mesh(Mesh(points, faces.astype(np.int64)), file, suffix=".stl")
+    path = mesh_file(tmp_path / "tetrahedron.stl", points, faces)
     hint = f"msb repair --plan weld,orient,pair -o merged.glb {path}"
     assert f"\nMerge the vertices: {hint}\n" in msb("audit", path).out
     made = tmp_path / "merged.glb"
-    assert msb(*hint.split()[1:-3], "-o", made, path).status == 0
+    msb(*hint.split()[1:-3], "-o", made, path, status=0)
     assert msb("audit", "-q", made).out.startswith(f"{made}: OK: ")
     assert "Merge the vertices" not in msb("audit", made).out
 
 
 def test_a_soup_without_coincident_corners_is_not_told_to_merge_them(msb: Msb, tmp_path: Path) -> None:
     corners = np.random.default_rng(0).uniform(-1, 1, (12, 3)), np.arange(12).reshape(-1, 3)
-    alone = msb("audit", write(tmp_path, "alone.ply", corners)).out
+    alone = msb("audit", mesh_file(tmp_path / "alone.ply", *corners)).out
     assert "no two corners coincide, so it is no surface and repair cannot make it one." in alone
     trained = "data_stubs/models/pebble/triangle_splatting"
     shown = msb("audit", trained).out
@@ -85,7 +75,7 @@ def test_a_soup_without_coincident_corners_is_not_told_to_merge_them(msb: Msb, t
         assert "--weld exact" not in text
     compared = msb("repair", "--compare", "--task", "none", tmp_path / "alone.ply").out
     assert "No two corners coincide: it is no surface, and no repair makes it one." in compared
-    apart = write(tmp_path, "coincide.ply", (TETRAHEDRON[0][TETRAHEDRON[1][:2].reshape(-1)], corners[1][:2]))
+    apart = mesh_file(tmp_path / "coincide.ply", TETRAHEDRON[0][TETRAHEDRON[1][:2].ravel()], corners[1][:2])
     assert "(--weld exact shows what merging" in msb("audit", apart).out
 
 
@@ -123,7 +113,7 @@ def test_folder_and_packed_asset_give_the_same_audit(msb: Msb, demo_asset: Path,
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".glb", ".stl"])
 def test_every_mesh_format_is_audited(msb: Msb, tmp_path: Path, suffix: str) -> None:
-    counts = msb("audit", "--json", "-", write(tmp_path, f"tetra{suffix}", TETRAHEDRON)).json["counts"]
+    counts = msb("audit", "--json", "-", mesh_file(tmp_path / f"tetra{suffix}", *TETRAHEDRON)).json["counts"]
     soup = suffix == ".stl"
     assert counts["faces"] == 4
     assert counts["vertices"] == (12 if soup else 4)
@@ -132,7 +122,7 @@ def test_every_mesh_format_is_audited(msb: Msb, tmp_path: Path, suffix: str) -> 
 
 @pytest.mark.slow
 def test_soup_is_named_and_weld_shown_beside(msb: Msb, tmp_path: Path) -> None:
-    path = write(tmp_path, "tetra.stl", TETRAHEDRON)
+    path = mesh_file(tmp_path / "tetra.stl", *TETRAHEDRON)
     data = msb("audit", "--weld", "exact", "--json", "-", path).json
     assert data["topology"] == "triangle_soup"
     assert data["is_soup"]
@@ -146,8 +136,7 @@ def test_soup_is_named_and_weld_shown_beside(msb: Msb, tmp_path: Path) -> None:
 
 
 def test_several_paths_give_a_list_and_the_worst_status(msb: Msb, book: Path, demo_asset: Path) -> None:
-    result = msb("audit", "--json", "-", demo_asset, "missing.ply", book)
-    assert result.status == 3
+    result = msb("audit", "--json", "-", demo_asset, "missing.ply", book, status=3)
     assert [item["path"] for item in result.json] == ["missing.ply", str(demo_asset), str(book)]
     assert result.json[0]["error"]["code"] == "FILE_NOT_FOUND"
     assert result.err.splitlines() == ["FILE_NOT_FOUND: missing.ply: there is no such file or folder"]
@@ -155,8 +144,8 @@ def test_several_paths_give_a_list_and_the_worst_status(msb: Msb, book: Path, de
 
 @pytest.mark.slow
 def test_several_meshes_end_with_one_table_and_totals(msb: Msb, book: Path, tmp_path: Path) -> None:
-    write(tmp_path, "closed.ply", TETRAHEDRON)
-    write(tmp_path, "seams.stl", TETRAHEDRON)
+    mesh_file(tmp_path / "closed.ply", *TETRAHEDRON)
+    mesh_file(tmp_path / "seams.stl", *TETRAHEDRON)
     (tmp_path / "torn.ply").write_text("ply\n")
     shown = msb("audit", "--fail-on-verdict", "limited", tmp_path)
     table = [line.rstrip().split(maxsplit=3) for line in shown.out.splitlines()[-7:-2]]
@@ -175,30 +164,28 @@ def test_several_meshes_end_with_one_table_and_totals(msb: Msb, book: Path, tmp_
 
 @pytest.mark.slow
 def test_the_verdict_gates_at_a_level_and_worse(msb: Msb, book: Path, tmp_path: Path) -> None:
-    holed = write(tmp_path, "holed.ply", (TETRAHEDRON[0], TETRAHEDRON[1][:3]))
+    holed = mesh_file(tmp_path / "holed.ply", TETRAHEDRON[0], TETRAHEDRON[1][:3])
     gate = "GATE_FAILED: {}: verdict is {}, gate: {}\n"
     bad = gate.format(book, "BAD (14 % of its edges and 40 % of its vertices are non-manifold)", "bad")
     assert msb("audit", "--fail-on-verdict", "bad", book, holed).err == bad
-    limited = msb("audit", "--fail-on-verdict", "limited", holed)
-    assert limited.status == 1
+    limited = msb("audit", "--fail-on-verdict", "limited", holed, status=1)
     assert limited.err == gate.format(holed, "LIMITED (open: 3 boundary edges in 1 loop)", "limited or bad")
-    closed = write(tmp_path, "closed.ply", TETRAHEDRON)
-    assert msb("audit", "--fail-on-verdict", "limited", closed).status == 0
-    assert msb("audit", "--fail-on-verdict", "ok", closed).status == 2
+    closed = mesh_file(tmp_path / "closed.ply", *TETRAHEDRON)
+    msb("audit", "--fail-on-verdict", "limited", closed, status=0)
+    msb("audit", "--fail-on-verdict", "ok", closed, status=2)
 
 
 def test_folders_are_searched(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "below").mkdir()
     (tmp_path / "notes.txt").write_text("no mesh")
-    write(tmp_path, "b.off", BOOK)
-    write(tmp_path / "below", "a.PLY".lower(), TETRAHEDRON)
+    mesh_file(tmp_path / "b.off", *BOOK)
+    mesh_file(tmp_path / "below" / "a.ply", *TETRAHEDRON)
     found = msb("audit", "--json", "-", tmp_path).json
     assert [item["path"].rsplit("/", 1)[1] for item in found] == ["b.off", "a.ply"]
 
 
 def test_folder_without_meshes_is_an_error(msb: Msb, tmp_path: Path) -> None:
-    result = msb("audit", tmp_path)
-    assert result.status == 3
+    result = msb("audit", tmp_path, status=3)
     assert result.err.startswith(
         f"FILE_NOT_RECOGNISED: {tmp_path}: the folder holds no checkpoint and none of .triasset"
     )
@@ -207,8 +194,7 @@ def test_folder_without_meshes_is_an_error(msb: Msb, tmp_path: Path) -> None:
 def test_index_error_names_file_and_row_and_leaves_stdout_empty(msb: Msb, tmp_path: Path) -> None:
     path = tmp_path / "bad.off"
     path.write_text("OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n3 0 1 3\n")
-    result = msb("audit", "--json", "-", path)
-    assert result.status == 3
+    result = msb("audit", "--json", "-", path, status=3)
     assert result.out == ""
     assert result.err == (
         f"MESH_INDEX_OUT_OF_RANGE: {path}: line 7: the face names vertex 3; those of this file are 0 to 2\n"
@@ -251,9 +237,8 @@ def test_gates(msb: Msb, book: Path, condition: str, status: int) -> None:
 def test_profiles_gate_for_a_purpose(
     msb: Msb, book: Path, tmp_path: Path, profile: str, failing: set[str]
 ) -> None:
-    closed = write(tmp_path, "tetra.ply", TETRAHEDRON)
-    result = msb("audit", "-q", "--profile", profile, book, closed)
-    assert result.status == 1
+    closed = mesh_file(tmp_path / "tetra.ply", *TETRAHEDRON)
+    result = msb("audit", "-q", "--profile", profile, book, closed, status=1)
     lines = result.err.splitlines()
     assert all(line.startswith(f"GATE_FAILED: {book}: ") for line in lines)  # the closed one passes
     assert {line.removeprefix(f"GATE_FAILED: {book}: ").split()[0] for line in lines} == failing
@@ -271,17 +256,14 @@ def test_profiles_hold_known_keys_and_the_papers_numbers() -> None:
 def test_gate_on_a_ratio_over_nothing_fails(msb: Msb, tmp_path: Path) -> None:
     path = tmp_path / "points.off"
     path.write_text("OFF\n3 0 0\n0 0 0\n1 0 0\n0 1 0\n")
-    result = msb("audit", "--fail-on", "nonmanifold_edge_ratio>0", path)
-    assert result.status == 1
+    result = msb("audit", "--fail-on", "nonmanifold_edge_ratio>0", path, status=1)
     assert "does not exist for this mesh" in result.err
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gate", ["nm_edges", "foo>1", "components>", "components>x", "components>nan", ">1"])
 def test_bad_gate_is_a_usage_error_before_anything_is_read(msb: Msb, gate: str) -> None:
-    result = msb("audit", "--fail-on", gate, "missing.ply")
-    assert result.status == 2
-    assert result.err.startswith("USAGE: --fail-on")
+    msb("audit", "--fail-on", gate, "missing.ply").ends(2, "USAGE: --fail-on")
 
 
 @pytest.mark.slow
@@ -289,11 +271,10 @@ def test_outputs_are_not_overwritten_without_force(msb: Msb, book: Path, tmp_pat
     target = tmp_path / "out.json"
     target.write_text("mine")
     for option in ("--json", "--csv"):
-        result = msb("audit", option, target, book)
-        assert result.status == 2
+        result = msb("audit", option, target, book, status=2)
         assert result.err == f"OUTPUT_EXISTS: {target}: it exists; --force replaces it\n"
         assert target.read_text() == "mine"
-    assert msb("audit", "--json", target, "--force", book).status == 0
+    msb("audit", "--json", target, "--force", book, status=0)
     assert json.loads(target.read_text())["counts"]["nonmanifold_edges"] == 1
 
 
@@ -301,9 +282,8 @@ def test_outputs_are_not_overwritten_without_force(msb: Msb, book: Path, tmp_pat
 def test_lines_of_json_patterns_and_stopping_at_the_first_failure(
     msb: Msb, book: Path, tmp_path: Path
 ) -> None:
-    write(tmp_path, "tetra.ply", TETRAHEDRON)
-    result = msb("audit", "--jsonl", "-", tmp_path / "*.ply", "missing.ply")
-    assert result.status == 3
+    mesh_file(tmp_path / "tetra.ply", *TETRAHEDRON)
+    result = msb("audit", "--jsonl", "-", tmp_path / "*.ply", "missing.ply", status=3)
     rows = [json.loads(line) for line in result.out.splitlines()]
     assert [row["path"] for row in rows] == ["missing.ply", str(book), str(tmp_path / "tetra.ply")]
     assert rows[0]["error"]["code"] == "FILE_NOT_FOUND"
@@ -311,20 +291,19 @@ def test_lines_of_json_patterns_and_stopping_at_the_first_failure(
     result = msb("audit", "-q", "--fail-fast", "--fail-on", "nonmanifold_edges>0", tmp_path / "*.ply")
     assert (result.status, len(result.out.splitlines())) == (1, 1)
     (tmp_path / "a[1].ply").write_bytes(book.read_bytes())  # a name, though it looks like a pattern
-    assert msb("audit", "-q", tmp_path / "a[1].ply").status == 0
+    msb("audit", "-q", tmp_path / "a[1].ply", status=0)
 
 
 def test_standard_output_is_taken_once(msb: Msb, book: Path) -> None:
     result = msb("audit", "--csv", "-", book)
     rows = list(csv.DictReader(result.out.splitlines()))
     assert (result.status, [row["faces"] for row in rows]) == (0, ["3"])
-    result = msb("audit", "--csv", "-", "--json", "-", book)
-    assert result.status == 2
+    result = msb("audit", "--csv", "-", "--json", "-", book, status=2)
     assert result.err == "USAGE: --json and --csv cannot both go to standard output\n"
 
 
 def test_csv_has_one_row_a_mesh(msb: Msb, book: Path, demo_asset: Path, tmp_path: Path) -> None:
-    assert msb("audit", "-q", "--csv", tmp_path / "new" / "a.csv", book, demo_asset).status == 0
+    msb("audit", "-q", "--csv", tmp_path / "new" / "a.csv", book, demo_asset, status=0)
     with (tmp_path / "new" / "a.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["faces"] for row in rows] == ["3", "34761"]
@@ -334,7 +313,7 @@ def test_csv_has_one_row_a_mesh(msb: Msb, book: Path, demo_asset: Path, tmp_path
 @pytest.mark.slow
 def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> None:
     for suffix in ("npz", "csv", "vtp"):
-        assert msb("audit", "-q", "--elements", tmp_path / f"e.{suffix}", book).status == 0
+        msb("audit", "-q", "--elements", tmp_path / f"e.{suffix}", book, status=0)
     with np.load(tmp_path / "e.npz", allow_pickle=False) as data:
         assert data["nonmanifold_edges"].tolist() == [[0, 1]]
         assert data["nonmanifold_edge_endpoints"].tolist() == [0, 1]
@@ -353,7 +332,7 @@ def test_elements_in_all_three_forms(msb: Msb, book: Path, tmp_path: Path) -> No
 @pytest.mark.slow
 def test_elements_as_vtk_reads_them(msb: Msb, book: Path, tmp_path: Path) -> None:
     pyvista = pytest.importorskip("pyvista", reason="extra view is not installed")
-    assert msb("audit", "-q", "--elements", tmp_path / "e.vtp", book).status == 0
+    msb("audit", "-q", "--elements", tmp_path / "e.vtp", book, status=0)
     mesh = pyvista.read(tmp_path / "e.vtp")
     assert (mesh.n_points, mesh.n_verts, mesh.n_lines, mesh.n_cells) == (5, 4, 7, 4 + 7 + 3)
     names = ["face", *mesh.field_data["kinds"]]
@@ -372,20 +351,17 @@ def test_elements_as_vtk_reads_them(msb: Msb, book: Path, tmp_path: Path) -> Non
 def test_elements_need_one_mesh_and_a_known_suffix(
     msb: Msb, book: Path, demo_asset: Path, tmp_path: Path
 ) -> None:
-    assert msb("audit", "--elements", tmp_path / "e.xyz", book).status == 2
-    result = msb("audit", "--elements", tmp_path / "e.npz", book, demo_asset)
-    assert result.status == 2
+    msb("audit", "--elements", tmp_path / "e.xyz", book, status=2)
+    result = msb("audit", "--elements", tmp_path / "e.npz", book, demo_asset, status=2)
     assert "--elements takes one mesh" in result.err
 
 
 @pytest.mark.slow
 def test_explain_prints_formula_section_and_peers(msb: Msb) -> None:
-    result = msb("audit", "--explain", "nonmanifold_vertex_ratio")
-    assert result.status == 0
+    result = msb("audit", "--explain", "nonmanifold_vertex_ratio", status=0)
     for word in ("formula", "paper", "libigl", "PyMeshLab", "trimesh"):
         assert word.lower() in result.out.lower()
     assert max(map(len, result.out.splitlines())) <= 80
     assert msb("audit", "--explain", "nm_vertex_ratio").out == result.out
-    wrong = msb("audit", "--explain", "nonmanifold_vertx_ratio")
-    assert wrong.status == 2
+    wrong = msb("audit", "--explain", "nonmanifold_vertx_ratio", status=2)
     assert "nonmanifold_vertex_ratio" in wrong.err

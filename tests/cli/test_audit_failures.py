@@ -20,9 +20,9 @@ def test_value_errors_name_the_asset(msb: Msb, tmp_path: Path) -> None:
     library.save(asset, tmp_path / "bad.triasset", form="folder")
     indices = np.array([[0, 1, 2], [0, 1, 9], [1, 2, 3], [0, 3, 2]], "<u4")
     (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(indices.tobytes())
-    result = msb("audit", tmp_path / "bad.triasset")
-    assert result.status == 3
-    assert result.err.startswith(f"MESH_INDEX_OUT_OF_RANGE: {tmp_path / 'bad.triasset'}: face 1 is (0, 1, 9)")
+    msb("audit", tmp_path / "bad.triasset").ends(
+        3, f"MESH_INDEX_OUT_OF_RANGE: {tmp_path / 'bad.triasset'}: face 1 is (0, 1, 9)"
+    )
 
 
 def test_a_peer_that_disagrees_fails_the_audit(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:

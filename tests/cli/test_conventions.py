@@ -35,10 +35,7 @@ ASSET = "data_stubs/splat_like.triasset"
     ],
 )  # devices, export, render and bench: tests of their own
 def test_a_document_names_its_schema_and_our_version(msb: Msb, line: str) -> None:
-    command, *rest = line.split()
-    where = [command, "show"] if command == "config" else [command]
-    result = msb(*where, "--json", "-", *[word for word in rest if word != "show"], cwd=ROOT)
-    assert result.status == 0, result.err
+    result = msb(f"{line} --json -", status=0)
     assert re.fullmatch(r"msb\.[a-z]+/\d+", result.json["schema"])
     assert re.fullmatch(r"\d+\.\d+\.\d+", result.json["tool_version"])
 
@@ -51,8 +48,7 @@ def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path)
     assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} (INFO|DEBUG) ", line) for line in first)
     assert f"-q --log-file {log} {ASSET}" in first[0]
     assert any(re.search(r"DEBUG reading splat_like\.triasset: [\d.]+ ms$", line) for line in first)
-    result = msb("audit", "--log-file", log, "missing.ply")
-    assert result.status == 3
+    result = msb("audit", "--log-file", log, "missing.ply", status=3)
     lines = log.read_text(encoding="utf-8").splitlines()
     assert lines[: len(first)] == first
     assert lines[-1].endswith("ERROR FILE_NOT_FOUND: missing.ply: there is no such file or folder")
@@ -96,21 +92,16 @@ def test_on_a_terminal_results_for_programs_stay_alone() -> None:
 def test_stopping_early_leaves_the_rest_alone(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "bad.ply").write_text("no mesh")
     for command, bad in (("audit", "bad.ply"), ("audit", "none.ply"), ("validate", "none.ply")):
-        result = msb(command, "--fail-fast", "--jsonl", "-", tmp_path / bad, ROOT / ASSET)
-        assert result.status == 3
+        result = msb(command, "--fail-fast", "--jsonl", "-", tmp_path / bad, ROOT / ASSET, status=3)
         assert len(result.err.splitlines()) == 1
         assert result.out == ""
     result = msb("validate", "--fail-fast", "--jsonl", "-", tmp_path / "bad.ply", ROOT / ASSET)
     assert (result.status, len(result.out.splitlines())) == (1, 1)
-    result = msb("validate", "--jsonl", "-", tmp_path / "none.ply", ROOT / ASSET)
-    assert result.status == 3
+    result = msb("validate", "--jsonl", "-", tmp_path / "none.ply", ROOT / ASSET, status=3)
     assert [("error" in json.loads(line)) for line in result.out.splitlines()] == [True, False]
     (tmp_path / "scan").mkdir()
-    both = msb("scenes", tmp_path / "scan", ROOT / "tests" / "tiny" / "scenes" / "dtu" / "scan1")
-    one = msb(
-        "scenes", "--fail-fast", tmp_path / "scan", ROOT / "tests" / "tiny" / "scenes" / "dtu" / "scan1"
-    )
-    assert (both.status, one.status) == (3, 3)
+    scenes = tmp_path / "scan", ROOT / "tests/tiny/scenes/dtu/scan1"
+    both, one = msb("scenes", *scenes, status=3), msb("scenes --fail-fast", *scenes, status=3)
     assert both.out
     assert one.out == ""
 
@@ -119,8 +110,7 @@ def test_a_csv_holds_no_formula(msb: Msb, tmp_path: Path) -> None:
     names = ["=1+1.off", "+a.off", "-a.off", "@SUM(A1).off", "\t=1.off"]
     for name in names:
         (tmp_path / name).write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    result = msb("audit", "--csv", "-", "--json", "a.json", "--", *names, cwd=tmp_path)
-    assert result.status == 0, result.err
+    result = msb("audit", "--csv", "-", "--json", "a.json", "--", *names, cwd=tmp_path, status=0)
     rows = list(csv.DictReader(io.StringIO(result.out)))
     assert {row["path"] for row in rows} == {f"'{name}" for name in names}
     assert {row["path"] for row in json.loads((tmp_path / "a.json").read_text())} == {*names}

@@ -46,18 +46,18 @@ def test_the_wheel_gets_what_the_command_writes() -> None:
 
 def test_an_empty_folder_is_filled_and_another_is_left_alone(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    assert msb("demo-data", "-q", tmp_path / "empty").status == 0
-    again = msb("demo-data", tmp_path / "empty")
-    assert (again.status, again.out) == (2, "")
-    assert again.err.startswith(f"OUTPUT_EXISTS: {tmp_path / 'empty'}: it exists; --force replaces it")
+    msb("demo-data", "-q", tmp_path / "empty", status=0)
+    msb("demo-data", tmp_path / "empty").ends(
+        2, f"OUTPUT_EXISTS: {tmp_path / 'empty'}: it exists; --force replaces it"
+    )
     (tmp_path / "empty" / "views.json").write_text("{}")
     (tmp_path / "empty" / "results").mkdir()
-    assert msb("demo-data", "-q", "--force", tmp_path / "empty").status == 0
+    msb("demo-data", "-q", "--force", tmp_path / "empty", status=0)
     assert files(tmp_path / "empty") == shipped()
     (tmp_path / "empty" / "thesis.tex").write_text("all of it")
-    result = msb("demo-data", "--force", tmp_path / "empty")
-    assert result.status == 2
-    assert result.err.startswith(f"OUTPUT_EXISTS: {tmp_path / 'empty'}: it holds more than demo data")
+    msb("demo-data", "--force", tmp_path / "empty").ends(
+        2, f"OUTPUT_EXISTS: {tmp_path / 'empty'}: it holds more than demo data"
+    )
     assert files(tmp_path / "empty") == {**shipped(), "thesis.tex": b"all of it"}
 
 

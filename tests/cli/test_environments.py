@@ -27,7 +27,6 @@ CHECKPOINT = "data_stubs/checkpoint"
 SCENE = "tests/tiny/scenes/nerf_synthetic/pebble"
 GOLDEN = "tests/golden/metrics"
 DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
-SMALL = ("--turntable", "1", "--size", "32x24", "-o")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
 EXTRAS += ("xatlas", "fast_simplification", "coacd", "dask", "distributed", "pynvml", "wgpu", "bpy")
 EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av", "trimesh")
@@ -62,15 +61,18 @@ class Ended:
     err: bytes
 
 
+def words_of(lines: str) -> list[tuple[str, ...]]:
+    """Return the words of each line; ASSET stands for an asset, SMALL for one small picture in a folder."""
+    small = "--turntable 1 --size 32x24 -o"
+    lines = lines.replace("SMALL", small).replace("ASSET", ASSET)
+    return [tuple(shlex.split(line)) for line in lines.strip().splitlines()]
+
+
 def run_all(
     commands: list[tuple[str, ...]], cwd: Path, absent: tuple[str, ...] = (), **env: str | None
 ) -> list[Ended]:
     """Run the commands in one process; a variable that is None is not set."""
-    wanted: dict[str, str | None] = {
-        **os.environ,
-        "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}",
-        **env,
-    }
+    wanted = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'viewers'}", **env}
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],
         # Bytes, as a shell passes them on: the process may see other characters in them than we do.
@@ -106,34 +108,32 @@ def nowhere(tmp_path: Path) -> str:
 @pytest.mark.slow
 def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
     missing = {
-        "bench": [
-            ("render", "--format", "exr", *SMALL, "e", ASSET),
-            ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
-            ("run", "-o", "r", "tests/tiny/protocol.toml"),
-            ("report", "--paper", "-o", "paper"),
-            ("track", "-o", "track.json", "true"),
-        ],
-        "video": [("render", "--film", "f.mp4", "--turntable", "2", "--size", "32x24", ASSET)],
-        "crosscheck": [("audit", "--cross-check", ASSET)],
-        "trial": [("trial", ASSET), ("trial", "--task", "uv", "--save", "kept", ASSET)],
-        "view": [("view", ASSET), ("view", "--figure", "f.png", ASSET), ("audit", "--view", ASSET)],
-        "wgpu": [("render", "--renderer", "wgpu", *SMALL, "w", ASSET)],
-        "blender": [("render", "--renderer", "blender_cycles", *SMALL, "b", ASSET)],
-        "lpips": [("eval", "--vgg-weights", "vgg.pth", f"{GOLDEN}/pred", f"{GOLDEN}/gt")],
+        "bench": f"""
+            render --format exr SMALL e ASSET
+            eval {GOLDEN}/pred {GOLDEN}/gt
+            run -o r tests/tiny/protocol.toml
+            report --paper -o paper
+            track -o track.json true""",
+        "video": "render --film f.mp4 --turntable 2 --size 32x24 ASSET",
+        "crosscheck": "audit --cross-check ASSET",
+        "trial": "trial ASSET\ntrial --task uv --save kept ASSET",
+        "view": "view ASSET\nview --figure f.png ASSET\naudit --view ASSET",
+        "wgpu": "render --renderer wgpu SMALL w ASSET",
+        "blender": "render --renderer blender_cycles SMALL b ASSET",
+        "lpips": f"eval --vgg-weights vgg.pth {GOLDEN}/pred {GOLDEN}/gt",
     }
-    named = {words: extra for extra, group in missing.items() for words in group}
-    whole = [
-        ("audit", "--paper", ASSET),
-        ("export", CHECKPOINT, "a.triasset"),
-        ("convert", ASSET, "c.stl"),
-        ("render", *SMALL, "s", ASSET),
-        ("render", "--film", "f.gif", "--turntable", "2", "--size", "32x24", ASSET),
-        ("bench", "--repeat", "1", "--seconds", "0.01", "--warmup", "0", ASSET),
-        ("report", "--paper", "--table", "mesh_connectivity"),
-        ("methods",),
-        ("view", "--html", "v.html", ASSET),
-        ("web", "--out", "w.html", ASSET),
-    ]
+    named = {words: extra for extra, lines in missing.items() for words in words_of(lines)}
+    whole = words_of(f"""
+        audit --paper ASSET
+        export {CHECKPOINT} a.triasset
+        convert ASSET c.stl
+        render SMALL s ASSET
+        render --film f.gif --turntable 2 --size 32x24 ASSET
+        bench --repeat 1 --seconds 0.01 --warmup 0 ASSET
+        report --paper --table mesh_connectivity
+        methods
+        view --html v.html ASSET
+        web --out w.html ASSET""")
     *ended, dry = run_all([*named, *whole, DRY], work, EXTRAS, MSB_BLENDER=None)
     for one in ended[: len(named)]:
         line = one.err.decode()
@@ -150,27 +150,24 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
 
 @pytest.mark.slow
 def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
-    cameras = ("--cameras", "data_stubs/views.json", "--camera", "0")
-    needs = [
-        ("render", *SMALL, "r", ASSET),
-        ("render", "--tier", "dedicated", *SMALL, "r", ASSET),
-        ("bench", ASSET),
-        ("run", "-o", "res", "tests/tiny/protocol.toml"),
-        ("devices",),
-        ("compare", "-q", *cameras, "--tiers", "standard", "--html", "c.html", ASSET),
-    ]
-    works = [
-        ("audit", ASSET),
-        ("export", CHECKPOINT, "e.triasset"),
-        ("convert", ASSET, "c.glb"),
-        ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
-        ("info", ASSET),
-        ("validate", ASSET),
-        ("report", "--paper", "--table", "mesh_connectivity"),
-        ("render", "--tier", "reference", *SMALL, "ref", ASSET),
-        ("view", "--html", "v.html", ASSET),
-        ("web", "--out", "w.html", ASSET),
-    ]
+    needs = words_of("""
+        render SMALL r ASSET
+        render --tier dedicated SMALL r ASSET
+        bench ASSET
+        run -o res tests/tiny/protocol.toml
+        devices
+        compare -q --cameras data_stubs/views.json --camera 0 --tiers standard --html c.html ASSET""")
+    works = words_of(f"""
+        audit ASSET
+        export {CHECKPOINT} e.triasset
+        convert ASSET c.glb
+        eval {GOLDEN}/pred {GOLDEN}/gt
+        info ASSET
+        validate ASSET
+        report --paper --table mesh_connectivity
+        render --tier reference SMALL ref ASSET
+        view --html v.html ASSET
+        web --out w.html ASSET""")
     *ended, dry = run_all([*needs, *works, DRY], work, OCL_ICD_VENDORS=nowhere)
     for one in ended[: len(needs)]:
         line = one.err.decode()
@@ -184,11 +181,7 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
 
 @pytest.mark.slow
 def test_neither_home_nor_cache_is_needed(work: Path, nowhere: str) -> None:
-    commands = [
-        ("render", *SMALL, "r", ASSET),
-        ("report", "--paper", "-o", "paper", "--format", "html"),
-        ("config", "show"),
-    ]
+    commands = words_of("render SMALL r ASSET\nreport --paper -o paper --format html\nconfig show")
     places = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
     ended = run_all(commands, work, POCL_CACHE_DIR=None, **dict.fromkeys(places, nowhere))
     assert [(one.status, one.err) for one in ended] == [(0, b"")] * len(commands)
@@ -263,16 +256,7 @@ def test_any_file_name_will_do(tmp_path: Path) -> None:
         (tmp_path / f"link{number}").symlink_to(work)
         here = f"./{name}/{name}"
         commands += [
-            (
-                "audit",
-                "--json",
-                f"{here}.json",
-                "--csv",
-                f"{here}.csv",
-                "--log-file",
-                f"{here}.log",
-                f"./{name}",
-            ),
+            ("audit", f"--json={here}.json", f"--csv={here}.csv", f"--log-file={here}.log", f"./{name}"),
             ("audit", "--elements", f"{here}.vtp", f"./{name}/../link{number}/"),
             ("validate", f"{here}.triasset"),
             ("info", str(work / f"{name}.triasset")),
@@ -330,14 +314,13 @@ def test_every_help_example_runs(work: Path) -> None:
 
 @pytest.mark.slow
 def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
-    commands = [
-        ("audit", ASSET),
-        ("info", ASSET),
-        ("methods",),
-        ("scenes", "tests/tiny/scenes"),
-        ("eval", f"{GOLDEN}/pred", f"{GOLDEN}/gt"),
-        ("run", "--dry-run", "--only", "pebble", "tests/tiny/protocol.toml"),
-    ]
+    commands = words_of(f"""
+        audit ASSET
+        info ASSET
+        methods
+        scenes tests/tiny/scenes
+        eval {GOLDEN}/pred {GOLDEN}/gt
+        run --dry-run --only pebble tests/tiny/protocol.toml""")
     plain = {"NO_COLOR": None, "FORCE_COLOR": None, "TERM": "xterm"}
     wide = run_all(commands, work, COLUMNS="80", **plain)
     for one in wide:

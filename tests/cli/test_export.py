@@ -30,7 +30,7 @@ def test_export_says_what_it_made_and_where_settings_come_from(msb: Msb, tmp_pat
     assert header.split() == ["Setting", "Value", "From"]
     assert rows[0].split() == ["rasterizer", "3D", "config"]
     assert ["ste_threshold", "0.3", "config"] in [row.split() for row in rows]
-    assert msb("validate", target).status == 0
+    msb("validate", target, status=0)
     assert library.load(target).manifest == library.export(RING).manifest
 
 
@@ -41,27 +41,15 @@ def test_export_json_and_quiet(msb: Msb, tmp_path: Path) -> None:
     assert result.json["schema"] == "msb.export/1"
     assert result.json["warnings"] == []
     assert result.json["manifest"]["settings"]["sh_degree"] == {"value": 1, "source": "checkpoint"}
-    result = msb("export", "--quiet", CHECKPOINT, tmp_path / "b.triasset")
-    assert len(result.out.splitlines()) == 1
-    result = msb("export", "--form", "folder", CHECKPOINT, tmp_path / "c.triasset")
+    assert len(msb("export --quiet", CHECKPOINT, tmp_path / "b.triasset").out.splitlines()) == 1
+    msb("export", "--form", "folder", CHECKPOINT, tmp_path / "c.triasset")
     assert (tmp_path / "c.triasset" / "manifest.json").is_file()
 
 
 @pytest.mark.slow
 def test_export_set_overrides_and_checks(msb: Msb, tmp_path: Path) -> None:
     target = tmp_path / "a.triasset"
-    result = msb(
-        "export",
-        "--set",
-        "ste_threshold=none",
-        "--set",
-        "gamma=20",
-        "--set",
-        "back_culling=yes",
-        RING,
-        target,
-    )
-    assert result.status == 0
+    msb("export --set ste_threshold=none --set gamma=20 --set back_culling=yes", RING, target, status=0)
     stored = {k: (s.value, s.source) for k, s in library.load(target).manifest.settings.items()}
     assert stored["ste_threshold"] == (None, "flag")
     assert stored["gamma"] == (20.0, "flag")
@@ -71,9 +59,7 @@ def test_export_set_overrides_and_checks(msb: Msb, tmp_path: Path) -> None:
         ("gamma=two", "SETTING_VALUE: setting gamma is 'two'; it must be a number"),
         ("gamma", 'USAGE: --set takes name=value; "gamma" has no "="'),
     ):
-        result = msb("export", "--force", "--set", text, RING, target)
-        assert (result.status, result.err.startswith(line), result.out) == (2, True, ""), result.err
-        assert len(result.err.splitlines()) == 1
+        msb("export --force --set", text, RING, target).ends(2, line)
 
 
 @pytest.mark.slow
@@ -88,12 +74,9 @@ def test_statuses_of_what_cannot_be_exported(msb: Msb, tmp_path: Path) -> None:
         (["--method", "diffsoup", RING, target], 3, "CHECKPOINT_METHOD: "),
         ([RING, "/proc/nowhere/a.triasset"], 3, "OUTPUT_UNWRITABLE: "),
     ):
-        result = msb("export", *args)
-        assert (result.status, result.err.startswith(line), result.out) == (status, True, ""), result.err
-        assert len(result.err.splitlines()) == 1
+        msb("export", *args).ends(status, line)
     target.write_text("mine")
-    result = msb("export", RING, target)
-    assert (result.status, result.err.startswith("OUTPUT_EXISTS: ")) == (2, True)
+    msb("export", RING, target).ends(2, "OUTPUT_EXISTS: ")
     assert target.read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.triasset", "gs"]
 
@@ -114,35 +97,28 @@ def test_convert_official(msb: Msb, tmp_path: Path) -> None:
     assert "ring.glb" in result.out
     ours, theirs = read_mesh(tmp_path / "ring.glb"), read_mesh(RING / "glb" / "60000.glb")
     np.testing.assert_array_equal(ours.vertex_colors, theirs.vertex_colors)
-    standard = msb("convert", asset, tmp_path / "standard.glb")
-    assert standard.status == 0
+    msb("convert", asset, tmp_path / "standard.glb", status=0)
     assert len(read_mesh(tmp_path / "standard.glb").faces) == len(theirs.faces) // 2
     for args, status, line in (
         ([asset, tmp_path / "ring.off"], 2, "NAME_UNKNOWN: "),
-        (
-            ["--up=-y", asset, tmp_path / "up.glb"],
-            2,
-            "USAGE: --up does not go with --official",
-        ),
+        (["--up=-y", asset, tmp_path / "up.glb"], 2, "USAGE: --up does not go with --official"),
         ([tmp_path / "ring.glb", tmp_path / "again.glb"], 4, "UNSUPPORTED_METHOD: "),
     ):
-        result = msb("convert", "--official", *args)
-        assert (result.status, result.err.startswith(line)) == (status, True), result.err
+        msb("convert --official", *args).ends(status, line)
 
 
 @pytest.mark.slow
 def test_convert_official_folder_of_diffsoup_and_no_standard_tier(msb: Msb, tmp_path: Path) -> None:
     asset = tmp_path / "ico.triasset"
     msb("export", "--quiet", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint", asset)
-    assert msb("convert", "--official", asset, tmp_path / "web").status == 0
+    msb("convert", "--official", asset, tmp_path / "web", status=0)
     assert library.export(tmp_path / "web").manifest.method == "diffsoup"
-    assert msb("convert", asset, tmp_path / "ico.glb").status == 4
+    msb("convert", asset, tmp_path / "ico.glb", status=4)
 
 
 @pytest.mark.slow
 def test_audit_takes_checkpoints(msb: Msb, tmp_path: Path) -> None:
-    result = msb("audit", "--json", "-", RING)
-    assert result.status == 0
+    result = msb("audit", "--json", "-", RING, status=0)
     assert (result.json["method"], result.json["counts"]["faces"]) == ("two_dts", 3984)
     file = RING / "ckpt" / "60000.ckpt"
     assert msb("audit", "--json", "-", file).json["counts"] == result.json["counts"]
@@ -153,8 +129,7 @@ def test_audit_takes_checkpoints(msb: Msb, tmp_path: Path) -> None:
     assert [item["counts"]["faces"] for item in found] == [1301, 1301]
     assert [item["method"] for item in found] == ["mesh_splatting"] * 2
     gaussians(tmp_path / "point_cloud" / "iteration_1" / "point_cloud.ply", 3)
-    result = msb("audit", tmp_path)
-    assert (result.status, result.err.startswith("UNSUPPORTED_METHOD: ")) == (4, True)
+    msb("audit", tmp_path).ends(4, "UNSUPPORTED_METHOD: ")
 
 
 @pytest.mark.slow
@@ -163,15 +138,14 @@ def test_audit_counts_a_vertex_that_is_nan_and_export_refuses_it(msb: Msb, tmp_p
     values["triangles_points"][values["_triangle_indices"][0, 0], 1] = np.nan
     folder = write_model(tmp_path / "run", "mesh_splatting", values)
     assert msb("audit", "--json", "-", folder).json["counts"]["nonfinite_faces"] > 0
-    result = msb("export", folder, tmp_path / "a.triasset")
-    assert (result.status, result.err.startswith("CHECKPOINT_NONFINITE: ")) == (3, True)
+    msb("export", folder, tmp_path / "a.triasset").ends(3, "CHECKPOINT_NONFINITE: ")
     assert not (tmp_path / "a.triasset").exists()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", ["two_dts/ring_solid", "diffsoup/ico_l2_white"])
 def test_validate_judges_the_asset_that_would_be_made(msb: Msb, folder: str, tmp_path: Path) -> None:
-    assert msb("validate", GOLDEN / folder / "checkpoint").status == 0
+    msb("validate", GOLDEN / folder / "checkpoint", status=0)
     values = models.triangle_splatting()
     values["sigma"][0] = np.nan
     bad = write_model(tmp_path, "triangle_splatting", values)
@@ -182,8 +156,7 @@ def test_validate_judges_the_asset_that_would_be_made(msb: Msb, folder: str, tmp
 def test_a_warning_says_that_it_is_one_and_what_follows(msb: Msb, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "data_stubs" / "models" / "walled" / "triangle_splatting", tmp_path / "bare")
     (tmp_path / "bare" / "cfg_args").unlink()
-    result = msb("export", "bare", cwd=tmp_path)
-    assert result.status == 0
+    result = msb("export", "bare", cwd=tmp_path, status=0)
     assert result.err == (
         "warning: CHECKPOINT_CONFIG_MISSING: bare: cfg_args is not there, so the background used in training "
         "is not known; where something is drawn, --background COLOR gives it\n"

@@ -15,8 +15,7 @@ ECHO = "import sys; print(sys.argv[1:]); sys.exit(3)"
 
 def test_arguments_and_status_go_through(msb: Msb, tmp_path: Path) -> None:
     args = ["--debug", "-q", "--", "--json", "a b", ""]
-    result = msb("track", "-o", tmp_path / "t.json", "--", sys.executable, "-c", ECHO, *args)
-    assert result.status == 3
+    result = msb("track", "-o", tmp_path / "t.json", "--", sys.executable, "-c", ECHO, *args, status=3)
     assert result.out == f"{args}\n"
     record = json.loads((tmp_path / "t.json").read_text())
     assert record["schema"] == "msb.track/1"
@@ -29,17 +28,17 @@ def test_arguments_and_status_go_through(msb: Msb, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_dashes_may_be_left_out_and_outputs_are_kept(msb: Msb, tmp_path: Path) -> None:
     target = tmp_path / "t.json"
-    assert msb("track", "-q", "-o", target, sys.executable, "-c", "pass").status == 0
-    result = msb("track", "-o", target, sys.executable, "-c", f"open({str(tmp_path / 'ran')!r}, 'w')")
-    assert result.status == 2
-    assert result.err.startswith("OUTPUT_EXISTS: ")
+    msb("track", "-q", "-o", target, sys.executable, "-c", "pass", status=0)
+    msb("track -o", target, sys.executable, "-c", f"open({str(tmp_path / 'ran')!r}, 'w')").ends(
+        2, "OUTPUT_EXISTS: "
+    )
     assert not (tmp_path / "ran").exists(), "nothing runs for hours only to find that"
-    assert msb("track", "-f", "-o", target, sys.executable, "-c", "raise SystemExit(9)").status == 9
+    msb("track", "-f", "-o", target, sys.executable, "-c", "raise SystemExit(9)", status=9)
     assert json.loads(target.read_text())["exit_status"] == 9
 
 
 def test_a_signal_that_ends_it_is_128_and_more(msb: Msb, tmp_path: Path) -> None:
     code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    assert msb("track", "-o", tmp_path / "t.json", sys.executable, "-c", code).status == 137
-    assert msb("track", "-o", tmp_path / "u.json", tmp_path / "nothing").status == 3
+    msb("track", "-o", tmp_path / "t.json", sys.executable, "-c", code, status=137)
+    msb("track", "-o", tmp_path / "u.json", tmp_path / "nothing", status=3)
     assert not (tmp_path / "u.json").exists()
