@@ -117,11 +117,14 @@ def _join(document: Document, parts: list[Part]) -> Mesh:
         _join_colors([_colors(part, cutoff, says_srgb(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )
-    return _with_textures(mesh, document, parts, cutoff) if is_textured and document.source.images else mesh
+    return _with_textures(mesh, document, parts, cutoff) if is_textured else mesh
 
 
 def _with_textures(mesh: Mesh, document: Document, parts: list[Part], cutoff: float | None) -> Mesh:
-    """Return `mesh` with the images that its parts show, each once, and the sampler of the first of them."""
+    """Return `mesh` with the images that its parts show, each once, and the sampler of the first of them.
+
+    Where no images are wanted it is only said which faces show the same one.
+    """
     numbers: dict[Any, int] = {}
     images: list[tuple[Shown | None, bool]] = []
     of_parts = []
@@ -132,19 +135,17 @@ def _with_textures(mesh: Mesh, document: Document, parts: list[Part], cutoff: fl
             numbers[key] = len(images)
             images.append((shown, masked))
         of_parts.append(numbers[key])
+    face_textures = np.repeat(np.array(of_parts, np.uint32), [len(part.faces) for part in parts])
+    mesh = replace(mesh, face_textures=face_textures if len(images) > 1 else None)
+    if not document.source.images:
+        return mesh
     if len(images) > MAX_TEXTURES:
         text = f"the scene shows {len(images)} textures; {MAX_TEXTURES} are the most that a mesh has here"
         raise document.error("MESH_FILE_TOO_LARGE", "/images", text)
     decoder = Decoder()
     textures = tuple(_texture(document, decoder, shown, masked) for shown, masked in images)
     samplers = [shown.sampler for shown, _ in images if shown is not None]
-    face_textures = np.repeat(np.array(of_parts, np.uint32), [len(part.faces) for part in parts])
-    return replace(
-        mesh,
-        textures=textures,
-        face_textures=face_textures if len(textures) > 1 else None,
-        sampler=replace(samplers[0], alpha_cutoff=cutoff),
-    )
+    return replace(mesh, textures=textures, sampler=replace(samplers[0], alpha_cutoff=cutoff))
 
 
 def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: bool) -> NDArray[np.uint8]:

@@ -82,7 +82,7 @@ def test_images_beside_the_file_and_in_its_text(read: Read, tmp_path: Path) -> N
         assert np.array_equal(read(glb_textured(uri).bytes(), ".glb").textures[0], TEXELS)
 
 
-def test_each_image_is_read_once_and_faces_without_one_are_white(read: Read) -> None:
+def test_each_image_is_read_once_and_faces_without_one_are_white(read: Read, tmp_path: Path) -> None:
     made = two_parts({}, {})
     made.primitive(0, 1)
     made.material(primitive=2)
@@ -91,6 +91,9 @@ def test_each_image_is_read_once_and_faces_without_one_are_white(read: Read) -> 
     assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist(), [[[255] * 3]]]
     assert mesh.face_textures is not None
     assert mesh.face_textures.tolist() == [0, 0, 0, 0, 1, 1]
+    bare = read_mesh(tmp_path / "mesh.glb", images=False)  # what an audit reads: a seam may be between them
+    assert bare.textures == ()
+    assert np.array_equal(bare.face_textures, mesh.face_textures)
     assert mesh.vertex_uvs is not None
     assert mesh.vertex_uvs.tolist() == UVS + UVS + [[0, 0]] * 4
     assert mesh.vertex_colors is not None
