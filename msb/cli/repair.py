@@ -339,7 +339,7 @@ def _print(rows: list[Row], which: str, output: Output) -> None:
     if output.quiet:
         return
     stored = rows[0]
-    if stored.before is not None and stored.before.corners_coincide is False:
+    if stored.before is not None and stored.before.judged.corners_coincide is False:
         echo("No two corners coincide: it is no surface, and no repair makes it one.")
     for row in rows:
         if row.why is not None:
@@ -363,13 +363,13 @@ def _cells(row: Row) -> list[str]:
 
     if row.before is None or row.after is None or row.looks is None:
         return [row.strategy, *[""] * (_NAMES.index("Verdict") - 1), "not done"]
-    ratio = row.after.metrics.boundary_edge_ratio
+    ratio = row.after.judged.metrics.boundary_edge_ratio
     return [
         row.strategy,
         f"{100 * row.faces_kept / max(row.before.counts.faces, 1):.1f} %",
         f"{row.faces_added:,}",
         f"{row.edges_cut:,}",
-        f"{row.after.counts.components:,}",
+        f"{row.after.judged.counts.components:,}",
         "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
         judge(row.after).word,
         _passed_text(row.tried),

@@ -100,7 +100,7 @@ class Row:
         }
         if self.before is None or self.after is None or self.looks is None:
             return data
-        counts, metrics = self.after.counts, self.after.metrics
+        counts, metrics = self.after.judged.counts, self.after.judged.metrics
         return {
             **data,
             "faces_kept": self.faces_kept,
