@@ -1,4 +1,4 @@
-"""What is said of each bad asset and checkpoint: the code says what to do, these words what is wrong.
+"""What is said of bad assets, checkpoints, cameras and scenes: a code says what to do, this what is wrong.
 
 They are kept in tests/golden/refusals.json, a line a file; `python -m tests.corpus.refusals` writes them anew
 where a message was changed on purpose, and the difference is read like code.
@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import tempfile
 from pathlib import Path
 
 import msb
 from msb.adapters.checkpoint import read_checkpoint
 from msb.asset import validate
-from msb.errors import CheckpointError, Finding, InputError
+from msb.errors import CheckpointError, Finding, InputError, SceneError
+from msb.scenes import read_scene
 from tests.adapters import bad_checkpoints
 from tests.corpus import bad_assets
+from tests.scenes import bad_cameras
+from tests.scenes.datasets import bad_scenes, conftest
 
 KEPT = Path(__file__).parents[1] / "golden" / "refusals.json"
 _FOREIGN = re.compile(r"(is not JSON|cannot be (?:read|opened|listed)|is not UTF-8): .*", re.DOTALL)
@@ -57,6 +61,18 @@ def _write() -> None:
                 read_checkpoint(bad_checkpoints.write_case(case, root))
             except CheckpointError as error:
                 words[f"checkpoint/{case.name}"] = own_words(error.message)
+        for number, name in enumerate(bad_cameras.BAD):
+            try:
+                bad_cameras.read_case(name, root / str(number))
+            except SceneError as error:
+                words[f"cameras/{name}"] = own_words(error.message)
+        for name, (place, change, *_) in bad_scenes.BAD.items():
+            scene = shutil.copytree(conftest.STUBS / place, root / name / place)
+            change(scene)
+            try:
+                read_scene(scene)
+            except SceneError as error:
+                words[f"scene/{name}"] = own_words(error.message)
     KEPT.write_text(json.dumps(words, indent=0, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

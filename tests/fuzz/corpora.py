@@ -65,7 +65,7 @@ def meshes(root: Path) -> list[Row]:
 def cameras(root: Path) -> list[Row]:
     """Write the sources of cameras, each with the files beside it, and good ones; return their rows."""
     cases = [(kind, files, "", "") for kind, files in bad_cameras.SMALL.items()]
-    cases += [(name, files, target, code) for name, (files, target, code, _) in bad_cameras.BAD.items()]
+    cases += [(name, files, target, code) for name, (files, target, code) in bad_cameras.BAD.items()]
     rows = []
     for number, (name, files, target, code) in enumerate(cases):
         folder = write(root / str(number), files)

@@ -1,6 +1,11 @@
-"""Cameras that must be refused: name -> files, the path to read, the code, and a piece of the message."""
+"""Cameras that must be refused: name -> files, the path to read and the code."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from msb.scenes import read_cameras, read_points
 
 from .bad_colmap import BAD_COLMAP, BAD_POINTS, BAD_TEXT, SHOTS
 from .bad_json import BAD_JSON, CAMERAS, bare
@@ -15,6 +20,7 @@ from .builders import (
     many,
     point_bin,
     views,
+    write,
 )
 
 BAD: dict[str, Bad] = {
@@ -28,6 +34,14 @@ BAD: dict[str, Bad] = {
     for name, bad in table.items()
 }
 """All of them. Those of the group "points" are read by `read_points`, the others by `read_cameras`."""
+
+
+def read_case(name: str, root: Path) -> Any:
+    """Write one of them below `root`, and read it."""
+    files, target, _ = BAD[name]
+    read = read_points if name.startswith("points") else read_cameras
+    return read(write(root, files) / target)
+
 
 SMALL: dict[str, Files] = {
     "binary": {"cameras.bin": many(lens_bin(), lens_bin(2, 0, parameters=(5, 2, 1))), "images.bin": SHOTS},

@@ -17,8 +17,8 @@ from msb.scenes.colmap_models import MODELS
 
 Files = dict[str, bytes]
 """Name below a folder -> content."""
-Bad = tuple[Files, str, str, str]
-"""Files, the path to read among them, the code of the error, and a piece of its message."""
+Bad = tuple[Files, str, str]
+"""Files, the path to read among them, and the code of the error."""
 
 
 def write(folder: Path, files: Files) -> Path:

@@ -1,40 +1,40 @@
-"""Files that are not valid: one error with the right code. How much memory they take, tests/fuzz sees."""
+"""Files that are not valid: one error with its code and words. How much memory they take, tests/fuzz sees."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import msb
 from msb.errors import InputError, SceneError
-from msb.scenes import read_points
+from tests.corpus.refusals import kept, own_words
 
-from .bad_cameras import BAD, SMALL
+from .bad_cameras import BAD, SMALL, read_case
 from .builders import write
 
-
-def reader(name: str) -> Callable[[Path], Any]:
-    return read_points if name.startswith("points") else msb.read_cameras
+WORDS = kept()
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_file(name: str, tmp_path: Path) -> None:
-    files, target, code, message = BAD[name]
-    write(tmp_path, files)
+    code = BAD[name][2]
     with pytest.raises(SceneError) as caught:
-        reader(name)(tmp_path / target)
+        read_case(name, tmp_path)
     error = caught.value
     assert error.code == code
-    assert message in error.message
+    assert own_words(error.message) == WORDS[f"cameras/{name}"]
     assert str(error.file).startswith(str(tmp_path))
     assert str(error) == f"{code}: {error.file}: {error.message}"
     assert str(error).isprintable()
     assert len(error.message) < 300
     assert error.__cause__ is None
+
+
+def test_the_byte_that_is_no_text_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="byte 2 is 0xff"):
+        read_case("json: not utf-8", tmp_path)
 
 
 NOT_OF_FILES = {"CAMERA_PATH"}
