@@ -184,21 +184,12 @@ def _fused(folder: Path) -> Path | None:
     return next((latest / name for name in FUSED if (latest / name).exists()), None)
 
 
-def _state_dict(folder: Path) -> Path | None:
-    file = folder / STATE_DICT
-    return file if file.exists() else None
-
-
-def _gaussian_checkpoint(folder: Path) -> Path | None:
-    return _latest(folder, r"chkpnt(\d+)\.pth")
-
-
 _RULES: tuple[Callable[[Path], Path | None], ...] = (
     _declared,
     _iteration,
-    _state_dict,
+    lambda folder: folder / STATE_DICT if (folder / STATE_DICT).exists() else None,
     _fused,
-    _gaussian_checkpoint,
+    lambda folder: _latest(folder, r"chkpnt(\d+)\.pth"),
 )
 
 

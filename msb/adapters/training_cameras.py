@@ -42,14 +42,13 @@ def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Pa
 def _scene(root: Path, method: str) -> Path | None:
     """Return the scene that the config in `root` names: there, or where it was moved to."""
     own: Any = role(method, "adapter")
-    named = own.training_scene(root) if hasattr(own, "training_scene") else _of_cfg_args(root)
+    if hasattr(own, "training_scene"):
+        named = own.training_scene(root)
+    else:
+        named = read_cfg_args(root)[0].get("source_path")
     if not isinstance(named, str) or not named:
         return None
     parts = Path(named.replace("\\", "/")).parts
     ends = [Path(*parts[k:]) for k in range(len(parts) - 1)]
     moved = (above / end for end in ends for above in (root, *root.parents[:_LEVELS]))
     return next((place for place in (Path(named), *moved) if place.is_dir()), None)
-
-
-def _of_cfg_args(root: Path) -> object:
-    return read_cfg_args(root)[0].get("source_path")

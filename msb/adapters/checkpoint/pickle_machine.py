@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from msb.adapters.checkpoint.names import Function, ScalarType, find
 from msb.adapters.checkpoint.refusal import Refusal, Unfinished
@@ -39,11 +39,11 @@ _F64 = struct.Struct(">d")  # the one number in a pickle that is big-endian
 
 
 class _Machine:
-    """One run over `data`, from byte `start` to the STOP instruction."""
+    """One run over `data`, to the STOP instruction."""
 
-    def __init__(self, data: bytes, start: int, storages: Storages) -> None:
-        self.data, self.position, self.storages = data, start, storages
-        self.at = start
+    def __init__(self, data: bytes, storages: Storages) -> None:
+        self.data, self.storages = data, storages
+        self.position = self.at = 0
         self.protocol = 0
         self.frame_end: int | None = None
         self.stack: list[Any] = []
@@ -61,14 +61,14 @@ class _Machine:
                 raise Unfinished("CHECKPOINT_DAMAGED", "the pickle ends without STOP")
             code = self.data[self.position]
             self.position += 1
-            instruction = INSTRUCTIONS.get(code)
-            if instruction is None:
+            follow = INSTRUCTIONS.get(code)
+            if follow is None:
                 text = f"instruction {code:#04x} is not one that plain data and tensors need"
                 raise Refusal("CHECKPOINT_HOSTILE", text)
-            if instruction.since > self.protocol and code != 0x80:
+            if _SINCE.get(code, PROTOCOLS.start) > self.protocol and code != 0x80:
                 text = f"instruction {code:#04x} does not belong to protocol {self.protocol}"
                 raise Refusal("CHECKPOINT_FORM", text)
-            instruction.follow(self)
+            follow(self)
             self.check_frame()
             if code == 0x2E:
                 return self.stack[0]
@@ -247,12 +247,6 @@ def _text(raw: bytes) -> str:
         raise Refusal("CHECKPOINT_HOSTILE", f"text is not UTF-8: {error.reason}") from None
 
 
-class _Instruction(NamedTuple):
-    since: int
-    """The first protocol that has the instruction; instructions of protocols 0 and 1 count as 2."""
-    follow: Callable[[_Machine], None]
-
-
 def _push(make: Callable[[], Any]) -> Callable[[_Machine], None]:
     return lambda machine: machine.push(make())
 
@@ -265,73 +259,62 @@ def _push_bytes(layout: struct.Struct) -> Callable[[_Machine], None]:
     return lambda machine: machine.push(machine.take(machine.number(layout)))
 
 
-INSTRUCTIONS: dict[int, _Instruction] = {
-    code: _Instruction(since, follow)
-    for since, table in (
-        (
-            2,
-            {
-                0x80: _Machine.set_protocol,  # PROTO
-                0x2E: _Machine.stop,  # STOP
-                0x28: _Machine.mark,  # MARK
-                0x4E: _push(lambda: None),  # NONE
-                0x88: _push(lambda: True),  # NEWTRUE
-                0x89: _push(lambda: False),  # NEWFALSE
-                0x4A: _push_number(_I32),  # BININT
-                0x4B: _push_number(_U8),  # BININT1
-                0x4D: _push_number(_U16),  # BININT2
-                0x47: _push_number(_F64),  # BINFLOAT
-                0x8A: lambda m: m.push_integer(_U8),  # LONG1
-                0x8B: lambda m: m.push_integer(_I32),  # LONG4
-                0x58: lambda m: m.push_text(_U32),  # BINUNICODE
-                0x5D: _push(list),  # EMPTY_LIST
-                0x61: lambda m: m.append([m.pop()]),  # APPEND
-                0x65: lambda m: m.append(m.pop_to_mark()),  # APPENDS
-                0x29: _push(tuple),  # EMPTY_TUPLE
-                0x74: lambda m: m.push(tuple(m.pop_to_mark())),  # TUPLE
-                0x85: lambda m: m.push_tuple(1),  # TUPLE1
-                0x86: lambda m: m.push_tuple(2),  # TUPLE2
-                0x87: lambda m: m.push_tuple(3),  # TUPLE3
-                0x7D: _push(dict),  # EMPTY_DICT
-                0x73: lambda m: m.set_items(m.pop_pair()),  # SETITEM
-                0x75: lambda m: m.set_items(m.pop_to_mark()),  # SETITEMS
-                0x71: lambda m: m.put(m.number(_U8)),  # BINPUT
-                0x72: lambda m: m.put(m.number(_U32)),  # LONG_BINPUT
-                0x68: lambda m: m.get(m.number(_U8)),  # BINGET
-                0x6A: lambda m: m.get(m.number(_U32)),  # LONG_BINGET
-                0x63: lambda m: m.push(find(m.line(), m.line())),  # GLOBAL
-                0x51: lambda m: m.push(m.storages.storage(m.pop())),  # BINPERSID
-                0x52: _Machine.call,  # REDUCE
-                0x62: _Machine.build,  # BUILD
-            },
-        ),
-        (3, {0x42: _push_bytes(_U32), 0x43: _push_bytes(_U8)}),  # BINBYTES, SHORT_BINBYTES
-        (
-            4,
-            {
-                0x95: _Machine.open_frame,  # FRAME
-                0x8C: lambda m: m.push_text(_U8),  # SHORT_BINUNICODE
-                0x8D: lambda m: m.push_text(_U64),  # BINUNICODE8
-                0x8E: _push_bytes(_U64),  # BINBYTES8
-                0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
-                0x93: _Machine.name_from_stack,  # STACK_GLOBAL
-            },
-        ),
-    )
-    for code, follow in table.items()
+INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
+    0x80: _Machine.set_protocol,  # PROTO
+    0x2E: _Machine.stop,  # STOP
+    0x28: _Machine.mark,  # MARK
+    0x4E: _push(lambda: None),  # NONE
+    0x88: _push(lambda: True),  # NEWTRUE
+    0x89: _push(lambda: False),  # NEWFALSE
+    0x4A: _push_number(_I32),  # BININT
+    0x4B: _push_number(_U8),  # BININT1
+    0x4D: _push_number(_U16),  # BININT2
+    0x47: _push_number(_F64),  # BINFLOAT
+    0x8A: lambda m: m.push_integer(_U8),  # LONG1
+    0x8B: lambda m: m.push_integer(_I32),  # LONG4
+    0x58: lambda m: m.push_text(_U32),  # BINUNICODE
+    0x5D: _push(list),  # EMPTY_LIST
+    0x61: lambda m: m.append([m.pop()]),  # APPEND
+    0x65: lambda m: m.append(m.pop_to_mark()),  # APPENDS
+    0x29: _push(tuple),  # EMPTY_TUPLE
+    0x74: lambda m: m.push(tuple(m.pop_to_mark())),  # TUPLE
+    0x85: lambda m: m.push_tuple(1),  # TUPLE1
+    0x86: lambda m: m.push_tuple(2),  # TUPLE2
+    0x87: lambda m: m.push_tuple(3),  # TUPLE3
+    0x7D: _push(dict),  # EMPTY_DICT
+    0x73: lambda m: m.set_items(m.pop_pair()),  # SETITEM
+    0x75: lambda m: m.set_items(m.pop_to_mark()),  # SETITEMS
+    0x71: lambda m: m.put(m.number(_U8)),  # BINPUT
+    0x72: lambda m: m.put(m.number(_U32)),  # LONG_BINPUT
+    0x68: lambda m: m.get(m.number(_U8)),  # BINGET
+    0x6A: lambda m: m.get(m.number(_U32)),  # LONG_BINGET
+    0x63: lambda m: m.push(find(m.line(), m.line())),  # GLOBAL
+    0x51: lambda m: m.push(m.storages.storage(m.pop())),  # BINPERSID
+    0x52: _Machine.call,  # REDUCE
+    0x62: _Machine.build,  # BUILD
+    0x42: _push_bytes(_U32),  # BINBYTES
+    0x43: _push_bytes(_U8),  # SHORT_BINBYTES
+    0x95: _Machine.open_frame,  # FRAME
+    0x8C: lambda m: m.push_text(_U8),  # SHORT_BINUNICODE
+    0x8D: lambda m: m.push_text(_U64),  # BINUNICODE8
+    0x8E: _push_bytes(_U64),  # BINBYTES8
+    0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
+    0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
 """Byte -> instruction; the names in comments are those of the standard library's `pickletools`."""
+_SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
+"""Byte -> the first protocol that has the instruction, where it is not 2, for which 0 and 1 count too."""
 
 
 def run_pickle(
-    data: bytes, storages: Storages | None = None, *, start: int = 0, where: str = "", origin: int = 0
+    data: bytes, storages: Storages | None = None, *, where: str = "", origin: int = 0
 ) -> tuple[Any, int]:
-    """Follow the pickle that begins in `data` at `start`; return its value and the position after it.
+    """Follow the pickle that `data` begins with; return its value and the position after it.
 
     Without `storages` persistent ids are noted and lead nowhere. `where` and `origin` are for error
     messages: "data.pkl " if positions count in that member, and what to add to them.
     """
-    machine = _Machine(data, start, DeclaredStorages() if storages is None else storages)
+    machine = _Machine(data, DeclaredStorages() if storages is None else storages)
     try:
         return machine.run(), machine.position
     except Refusal as refusal:
