@@ -66,24 +66,19 @@ class Views:
 
     def of(self, cameras: list[Camera]) -> list[Camera]:
         """Return those of the cameras that are asked for, in the size asked for."""
-        chosen = (
-            cameras
-            if not self.camera or "all" in self.camera
-            else [_find(cameras, name) for name in self.camera]
-        )
+        everything = not self.camera or "all" in self.camera
+        chosen = cameras if everything else [_find(cameras, name) for name in self.camera]
         if self.size is None:
             return chosen
-        if (match := PIXELS.fullmatch(self.size)) is not None:
-            return [camera.resized(int(match[1]), int(match[2])) for camera in chosen]
+        if (size := pixels_of(self.size)) is not None:
+            return [camera.resized(*size) for camera in chosen]
         return [camera.scaled(self._factor) for camera in chosen]
 
     def pixels(self, width: int, height: int) -> tuple[int, int]:
         """Return the size of pictures without cameras, which is `width` times `height` by default."""
         if self.size is None:
             return width, height
-        if (match := PIXELS.fullmatch(self.size)) is not None:
-            return int(match[1]), int(match[2])
-        return round(width * self._factor), round(height * self._factor)
+        return pixels_of(self.size) or (round(width * self._factor), round(height * self._factor))
 
     @property
     def _factor(self) -> float:
@@ -188,7 +183,10 @@ def _stem(name: str) -> str:
     return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
 
 
-PIXELS = re.compile(r"\s*(\d{1,6})[x,](\d{1,6})\s*", re.IGNORECASE)
+def pixels_of(text: str) -> tuple[int, int] | None:
+    """Return the width and height that a text like 1237x822 names, else None."""
+    match = re.fullmatch(r"\s*(\d{1,6})[x,](\d{1,6})\s*", text, re.IGNORECASE)
+    return None if match is None else (int(match[1]), int(match[2]))
 
 
 def not_a_size(text: str, more: str = "") -> UsageError:

@@ -25,8 +25,9 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, ge
 import typer
 from typer.core import TyperCommand
 
+from msb.base.atomic import is_stream
 from msb.base.option import Argument, Option
-from msb.cli.output import Output, check_apart, open_log
+from msb.cli.output import Output, is_stdout, open_log
 from msb.errors import UsageError
 
 
@@ -209,21 +210,12 @@ def command(
     *examples: str, rules: Sequence[Rule] = (), name: str = "", **settings: Any
 ) -> Callable[..., Any]:
     """Return the decorator that makes a command of a function; `settings` are the command-line library's."""
-
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        return _command(
-            function, epilog(*examples), tuple(rules), name or function.__name__.replace("_", "-"), settings
-        )
-
-    return decorate
+    named = {"epilog": epilog(*examples), "settings": settings, **({"name": name} if name else {})}
+    return functools.partial(_command, rules, named)
 
 
 def _command(
-    function: Callable[..., Any],
-    end_of_help: str,
-    rules: tuple[Rule, ...],
-    name: str,
-    settings: dict[str, Any],
+    rules: Sequence[Rule], named: dict[str, Any], function: Callable[..., Any]
 ) -> Callable[..., Any]:
     groups: dict[str, _Group] = {}
     declared: list[_Declared] = []
@@ -251,7 +243,8 @@ def _command(
         values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
         _check_apart(declared, values)
         _prepare(_Group(Everywhere, everywhere).made(values))
-        typed = Typed(key for key in values if _is_typed(context, key))
+        sources = {key: getattr(context.get_parameter_source(key), "name", "") for key in values}
+        typed = Typed(key for key, source in sources.items() if source == "COMMANDLINE")
         _check_rules(rules, declared, values, typed)
         objects = {key: group.made(values) for key, group in groups.items()}
         if outputs is not None:
@@ -263,8 +256,8 @@ def _command(
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)
     run.__signature__ = inspect.Signature([context, *(each.parameter for each in declared)])  # type: ignore[attr-defined]
     run.__annotations__ = {"context": typer.Context}
-    run.declared = {each.name: each for each in declared}  # type: ignore[attr-defined]
-    run.epilog, run.name, run.settings = end_of_help, name, settings  # type: ignore[attr-defined]
+    declared_by_name = {each.name: each for each in declared}
+    vars(run).update({"name": function.__name__.replace("_", "-"), "declared": declared_by_name, **named})
     return run
 
 
@@ -289,17 +282,31 @@ def _prepare(everywhere: Everywhere) -> None:
 
 
 def _check_apart(declared: Sequence[_Declared], values: dict[str, Any]) -> None:
-    """Refuse to write over inputs, and to write two outputs to one place."""
-    named = []
+    """Refuse outputs that are an input or another output, also by a link or in another spelling.
+
+    Streams can take several outputs.
+    """
+    named: list[tuple[bool, str, Path]] = []
     for each in declared:
         value = values.get(each.name)
         if each.is_path and value is not None:
-            written = each.option.output in ("file", "own")
-            named += [
-                (each.label, path, written) for path in (value if isinstance(value, tuple) else (value,))
-            ]
-    if any(written for _, _, written in named):
-        check_apart(named)
+            paths = value if isinstance(value, tuple) else (value,)
+            named += [(each.option.output in ("file", "own"), each.label, path) for path in paths]
+    if not any(written for written, _, _ in named):
+        return
+    seen: dict[object, str] = {}
+    for written, label, path in sorted(named, key=lambda one: one[0]):
+        if is_stdout(path) or is_stream(path):
+            continue
+        try:
+            status = path.stat()
+            key: object = status.st_dev, status.st_ino
+        except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
+            key = os.path.realpath(path) if "\0" not in str(path) else str(path)
+        if written and key in seen:
+            text = f"{label} and {seen[key]} name the same file; an output needs a place of its own"
+            raise UsageError("USAGE", text, file=path)
+        seen[key] = label
 
 
 def _check_rules(
@@ -323,10 +330,6 @@ def _check_rules(
         for key in rule.options.split():
             if key in typed and holds(key):
                 raise UsageError("USAGE", f"{known[key].label} {rule.text}")
-
-
-def _is_typed(context: typer.Context, name: str) -> bool:
-    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
 
 
 def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:

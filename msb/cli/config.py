@@ -8,7 +8,6 @@ from msb.base.option import Option
 from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo
 
-SCHEMA = "msb.config/1"
 HELP = "Show the values that files and the environment give to options."
 
 
@@ -42,7 +41,7 @@ def show(
     project, user = defaults.project_file(), defaults.user_file()
     output.write_json(
         {
-            "schema": SCHEMA,
+            "schema": "msb.config/1",
             "project_file": None if project is None else str(project),
             "user_file": str(user) if user.is_file() else None,
             "settings": rows,

@@ -14,7 +14,6 @@ from msb.errors import DeviceError, MsbError
 if TYPE_CHECKING:
     from msb.cl.devices import Choice, Tried
 
-SCHEMA = "msb.devices/1"
 _BYTES = ("global_memory", "max_allocation", "local_memory")
 
 
@@ -42,7 +41,7 @@ def devices(drawing: Annotated[Drawing, ("device",)], output: JsonOutput) -> Non
     renderers = _renderers(choice)
     output.write_json(
         {
-            "schema": SCHEMA,
+            "schema": "msb.devices/1",
             "devices": [
                 {**device.record.to_dict(), **asdict(device.trial), "advice": device.advice}
                 for device in tried

@@ -14,8 +14,6 @@ from msb.cli.output import JsonOutput, Output, setting_text
 if TYPE_CHECKING:
     from msb.asset import Asset
 
-SCHEMA = "msb.export/1"
-
 
 @dataclass(frozen=True)
 class ExportOptions:
@@ -71,9 +69,9 @@ def export(
         write_asset(asset, target, options.form, progress=progress)
     for warning in asset.warnings:
         output.note(warning.to_line(source))
-    manifest = asset.manifest.to_dict()
     warnings = [warning.to_dict() for warning in asset.warnings]
-    output.write_json({"schema": SCHEMA, "path": str(target), "warnings": warnings, "manifest": manifest})
+    head = {"schema": "msb.export/1", "path": str(target), "warnings": warnings}
+    output.write_json({**head, "manifest": asset.manifest.to_dict()})
     if output.prints_text:
         _print(asset, target, output)
 

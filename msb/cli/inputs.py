@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.api.inputs import expand
-from msb.cli.output import failure, report_error
+from msb.cli.output import report_error
 from msb.errors import MsbError, UsageError
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ def for_each(
     documents: list[dict[str, Any]] = []
 
     def fail(path: Path, error: MsbError) -> int:
-        documents.append(failure(schema, path, error))
+        wrong = {"code": error.code, "message": error.message}
+        documents.append({"schema": schema, "path": str(path), "error": wrong})
         return max(status, report_error(error))
 
     for path in paths:

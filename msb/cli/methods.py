@@ -13,7 +13,6 @@ from msb.cli.output import JsonOutput, echo
 if TYPE_CHECKING:
     from msb.report.table import Table
 
-SCHEMA = "msb.methods/1"
 TableRows = list[tuple[str, ...]]
 
 
@@ -46,7 +45,7 @@ def as_data() -> dict[str, Any]:
     from msb.registry import METHODS
 
     return {
-        "schema": SCHEMA,
+        "schema": "msb.methods/1",
         "methods": {
             name: {
                 "title": method.title,
@@ -67,11 +66,7 @@ def as_data() -> dict[str, Any]:
 def tables() -> Iterator[tuple[str, TableRows]]:
     """Yield title and rows, the first one the header, of each table."""
     from msb.registry import METHODS
-    from msb.report.tables.features import (
-        TIER_TITLES,
-        deployment_features,
-        native_features,
-    )
+    from msb.report.tables.features import TIER_TITLES, deployment_features, native_features
 
     yield "What the representation has", _rows(native_features())
     for tier, heading in TIER_TITLES.items():

@@ -272,34 +272,6 @@ def is_stdout(path: Path | None) -> bool:
     return str(path) in _STDOUT_NAMES
 
 
-def check_apart(named: Sequence[tuple[str, Path, bool]]) -> None:
-    """Refuse outputs that are an input or another output, also by a link or in another spelling.
-
-    Parameters
-    ----------
-    named : sequence of (str, Path, bool)
-        How the user called it, the path, and whether it is written. Streams can take several outputs.
-    """
-    seen: dict[object, str] = {}
-    for label, path, written in sorted(named, key=lambda one: one[2]):
-        if is_stdout(path) or is_stream(path):
-            continue
-        try:
-            status = path.stat()
-            key: object = status.st_dev, status.st_ino
-        except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
-            key = os.path.realpath(path) if "\0" not in str(path) else str(path)
-        if written and key in seen:
-            text = f"{label} and {seen[key]} name the same file; an output needs a place of its own"
-            raise UsageError("USAGE", text, file=path)
-        seen[key] = label
-
-
-def failure(schema: str, path: Path, error: MsbError) -> dict[str, Any]:
-    """Return the document of an input that could not be read, in a list of documents."""
-    return {"schema": schema, "path": str(path), "error": {"code": error.code, "message": error.message}}
-
-
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
     """Return `document` with the version that made it after its schema."""
     return {"schema": document["schema"], "tool_version": __version__, **document}

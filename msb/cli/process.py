@@ -16,14 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.base.atomic import DISK_ERRORS
 from msb.cli.output import log, report_error, say, silence
-from msb.errors import (
-    EXIT_INTERRUPTED,
-    EXIT_OK,
-    MsbError,
-    OutputError,
-    UsageError,
-    shorten,
-)
+from msb.errors import EXIT_INTERRUPTED, EXIT_OK, MsbError, OutputError, UsageError, shorten
 
 if TYPE_CHECKING:
     import typer
@@ -168,7 +161,10 @@ def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
     """Return what is wrong, the option that was meant or the file that set it, and the usage."""
     text = str(error.format_message()).rstrip(".")
     if hasattr(error, "option_name") and getattr(error, "possibilities", None):
-        text = f"No such option: {error.option_name}; did you mean {_nearest(error)}?"
+        import difflib
+
+        (nearest,) = difflib.get_close_matches(error.option_name, error.possibilities, 1, 0.0)
+        text = f"No such option: {error.option_name}; did you mean {nearest}?"
     context, param = getattr(error, "ctx", None), getattr(error, "param", None)
     if context is None:
         return f"{shorten(text, 200)} (see {name} --help)"
@@ -178,9 +174,3 @@ def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
         text += f", set by {default.source}" if default and from_default else ""
     usage = " ".join(context.get_usage().split()).removeprefix("Usage: ")
     return f"{shorten(text, 200)} (usage: {usage}; see {context.command_path} --help)"
-
-
-def _nearest(error: Any) -> str:
-    import difflib
-
-    return str(difflib.get_close_matches(error.option_name, error.possibilities, 1, 0.0)[0])

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-SCHEMA = "msb.render/1"
 Split = Literal["train", "test", "all"]
 _COUNTS = "does not go with --scene, which draws what counts, at the size that counts"
 RULES = (
@@ -126,7 +125,13 @@ def render(
             color = scene.background
         _note_training(asset, replace(scene, background=color), path, output)
         split, cameras = _views_of(scene, views)
-        about = {"scene": _about_scene(scene, split)}
+        about["scene"] = {
+            "path": str(scene.root),
+            "dataset": scene.dataset,
+            "split": split,
+            "image_folder": scene.image_folder,
+            "camera_convention": scene.camera_convention,
+        }
     else:
         cameras = _cameras(asset, options, views, output)
     images = _Images(options, output)
@@ -146,7 +151,7 @@ def render(
             rows = images.draw(renderer, cameras, color)
             documents.append(
                 {
-                    "schema": SCHEMA,
+                    "schema": "msb.render/1",
                     "path": str(path),
                     "tier": tier,
                     "renderer": renderer.name,
@@ -227,17 +232,6 @@ def _views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
     cameras = views.of([*test, *train])
     known = {camera.name for camera in test}
     return ("test" if all(camera.name in known for camera in cameras) else "all"), cameras
-
-
-def _about_scene(scene: Scene, split: Split) -> dict[str, Any]:
-    """Return what JSON says of the scene that was drawn."""
-    return {
-        "path": str(scene.root),
-        "dataset": scene.dataset,
-        "split": split,
-        "image_folder": scene.image_folder,
-        "camera_convention": scene.camera_convention,
-    }
 
 
 class _Images:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from msb.trial.repairs import Look, Row
     from msb.trial.run import Trial
 
-SCHEMA = "msb.repair/1"
 RULES = (
     Rule("out", "names OUT a second time", excludes="target"),
     Rule("maps fail_on fail_on_verdict peer", "does not go with --compare", excludes="compare"),
@@ -223,7 +222,7 @@ class _Repair:
         """Return the JSON data of the repair."""
         before, after = done.before.to_dict(), written.to_dict()
         return {
-            "schema": SCHEMA,
+            "schema": "msb.repair/1",
             "path": str(self.source),
             "output": str(self.target),
             "plan": list(self.plan.plan),

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from msb.bench.records import Reason
     from msb.bench.run import Report, Row
 
-SCHEMA = "msb.run/1"
 RULES = (
     Rule(
         "path scene non_engine image_folder device out jobs scheduler only redo dry_run json_file",
@@ -230,7 +229,7 @@ def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
         for row in report.rows
     ]
     return {
-        "schema": SCHEMA,
+        "schema": "msb.run/1",
         "protocol": str(file.path),
         "results": str(file.results),
         "seconds": report.seconds,

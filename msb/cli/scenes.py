@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene, SceneReport
 
-SCHEMA = "msb.scenes/1"
-
 
 @dataclass(frozen=True)
 class ScenesOptions:
@@ -74,7 +72,7 @@ def scenes(
                 step()
                 if output.fail_fast and reports[-1].error is not None:
                     break
-    output.write_json({"schema": SCHEMA, "scenes": [report.to_dict() for report in reports]})
+    output.write_json({"schema": "msb.scenes/1", "scenes": [report.to_dict() for report in reports]})
     if output.prints_text and reports:
         _print(reports, output)
     for report in reports:

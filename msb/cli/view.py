@@ -49,7 +49,7 @@ def view(
     """
     probe = open_probe(window)
     try:
-        model = _read(path, output) if repaired is None else _read_repaired(path, repaired, output)
+        model = _audited(path, output) if repaired is None else _read_repaired(path, repaired, output)
         if probe is not None:
             probe.check()
     finally:
@@ -99,10 +99,6 @@ def present(model: ViewModel, options: ViewOptions, window: Window, output: Outp
         echo("\n".join(map(str, window.written)))
 
 
-def _read(path: Path, output: Output) -> ViewModel:
-    return model_of(_read_mesh(path, output), output)
-
-
 def _read_repaired(path: Path, repaired: Path, output: Output) -> ViewModel:
     from msb_viewers.repaired import build_repaired_model
 
@@ -123,10 +119,10 @@ def _read_mesh(path: Path, output: Output) -> ViewedMesh:
         return read_viewed_mesh(inputs[0])
 
 
-def model_of(mesh: ViewedMesh, output: Output) -> ViewModel:
-    """Return what is to be shown of a mesh, audited."""
+def _audited(path: Path, output: Output) -> ViewModel:
     from msb.topology import audit_arrays
     from msb_viewers.model import build_model
 
+    mesh = _read_mesh(path, output)
     with output.progress(f"auditing {mesh.name}: {len(mesh.faces):,} faces"), about(mesh.path):
         return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes))

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from msb.views import Views as Chosen
     from msb.why import Cause, Causes
 
-SCHEMA = "msb.why/1"
-
 
 @command(
     "msb why --size 160x120 data_stubs/models/pebble/two_dts",
@@ -61,7 +59,7 @@ def why(
         causes = find(asset, seen, background=color, settings=settings, device=device, step=step)
     where: dict[str, Any] = {"views": len(seen.cameras)}
     where |= {"cameras": str(views.cameras or seen.origin), "background": list(color)}
-    head = {"schema": SCHEMA, "path": str(path), "method": asset.manifest.method, **where}
+    head = {"schema": "msb.why/1", "path": str(path), "method": asset.manifest.method, **where}
     listed = [cause.to_dict() for cause in causes]
     output.write_json({**head, "causes": listed, "total": causes.total.to_dict()})
     if save is not None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from msb.base.option import Option
-from msb.cli.camera_options import MOST_PIXELS, PIXELS, Up, not_a_size
+from msb.cli.camera_options import MOST_PIXELS, Up, not_a_size, pixels_of
 from msb.cli.output import file_option
 from msb.errors import UsageError
 
@@ -45,9 +45,9 @@ class Window:
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height."""
-        if (match := PIXELS.fullmatch(self.size)) is None:
+        if (size := pixels_of(self.size)) is None:
             raise not_a_size(self.size)
-        width, height = int(match[1]), int(match[2])
+        width, height = size
         if not (64 <= width <= MOST_PIXELS and 64 <= height <= MOST_PIXELS):
             text = f"--size is {width}x{height}; it must be from 64 to {MOST_PIXELS} each way"
             raise UsageError("USAGE", text)

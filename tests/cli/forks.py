@@ -118,14 +118,7 @@ def run_msb(args: list[str], cwd: Path, env: Mapping[str, str | None]) -> subpro
     out, err = folder / "out", folder / "err"
     for file in (out, err):
         file.write_bytes(b"")
-    line = {
-        "args": args,
-        "cwd": str(cwd),
-        "env": wanted,
-        "out": str(out),
-        "err": str(err),
-        "seconds": SECONDS,
-    }
+    line = {"args": args, "cwd": str(cwd), "env": wanted, "out": str(out), "err": str(err)}
     process.stdin.write(json.dumps(line) + "\n")
     process.stdin.flush()
     status = int(process.stdout.readline())

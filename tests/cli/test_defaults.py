@@ -82,34 +82,6 @@ def test_a_pyproject_without_a_table_of_ours_is_passed_by(project: Path) -> None
         assert defaults.project_file() == project / "msb.toml"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "[tool.msb]\nteir = 1\n",
-        "[tool]\nmsb = {teir = 1}\n",
-        "[tool]\nmsb.teir = 1\n",
-        "[ tool . 'msb' ]\nteir = 1\n",
-        "tool = {'msb' = {teir = 1}}\n",
-        'tool."msb".teir = 1\n',
-    ],
-)
-def test_our_table_in_a_pyproject_is_found_however_it_is_written(project: Path, text: str) -> None:
-    (project / "pyproject.toml").write_text(text)
-    with pytest.raises(UsageError, match='"teir" is no option that a file can set'):
-        defaults.read_defaults(COMMANDS)
-
-
-@pytest.mark.parametrize("value", ["3", "'tier'", "[1, 2]", "true"])
-def test_our_table_that_is_no_table_ends_every_command(project: Path, value: str) -> None:
-    path = project / "pyproject.toml"
-    path.write_text(f"[tool]\nmsb = {value}\n")
-    with pytest.raises(UsageError) as caught:
-        defaults.read_defaults(COMMANDS)
-    assert (caught.value.code, caught.value.file) == ("CONFIG_INVALID", str(path))
-    assert caught.value.message.startswith('"tool.msb" is ')
-    assert caught.value.message.endswith("; it must be a table")
-
-
 @pytest.mark.parametrize("variable", ["MSB_DEVICE", "PYOPENCL_CTX"])
 def test_a_file_does_not_outvote_the_variables_of_devices(
     project: Path, monkeypatch: pytest.MonkeyPatch, variable: str
@@ -121,28 +93,50 @@ def test_a_file_does_not_outvote_the_variables_of_devices(
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("name", "text", "message"),
     [
-        ("tier = ", "it is no TOML"),
-        ("teir = 'standard'", '"teir" is no option that a file can set; did you mean tier or tiers?'),
-        ("[rendr]", '"rendr" is no command that a file can set; did you mean render'),
-        ("[render]\nfail-on = ['x']", '"render.fail-on" is no option'),
-        ("force = true", '"force" is no option that a file can set'),
-        ("[audit]\njson = 'x.json'", '"audit.json" is no option'),
-        ("[render]\nout = 'x'", '"render.out" is no option'),
-        ("quiet = 1", '"quiet" is 1; it must be true or false'),
-        ("verbose = true", '"verbose" is True; it must be a whole number'),
-        ("tier = ['standard']", "it must be a text or number"),
-        ("[audit]\nfail-on = 'components>1'", "it must be a list of texts or numbers"),
+        ("msb.toml", "tier = ", "it is no TOML"),
+        (
+            "msb.toml",
+            "teir = 'standard'",
+            '"teir" is no option that a file can set; did you mean tier or tiers?',
+        ),
+        ("msb.toml", "[rendr]", '"rendr" is no command that a file can set; did you mean render'),
+        ("msb.toml", "[render]\nfail-on = ['x']", '"render.fail-on" is no option'),
+        ("msb.toml", "force = true", '"force" is no option that a file can set'),
+        ("msb.toml", "[audit]\njson = 'x.json'", '"audit.json" is no option'),
+        ("msb.toml", "[render]\nout = 'x'", '"render.out" is no option'),
+        ("msb.toml", "quiet = 1", '"quiet" is 1; it must be true or false'),
+        ("msb.toml", "verbose = true", '"verbose" is True; it must be a whole number'),
+        ("msb.toml", "tier = ['standard']", "it must be a text or number"),
+        ("msb.toml", "[audit]\nfail-on = 'components>1'", "it must be a list of texts or numbers"),
+        # Our table in a pyproject.toml is found however it is written, also if it is none.
+        *(
+            ("pyproject.toml", text, '"teir" is no option that a file can set')
+            for text in (
+                "[tool.msb]\nteir = 1\n",
+                "[tool]\nmsb = {teir = 1}\n",
+                "[tool]\nmsb.teir = 1\n",
+                "[ tool . 'msb' ]\nteir = 1\n",
+                "tool = {'msb' = {teir = 1}}\n",
+                'tool."msb".teir = 1\n',
+            )
+        ),
+        *(
+            ("pyproject.toml", f"[tool]\nmsb = {value}\n", f'"tool.msb" is {value}; it must be a table')
+            for value in ("3", "'tier'", "[1, 2]")
+        ),
+        ("pyproject.toml", "[tool]\nmsb = true\n", '"tool.msb" is True; it must be a table'),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_with_its_name(project: Path, text: str, message: str) -> None:
-    path = project / "msb.toml"
+def test_what_is_wrong_in_a_file_is_said_with_its_name(
+    project: Path, name: str, text: str, message: str
+) -> None:
+    path = project / name
     path.write_text(text)
     with pytest.raises(UsageError) as caught:
         defaults.read_defaults(COMMANDS)
-    assert caught.value.code == "CONFIG_INVALID"
-    assert caught.value.file == str(path)
+    assert (caught.value.code, caught.value.file) == ("CONFIG_INVALID", str(path))
     assert message in str(caught.value)
 
 
@@ -177,8 +171,8 @@ def test_commands_take_what_is_set_and_options_are_stronger(
     assert {"key": "audit.quiet", "value": True, "from": str(path)} in data["settings"]
     assert {"key": "render.tier", "value": "standard", "from": "default"} in data["settings"]
     path.write_text("scale = 0.5\n")  # which needs --cameras where it is typed
-    assert msb("web", "-o", "a.html", demo_asset, cwd=tmp_path, **home).status == 0
-    assert msb("web", "-f", "-o", "a.html", "--scale", "0.5", demo_asset, cwd=tmp_path, **home).status == 2
+    msb("web", "-o", "a.html", demo_asset, cwd=tmp_path, **home, status=0)
+    msb("web", "-f", "-o", "a.html", "--scale", "0.5", demo_asset, cwd=tmp_path, **home, status=2)
     path.write_text('[audit]\nprofile = "gmae"\n')
     result = msb("audit", demo_asset, cwd=tmp_path, **home)
     assert (result.status, len(result.err.splitlines())) == (2, 1)
@@ -187,7 +181,7 @@ def test_commands_take_what_is_set_and_options_are_stronger(
     result = msb("info", demo_asset, cwd=tmp_path, MSB_QUIET="perhaps", **home)
     assert (result.status, len(result.err.splitlines())) == (2, 1)
     assert "set by MSB_QUIET" in result.err
-    assert msb("info", demo_asset, cwd=tmp_path, MSB_INFO_QUIET="yes", **home).status == 0
+    msb("info", demo_asset, cwd=tmp_path, MSB_INFO_QUIET="yes", **home, status=0)
 
 
 @pytest.mark.slow

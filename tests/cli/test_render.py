@@ -59,8 +59,7 @@ def test_floats_depth_and_ids_are_written_as_rendered(
     msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
     args = ("--cameras", cameras, "--camera", "1", "-o", tmp_path, "--format", "npy", "--depth", "--ids")
-    result = msb("render", *args, "--json", "-", demo_asset)
-    assert result.status == 0
+    result = msb("render", *args, "--json", "-", demo_asset, status=0)
     frame = library.render(library.load(demo_asset), library.read_cameras(cameras)[1])
     for suffix, plane in (("", frame.image), ("_depth", frame.depth), ("_ids", frame.face_id)):
         found = np.load(tmp_path / f"turntable_00001{suffix}.npy", allow_pickle=False)
@@ -77,35 +76,21 @@ def test_floats_depth_and_ids_are_written_as_rendered(
     assert machine["device"]["driver"]
     assert "-cl-kernel-arg-info" in machine["build_options"]
     assert re.fullmatch("[0-9a-f]{64}", machine["kernels_sha256"])
-    assert msb("render", *args, demo_asset).status == 2  # the files are there
-    assert msb("render", *args, "--force", demo_asset).status == 0
+    msb("render", *args, demo_asset, status=2)  # the files are there
+    msb("render", *args, "--force", demo_asset, status=0)
 
 
 @pytest.mark.slow
 def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
-    base = ("render", "--cameras", cameras, "-q")
-    msb(
-        *base,
-        "--camera",
-        "turntable_00002",
-        "--camera",
-        "0",
-        "--size",
-        "30x20",
-        "-o",
-        tmp_path / "a",
-        demo_asset,
-    )
-    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == [
-        "turntable_00000.png",
-        "turntable_00002.png",
-    ]
+    base = f"render -q --cameras {cameras}"
+    msb(f"{base} --camera turntable_00002 --camera 0 --size 30x20 -o", tmp_path / "a", demo_asset)
+    names = sorted(path.name for path in (tmp_path / "a").iterdir())
+    assert names == ["turntable_00000.png", "turntable_00002.png"]
     with Image.open(tmp_path / "a" / "turntable_00000.png") as image:
         assert image.size == (30, 20)
-    msb(*base, "--camera", "all", "--scale", "0.5", "-o", tmp_path / "b", demo_asset)
+    msb(f"{base} --camera all --scale 0.5 -o", tmp_path / "b", demo_asset)
     assert len(list((tmp_path / "b").iterdir())) == 3
-    result = msb(*base, "--flight", "5", "--film", tmp_path / "f.gif", demo_asset)
-    assert result.status == 0
+    msb(f"{base} --flight 5 --film", tmp_path / "f.gif", demo_asset, status=0)
     with Image.open(tmp_path / "f.gif") as film:
         assert (film.n_frames, film.size) == (5, (60, 44))
 
@@ -113,18 +98,14 @@ def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, t
 def test_both_tiers_and_names_of_files(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     base = ("render", "--cameras", cameras, "--size", "30x22", "-o", tmp_path)
     both = ("--tier", "both", "--order", "none", "--format", "npy")
-    result = msb(*base, *both, "--json", "-", demo_asset)
-    assert result.status == 0, result.err
-    assert [(one["tier"], one.get("order")) for one in result.json] == [
-        ("dedicated", "none"),
-        ("standard", None),
-    ]
-    for one in result.json:
+    made = msb(*base, *both, "--json", "-", demo_asset, status=0).json
+    assert [(one["tier"], one.get("order")) for one in made] == [("dedicated", "none"), ("standard", None)]
+    for one in made:
         names = [f"turntable_{number:05d}_{one['tier']}.npy" for number in range(3)]
         assert [frame["image"] for frame in one["frames"]] == [str(tmp_path / name) for name in names]
         found = np.load(tmp_path / names[0], allow_pickle=False)
         assert hashlib.sha256(found.tobytes()).hexdigest() == one["frames"][0]["sha256"]
-    assert msb(*base, "--name", "{tier}/{index}", demo_asset).status == 0
+    msb(*base, "--name", "{tier}/{index}", demo_asset, status=0)
     assert len(list((tmp_path / "standard").iterdir())) == 3
     for args, text in (
         (("--name", "x"), "gives two images one name; it may lack {camera} or {index}"),
@@ -134,8 +115,7 @@ def test_both_tiers_and_names_of_files(msb: Msb, demo_asset: Path, cameras: Path
         (("--tier", "both", "--film", tmp_path / "f.gif"), "--film goes with one tier"),
         (("--tier", "both", "--renderer", "standard"), "--renderer goes with one tier"),
     ):
-        result = msb(*base, *args, demo_asset)
-        assert (result.status, text in result.err) == (2, True), result.err
+        assert text in msb(*base, *args, demo_asset, status=2).err
 
 
 @pytest.mark.slow
@@ -143,10 +123,8 @@ def test_supersampling_averages_samples(msb: Msb, tmp_path: Path) -> None:
     """Of a mesh whose method has no setting of that name, too."""
     mesh = GOLDEN / "meshes" / "synthetic_splat_small.ply"
     views = ("--turntable", "1", "--format", "npy", "-q")
-    assert (
-        msb("render", *views, "--size", "30x22", "--supersample", "2", "-o", tmp_path / "a", mesh).status == 0
-    )
-    assert msb("render", *views, "--size", "60x44", "-o", tmp_path / "b", mesh).status == 0
+    msb("render", *views, "--size", "30x22", "--supersample", "2", "-o", tmp_path / "a", mesh, status=0)
+    msb("render", *views, "--size", "60x44", "-o", tmp_path / "b", mesh, status=0)
     found, large = (np.load(tmp_path / name / "00000.npy") for name in ("a", "b"))
     np.testing.assert_allclose(found, large.reshape(22, 2, 30, 2, 3).mean(axis=(1, 3)), atol=1e-6)
 
@@ -155,12 +133,13 @@ def test_supersampling_averages_samples(msb: Msb, tmp_path: Path) -> None:
 def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> None:
     size = ("--turntable", "2", "--size", "40x32", "--background", "#ff8000")
     for tier in ("standard", "reference"):
-        assert msb("render", *size, "--tier", tier, "-o", tmp_path / tier, CHECKPOINT).status == 0
+        msb("render", *size, "--tier", tier, "-o", tmp_path / tier, CHECKPOINT, status=0)
         with Image.open(tmp_path / tier / "00000.png") as image:
             assert image.getpixel((0, 0)) == (255, 128, 0)
             assert len(set(np.asarray(image).reshape(-1, 3).sum(axis=1).tolist())) > 50
-    result = msb("render", *size, "-o", tmp_path / "no", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint")
-    assert (result.status, result.err.startswith("UNSUPPORTED_TIER: ")) == (4, True)
+    msb("render", *size, "-o", tmp_path / "no", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint").ends(
+        4, "UNSUPPORTED_TIER: "
+    )
     assert not (tmp_path / "no").exists()
 
 
@@ -175,8 +154,7 @@ def test_orders_and_samplings_of_an_engine(msb: Msb, tmp_path: Path, tier: Tier)
     for modes in ({}, {"order": "none"}, {"sampling": "engine"}, {"order": "global", "sampling": "engine"}):
         out = tmp_path / "_".join(modes)
         options = [part for name, value in modes.items() for part in (f"--{name}", value)]
-        result = msb("render", *views, *options, "-o", out, checkpoint)
-        assert result.status == 0, result.err
+        result = msb("render", *views, *options, "-o", out, checkpoint, status=0)
         assert {name: result.json[name] for name in ("order", "sampling") if name in result.json} == modes
         images.append(np.load(out / "00000.npy", allow_pickle=False))
         np.testing.assert_array_equal(images[-1], library.render(asset, camera, tier, **modes).image)
@@ -189,15 +167,14 @@ def test_orders_and_samplings_of_an_engine(msb: Msb, tmp_path: Path, tier: Tier)
 def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     args = ("--turntable", "1", "--size", "20x16", "-o", tmp_path / "out", demo_asset)
     for option, value in (("--order", "tile"), ("--sampling", "engine")):
-        result = msb("render", option, value, *args)
-        assert result.status == 4
+        result = msb("render", option, value, *args, status=4)
         assert result.err.startswith("UNSUPPORTED_OPTION: ")
         assert (
             f'on tier standard: there is no option "{option[2:]}"; there are supersample; the' in result.err
         )
         assert len(result.err.splitlines()) == 1
-        assert msb("bench", option, value, demo_asset).status == 4
-    assert msb("render", "--order", "depth", "--tier", "dedicated", *args).status == 2
+        msb("bench", option, value, demo_asset, status=4)
+    msb("render", "--order", "depth", "--tier", "dedicated", *args, status=2)
     assert not (tmp_path / "out").exists()
 
 
@@ -246,68 +223,59 @@ def test_a_scene_gives_the_split_that_is_asked_for_over_the_background_of_the_mo
 def test_wrong_usage_is_said_before_anything_is_drawn(
     msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path
 ) -> None:
-    views = ("--cameras", cameras)
-    out = ("-o", tmp_path / "out")
-    for args, status, text in (
-        ((*views,), 2, "give --out FOLDER for images, --film FILE for a film, or both"),
-        ((*out,), 2, "give one of --cameras PATH, --scene DIR and --turntable N"),
-        ((*views, *out, "--turntable", "3"), 2, "--cameras does not go with --turntable"),
-        ((*out, "--turntable", "3,x"), 2, '--turntable is "3,x"; it must look like 8 or 8,45'),
-        (
-            (*views, *out, "--camera", "nobody"),
-            2,
-            'there is no camera "nobody"; there are 3: turntable_00000',
-        ),
-        ((*views, *out, "--camera", "3"), 2, 'NAME_UNKNOWN: there is no camera "3"'),
-        ((*out, "--image-folder", "a", "--turntable", "2"), 2, "--image-folder goes with --scene DIR"),
-        ((*views, *out, "--scene", SCENE), 2, "--cameras does not go with --scene, which draws what counts"),
-        ((*out, "--scene", SCENE, "--size", "9x9"), 2, "--size does not go with --scene"),
-        ((*out, "--scene", SCENE, "--image-folder", "none"), 3, "SCENE_IMAGE_MISSING"),
-        ((*views, *out, "--size", "big"), 2, '--size is "big"; it must look like 1237x822'),
-        ((*views, *out, "--size", "0x5"), 3, "width is 0"),
-        ((*views, *out, "--size", "9x9", "--scale", "2"), 2, "--size is given 2 times; it takes one value"),
-        ((*views, *out, "--background", "mauve"), 2, '--background is "mauve"; it must be black, white'),
-        ((*views, *out, "--background", "official"), 2, "none is recorded in the asset"),
-        (
-            (*views, *out, "--renderer", "quake"),
-            2,
-            'NAME_UNKNOWN: there is no renderer "quake"; there are standard',
-        ),
-        ((*views, *out, "--set", "sigmo=1"), 2, 'mesh_splatting has no setting "sigmo"'),
-        ((*views, "--film", tmp_path / "f.avi"), 2, 'the film is "f.avi"; it must end in .mp4 or .gif'),
-        (("--cameras", tmp_path / "nothing", *out), 3, "there is no such file"),
-        ((*views, *out, "--device", "nowhere:7"), 5, "nowhere"),
+    places = {"VIEWS": f"--cameras {cameras}", "OUT": f"-o {tmp_path}/out", "NEW": f"{tmp_path}/new"}
+    for line, status, text in (
+        ("VIEWS", 2, "give --out FOLDER for images, --film FILE for a film, or both"),
+        ("OUT", 2, "give one of --cameras PATH, --scene DIR and --turntable N"),
+        ("VIEWS OUT --turntable 3", 2, "--cameras does not go with --turntable"),
+        ("OUT --turntable 3,x", 2, '--turntable is "3,x"; it must look like 8 or 8,45'),
+        ("VIEWS OUT --camera nobody", 2, 'there is no camera "nobody"; there are 3: turntable_00000'),
+        ("VIEWS OUT --camera 3", 2, 'NAME_UNKNOWN: there is no camera "3"'),
+        ("OUT --image-folder a --turntable 2", 2, "--image-folder goes with --scene DIR"),
+        (f"VIEWS OUT --scene {SCENE}", 2, "--cameras does not go with --scene, which draws what counts"),
+        (f"OUT --scene {SCENE} --size 9x9", 2, "--size does not go with --scene"),
+        (f"OUT --scene {SCENE} --image-folder none", 3, "SCENE_IMAGE_MISSING"),
+        ("VIEWS OUT --size big", 2, '--size is "big"; it must look like 1237x822'),
+        ("VIEWS OUT --size 0x5", 3, "width is 0"),
+        ("VIEWS OUT --size 9x9 --scale 2", 2, "--size is given 2 times; it takes one value"),
+        ("VIEWS OUT --background mauve", 2, '--background is "mauve"; it must be black, white'),
+        ("VIEWS OUT --background official", 2, "none is recorded in the asset"),
+        ("VIEWS OUT --renderer quake", 2, 'NAME_UNKNOWN: there is no renderer "quake"; there are standard'),
+        ("VIEWS OUT --set sigmo=1", 2, 'mesh_splatting has no setting "sigmo"'),
+        ("VIEWS --film NEW.avi", 2, 'the film is "new.avi"; it must end in .mp4 or .gif'),
+        ("OUT --cameras NEW", 3, "there is no such file"),
+        ("VIEWS OUT --device nowhere:7", 5, "nowhere"),
     ):
-        result = msb("render", *args, demo_asset)
-        assert result.status == status, (args, result.err)
-        assert text in result.err, (args, result.err)
-        assert len(result.err.splitlines()) == 1
-        assert result.out == ""
+        words = re.sub("[A-Z]{3,}(?![A-Z_])", lambda word: places.get(word[0], word[0]), line)
+        result = msb(f"render {words}", demo_asset)
+        result.ends(status, "")
+        assert text in result.err, (line, result.err)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_broken_assets_are_refused_by_name(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
-    asset = library.load(demo_asset)
-    library.save(asset, tmp_path / "bad.triasset", form="folder")
-    indices = asset.buffers["indices"].copy()
-    indices[5, 1] = 999999
-    (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(indices.tobytes())
-    result = msb("render", "--turntable", "1", "-o", tmp_path / "out", tmp_path / "bad.triasset")
-    assert (result.status, result.err.startswith("TRIASSET_INDEX_OUT_OF_RANGE: ")) == (3, True)
-    positions = asset.buffers["positions"].copy()
-    positions[7, 2] = np.nan
-    (tmp_path / "bad.triasset" / "buffers" / "indices.bin").write_bytes(asset.buffers["indices"].tobytes())
-    (tmp_path / "bad.triasset" / "buffers" / "positions.bin").write_bytes(positions.tobytes())
-    result = msb("render", "--turntable", "1", "-o", tmp_path / "out", tmp_path / "bad.triasset")
-    assert (result.status, result.err.startswith("TRIASSET_VALUE_NONFINITE: ")) == (3, True)
+@pytest.mark.parametrize(
+    ("buffer", "place", "value", "code"),
+    [
+        ("indices", (5, 1), 999999, "TRIASSET_INDEX_OUT_OF_RANGE"),
+        ("positions", (7, 2), np.nan, "TRIASSET_VALUE_NONFINITE"),
+    ],
+)
+def test_broken_assets_are_refused_by_name(
+    msb: Msb, demo_asset: Path, tmp_path: Path, buffer: str, place: tuple[int, int], value: float, code: str
+) -> None:
+    asset, bad = library.load(demo_asset), tmp_path / "bad.triasset"
+    library.save(asset, bad, form="folder")
+    values = asset.buffers[buffer].copy()
+    values[place] = value
+    (bad / "buffers" / f"{buffer}.bin").write_bytes(values.tobytes())
+    msb("render --turntable 1 -o", tmp_path / "out", bad).ends(3, f"{code}: ")
 
 
 @pytest.mark.slow
 def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     record = tmp_path / "old.json"
     args = ("bench", "--cameras", cameras, "--repeat", "4", "--seconds", "0")
-    result = msb(*args, "--json", record, demo_asset)
-    assert result.status == 0
+    result = msb(*args, "--json", record, demo_asset, status=0)
     assert "frames per second" in result.out
     assert "memory, all views" in result.out
     data = json.loads(record.read_text())
@@ -321,26 +289,19 @@ def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, t
     assert "Now / before" in result.out
     fast = {**data, "device_ms": {**data["device_ms"], "p50": data["device_ms"]["p50"] / 1000}, "faces": 1}
     (tmp_path / "fast.json").write_text(json.dumps(fast))
-    result = msb(*args, "--compare", tmp_path / "fast.json", "--fail-slower", "900%", demo_asset)
-    assert result.status == 1
+    result = msb(*args, "--compare", tmp_path / "fast.json", "--fail-slower", "900%", demo_asset, status=1)
     lines = result.err.splitlines()
     assert lines[0].endswith("faces was 1, is 34761: not the same is compared")
     assert lines[1].startswith(f"GATE_FAILED: {demo_asset}: device P50 is ")
-    assert msb(*args, "--fail-slower", "10%", demo_asset).status == 2
-    assert msb(*args, "--compare", record, "--fail-slower", "ten", demo_asset).status == 2
+    msb(*args, "--fail-slower", "10%", demo_asset, status=2)
+    msb(*args, "--compare", record, "--fail-slower", "ten", demo_asset, status=2)
     modes = ("--tier", "dedicated", "--order", "none", "--sampling", "engine")
     result = msb(*args, *modes, "--json", tmp_path / "modes.json", demo_asset)
     assert "tier dedicated, order none, sampling engine, 3 views" in result.out
     data = json.loads((tmp_path / "modes.json").read_text())
     assert (data["order"], data["sampling"]) == ("none", "engine")
-    for content, code in (
-        ("{}", "FILE_NOT_RECOGNISED"),
-        ("[", "FILE_NOT_RECOGNISED"),
-        (None, "FILE_NOT_FOUND"),
-    ):
-        bad = tmp_path / "bad.json"
-        bad.unlink(missing_ok=True)
-        if content is not None:
-            bad.write_text(content)
-        result = msb(*args, "--compare", bad, demo_asset)
-        assert (result.status, result.err.split(":")[0]) == (3, code)
+    bad = tmp_path / "bad.json"
+    for content in ("{}", "["):
+        bad.write_text(content)
+        msb(*args, "--compare", bad, demo_asset).ends(3, "FILE_NOT_RECOGNISED: ")
+    msb(*args, "--compare", tmp_path / "none.json", demo_asset).ends(3, "FILE_NOT_FOUND: ")

@@ -12,8 +12,8 @@ import pytest
 import msb as library
 from msb.cli.repair import print_table
 from msb.cli.whole_words import WholeWordConsole
-from msb.meshes import Mesh, read_mesh, write_mesh
-from tests.cli.conftest import Msb, Refused
+from msb.meshes import read_mesh
+from tests.cli.conftest import Msb, Refused, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
@@ -22,17 +22,13 @@ CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 @pytest.fixture
 def book(tmp_path: Path) -> Path:
     """Return a mesh file of three pages at one edge, in double precision."""
-    path = tmp_path / "book.ply"
-    with path.open("wb") as file:
-        write_mesh(Mesh(BOOK[0].astype(np.float64) / 3, BOOK[1]), file, suffix=".ply")
-    return path
+    return mesh_file(tmp_path / "book.ply", BOOK[0].astype(np.float64) / 3, BOOK[1])
 
 
 @pytest.mark.slow
 def test_a_checkpoint_becomes_a_repaired_asset_with_its_maps(msb: Msb, tmp_path: Path) -> None:
     target, maps = tmp_path / "new" / "a.triasset", tmp_path / "maps.npz"
-    result = msb("repair", CHECKPOINT, "-o", target, "--maps", maps, "--json", "-")
-    assert result.status == 0
+    result = msb("repair", CHECKPOINT, "-o", target, "--maps", maps, "--json", "-", status=0)
     assert "where back faces are culled they show from the other side" in result.err
     data = result.json
     assert data["schema"] == "msb.repair/1"
@@ -63,9 +59,8 @@ def test_what_a_repaired_mesh_file_does_not_have_of_its_source_is_said(msb: Msb,
 
 def test_a_repaired_soup_is_told_what_merges_it(msb: Msb, tmp_path: Path) -> None:
     corners = TETRAHEDRON[0][TETRAHEDRON[1].reshape(-1)]
-    source, target = tmp_path / "a soup.ply", tmp_path / "out.ply"
-    with source.open("wb") as file:
-        write_mesh(Mesh(corners, np.arange(12).reshape(-1, 3)), file, suffix=".ply")
+    source = mesh_file(tmp_path / "a soup.ply", corners, np.arange(12).reshape(-1, 3))
+    target = tmp_path / "out.ply"
     result = msb("repair", source, "-o", target)
     assert "12 boundary edges: a soup stays one unless weld merges vertices" in result.out
     way_out = f'msb repair --plan weld,orient,pair --force -o {target} "{source}"'
@@ -101,14 +96,13 @@ def test_the_verdict_after_a_repair_is_that_of_the_file(msb: Msb, tmp_path: Path
 def test_a_mesh_file_keeps_its_precision_and_the_original_stays(msb: Msb, book: Path) -> None:
     before = book.read_bytes()
     target = book.with_name("fixed.ply")
-    result = msb("repair", book, target)  # where convert and export take it, too
-    assert result.status == 0, result.err
+    result = msb("repair", book, target, status=0)  # where convert and export take it, too
     assert "LIMITED; " in result.out
     assert "Components: 1 before, 2 after; edges cut: 1" in result.out
     assert read_mesh(target).vertices.dtype == np.float64
     assert book.read_bytes() == before
     again = book.with_name("again.ply")
-    assert msb("repair", target, "-o", again).status == 0
+    msb("repair", target, "-o", again, status=0)
     assert again.read_bytes() == target.read_bytes()
     assert msb("repair", book, "-o", target).err.startswith(f"OUTPUT_EXISTS: {target}")
 
@@ -117,13 +111,11 @@ def test_gates_judge_what_came_out_and_what_came_out_is_there(msb: Msb, book: Pa
     target = book.with_name("fixed.ply")
     result = msb("repair", "-q", book, "-o", target, "--fail-on", "nonmanifold_edges>0")
     assert (result.status, target.exists()) == (0, True)
-    result = msb("repair", "-q", "-f", book, "-o", target, "--fail-on-verdict", "limited")
-    assert result.status == 1
+    result = msb("repair", "-q", "-f", book, "-o", target, "--fail-on-verdict", "limited", status=1)
     assert result.err.startswith(f"GATE_FAILED: {book}: verdict is LIMITED (open")
     result = msb(
-        "repair", "-q", "-f", book, "-o", target, "--plan", "orient", "--fail-on", "nonmanifold_edges>0"
+        "repair -q -f", book, "-o", target, "--plan", "orient", "--fail-on", "nonmanifold_edges>0", status=1
     )
-    assert result.status == 1
 
 
 @pytest.mark.slow
@@ -131,8 +123,7 @@ def test_pixels_weigh_what_debris_removes(msb: Msb, tmp_path: Path) -> None:
     views = ROOT / "data_stubs" / "views.json"
     line = ["repair", CHECKPOINT, "--plan", "debris:0:0.001"]
     for name, more in (("area", []), ("seen", ["--cameras", views])):
-        result = msb(*line, "-o", tmp_path / f"{name}.triasset", "--json", tmp_path / f"{name}.json", *more)
-        assert result.status == 0, result.err
+        msb(*line, "-o", tmp_path / f"{name}.triasset", "--json", tmp_path / f"{name}.json", *more, status=0)
     removed = [
         json.loads((tmp_path / f"{name}.json").read_text())["steps"][0]["faces_removed"]
         for name in ("area", "seen")
@@ -165,15 +156,9 @@ def test_what_would_be_ignored_is_refused(refused: Refused, line: str, text: str
 
 
 def test_a_vertex_that_is_not_finite_is_named(msb: Msb, tmp_path: Path) -> None:
-    source = tmp_path / "a.ply"
-    text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    text += (
-        "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 nan 0\n3 0 1 2\n"
-    )
-    source.write_text(text)
-    result = msb("repair", source, "-o", tmp_path / "b.ply")
-    assert result.status == 3
-    assert result.err.startswith(f"MESH_NONFINITE: {source}: vertex 2 is")
+    source = tmp_path / "a.off"
+    source.write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 nan 0\n3 0 1 2\n")
+    msb("repair", source, "-o", tmp_path / "b.ply").ends(3, f"MESH_NONFINITE: {source}: vertex 2 is")
     assert not (tmp_path / "b.ply").exists()
 
 
@@ -181,8 +166,9 @@ def test_a_vertex_that_is_not_finite_is_named(msb: Msb, tmp_path: Path) -> None:
 def test_compare_shows_what_each_way_costs_with_pictures(msb: Msb, tmp_path: Path) -> None:
     model = ROOT / "tests" / "tiny" / "models" / "walled" / "mesh_splatting"
     task = ("--task", "intersections")
-    result = msb("repair", "--compare", *task, model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json")
-    assert result.status == 0, result.err
+    result = msb(
+        "repair --compare", *task, model, "-o", tmp_path / "costs", "--json", tmp_path / "c.json", status=0
+    )
     assert "PSNR in dB against the asset as stored, the mean over 8 views from inside: " in result.out
     data = json.loads((tmp_path / "c.json").read_text())
     assert data["schema"] == "msb.repair_compare/1"
@@ -217,8 +203,7 @@ def test_compare_says_which_tier_is_not_drawn_and_that_a_plan_would_leave_nothin
 ) -> None:
     source = tmp_path / "one.obj"
     source.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    result = msb("repair", "--compare", "--task", "none", source)
-    assert result.status == 0, result.err
+    result = msb("repair", "--compare", "--task", "none", source, status=0)
     lines = result.out.splitlines()
     assert "Dedicated: not drawn: it has static colours only, no appearance of its own to draw" in lines
     assert not any(line.startswith("not drawn") for line in lines)

@@ -16,8 +16,7 @@ STUBS = ROOT / "tests" / "tiny" / "scenes"
 
 @pytest.mark.slow
 def test_several_scenes_are_a_table(msb: Msb) -> None:
-    result = msb("scenes", STUBS, COLUMNS="80")
-    assert result.status == 0
+    result = msb("scenes", STUBS, COLUMNS="80", status=0)
     lines = [line.split() for line in result.out.splitlines()]
     assert lines[0] == ["Scene", "Dataset", "Train", "Test", "Size", "Photographs"]
     assert ["scan1", "dtu", "14", "2", "72", "x", "54", "RGBA", "PNG,", "resized"] in lines
@@ -30,8 +29,7 @@ def test_several_scenes_are_a_table(msb: Msb) -> None:
 
 @pytest.mark.slow
 def test_one_scene_is_described_in_full(msb: Msb) -> None:
-    result = msb("scenes", STUBS / "nerf_synthetic", COLUMNS="200")
-    assert result.status == 0
+    result = msb("scenes", STUBS / "nerf_synthetic", COLUMNS="200", status=0)
     for text in (
         "12 training, 4 test; by the JSON files",
         "resized bicubic, compared at 72 x 72",
@@ -79,29 +77,22 @@ def test_options_reach_the_reader(msb: Msb) -> None:
 def test_a_bad_scene_is_one_line_and_the_others_are_described(msb: Msb, tmp_path: Path) -> None:
     shutil.copytree(STUBS, tmp_path / "scenes")
     (tmp_path / "scenes/mipnerf360/pebble/images_4/DSC07950.JPG").unlink()
-    result = msb("scenes", "--json", tmp_path / "out.json", tmp_path / "scenes", tmp_path / "nowhere")
-    assert result.status == 3
+    result = msb("scenes --json", tmp_path / "out.json", tmp_path / "scenes", tmp_path / "nowhere", status=3)
     errors = [line for line in result.err.splitlines() if not line.startswith(("warning: ", "note: "))]
     assert len(errors) == 2
     assert errors[0].startswith("FILE_NOT_FOUND: ")
     assert errors[1].endswith("1 of 16 photographs are not there: DSC07950.JPG")
     assert "SCENE_IMAGE_MISSING" in result.out
     scenes = json.loads((tmp_path / "out.json").read_text())["scenes"]
-    assert [scene["error"] and scene["error"]["code"] for scene in scenes] == [
-        None,
-        "SCENE_IMAGE_MISSING",
-        None,
-        None,
-    ]
+    codes = [scene["error"] and scene["error"]["code"] for scene in scenes]
+    assert codes == [None, "SCENE_IMAGE_MISSING", None, None]
 
 
 @pytest.mark.slow
 def test_a_real_capture(msb: Msb, shared: Path) -> None:
     garden = shared / "golden" / "garden"
-    refused = msb("scenes", garden)
-    assert refused.status == 3
+    refused = msb("scenes", garden, status=3)
     assert "there is images_8: name one of these (--image-folder, " in refused.err
-    result = msb("scenes", "--image-folder", "images_8", garden)
-    assert result.status == 0
+    result = msb("scenes", "--image-folder", "images_8", garden, status=0)
     assert "28 training, 4 test" in result.out
     assert "138,766" in result.out
