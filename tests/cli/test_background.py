@@ -32,22 +32,19 @@ def drawn_over(msb: Msb, asset: Path, cameras: Path, out: Path, *more: str) -> d
     views = ("--cameras", cameras, *more)
 
     def document(command: str, *args: object) -> Any:
-        result = msb(command, *views, *args, "--json", "-", asset)
-        assert result.status == 0, result.err
+        result = msb(command, *views, *args, "--json", "-", asset, status=0)
         return result.json["background"]
 
     found = {"render": document("render", "-o", out / "images", "--force"), "why": document("why")}
     for tier in ("standard", "dedicated"):
         page = out / f"{tier}.html"
         options = ("--no-verify",) if tier == "dedicated" else ()
-        result = msb("web", *views, "--tier", tier, "--force", *options, "-o", page, asset)
-        assert result.status == 0, result.err
+        msb("web", *views, "--tier", tier, "--force", *options, "-o", page, asset, status=0)
         (text,) = set(re.findall(r'"background": ?(\[[^]]*\])(?=[^{}]*"daylight")', page.read_text()))
         found[f"web {tier}"] = json.loads(text)
     page = out / "compare.html"
     tiers = ("--tiers", "dedicated,standard", "--html", page, "--force")
-    result = msb("compare", *views, *tiers, asset)
-    assert result.status == 0, result.err
+    msb("compare", *views, *tiers, asset, status=0)
     (color,) = re.findall(r"background (#[0-9a-f]{6}|white|black)\"", page.read_text())
     names = {"white": "#ffffff", "black": "#000000"}
     hexed = names.get(color, color)
@@ -61,7 +58,7 @@ def test_every_command_draws_over_what_the_asset_states_else_over_one_colour(
     msb: Msb, cameras: Path, tmp_path: Path, stated: str | None, color: list[float]
 ) -> None:
     asset = tmp_path / "model.triasset"
-    assert msb("export", "--form", "folder", MODEL, asset).status == 0
+    msb("export", "--form", "folder", MODEL, asset, status=0)
     manifest = json.loads((asset / "manifest.json").read_text())
     manifest["appearance"].pop("background")
     manifest["appearance"] |= {} if stated is None else {"background": stated}

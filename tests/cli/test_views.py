@@ -21,8 +21,7 @@ def test_commands_say_which_views_judge_and_where_none_sees_it(
     write_cameras(elsewhere(), away)
     model = MODELS / "walled" / "triangle_splatting"
     out = ("-o", tmp_path / "out") if "repair" in command else ()
-    result = msb(*command.split(), *out, "--cameras", away, model)
-    assert result.status == 0
+    result = msb(*command.split(), *out, "--cameras", away, model, status=0)
     assert "no camera sees the mesh" in result.out + result.err
     assert "dB" not in result.out.replace("Cause", "").splitlines()[-1]
 
@@ -61,8 +60,6 @@ def test_renderings_of_one_colour_have_no_numbers(msb: Msb, tmp_path: Path) -> N
 @pytest.mark.parametrize("tier", ["standard", pytest.param("dedicated", marks=pytest.mark.slow)])
 def test_a_page_has_the_cameras_of_the_training(msb: Msb, tmp_path: Path, tier: str) -> None:
     page = tmp_path / "page.html"
-    result = msb(
-        "web", "-o", page, "--tier", tier, *(["--no-verify"] if tier == "dedicated" else []), CAPTURE
-    )
+    result = msb("web -o", page, "--tier", tier, *(["--no-verify"] if tier == "dedicated" else []), CAPTURE)
     assert "note: views: 12 of 57 cameras of the training (pebble)" in result.err
     assert page.read_text("utf-8").count('"world_to_camera"') >= 12
