@@ -18,8 +18,8 @@ from msb.errors import EXIT_STATUS, MsbError, about, shorten
 
 if TYPE_CHECKING:
     from msb.metrics import ImagePair
+    from msb.scenes.colors import Color
 
-SCHEMA = "msb.eval/1"
 NOTHING_SHOWN = "every rendering is of one colour: none shows anything, so there is nothing to compare"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
 _COLUMNS = ("name", "pred", "gt", "width", "height")
@@ -63,23 +63,18 @@ def evaluate(
     from msb.metrics import pair_images
 
     pairs = pair_images(pred, gt, subset=options.subset)
-    return _Task(output, pred, gt, color, options.vgg_weights).run(pairs)
+    return _Task(output, pred, gt, options.vgg_weights, color).run(pairs)
 
 
 class _Task:
     """Pairs of images, and what is said about them."""
 
     def __init__(
-        self,
-        output: Output,
-        pred: Path,
-        gt: Path,
-        background: tuple[float, float, float] | None,
-        vgg_weights: Path | None,
+        self, output: Output, pred: Path, gt: Path, vgg_weights: Path | None, color: Color | None
     ) -> None:
         from msb.metrics import IMAGE_METRICS, Measures
 
-        self.output, self.pred, self.gt, self.background = output, pred, gt, background
+        self.output, self.pred, self.gt, self.background = output, pred, gt, color
         self.reason = NO_WEIGHTS if vgg_weights is None else None
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
@@ -153,7 +148,7 @@ class _Task:
         from msb.metrics.registry import mean_of
 
         return {
-            "schema": SCHEMA,
+            "schema": "msb.eval/1",
             "pred": str(self.pred),
             "gt": str(self.gt),
             "background": None if self.background is None else list(self.background),

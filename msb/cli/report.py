@@ -109,6 +109,9 @@ def report(
     says what the asset can be used for. Pages hold all they show and need no network. Nothing is computed
     again: what the records do not have is N/A or --, with the reason.
     """
+    from msb.base.atomic import new_folder
+    from msb.report.pages import report_files
+
     wanted = options.wanted()
     if (options.paper is True) == bool(folders):
         raise UsageError("USAGE", "give folders of results, or --paper")
@@ -125,8 +128,14 @@ def report(
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
     made = _make(folders, options, output, pictures=True)
     figures = _topology(made, options.topology, output) if "html" in wanted else {}
-    written = _write(made, wanted, figures, target, output)
-    output.write_json({**made.to_dict(), "files": written})
+    with output.progress(f"writing {target.name}"):
+        files = report_files(made, formats=wanted, topology=figures, folder=target)
+        with new_folder(target) as folder:
+            for name, data in files.items():
+                path = folder / name
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(data)
+    output.write_json({**made.to_dict(), "files": sorted(files)})
     if not output.prints_text:
         return
     if not output.quiet:
@@ -246,19 +255,3 @@ def _draw(result: Result) -> bytes:
     file = io.BytesIO()
     compose(model, panel_images(model)).savefig(file, format="png", dpi=90, metadata={"Software": None})
     return file.getvalue()
-
-
-def _write(
-    made: Report, wanted: list[Format], figures: dict[Place, bytes], target: Path, output: Output
-) -> list[str]:
-    from msb.base.atomic import new_folder
-    from msb.report.pages import report_files
-
-    with output.progress(f"writing {target.name}"):
-        files = report_files(made, formats=wanted, topology=figures, folder=target)
-        with new_folder(target) as folder:
-            for name, data in files.items():
-                path = folder / name
-                path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(data)
-    return sorted(files)

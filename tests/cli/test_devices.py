@@ -51,8 +51,7 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
 ) -> None:
     """Nothing that needs it can draw, and what is chosen by default ends with the same words."""
     off = {**unknown, "MSB_MEND_POCL": "0"}
-    result = msb("devices", "--device", "pocl", **off)
-    assert result.status == 5
+    result = msb("devices", "--device", "pocl", **off, status=5)
     assert "pocl:0 " in result.out
     assert " NO" in result.out
     assert "does not build kernels: unknown target CPU 'generic'" in " ".join(result.out.split())
@@ -70,8 +69,7 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
 
 @pytest.mark.slow
 def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> None:
-    result = msb("devices", "-v", "--device", "pocl", **unknown)
-    assert result.status == 0
+    result = msb("devices", "-v", "--device", "pocl", **unknown, status=0)
     assert "told that it is a haswell" in " ".join(result.out.split())
     assert "mended" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
 
