@@ -81,6 +81,10 @@ def mesh(path: Path) -> None:
     read(path)
 
 
+def materials(path: Path) -> None:
+    mesh(path.with_suffix(".obj"))
+
+
 def texture(path: Path) -> None:
     """Decode an image; what was declared is what there is, and no more than is allowed."""
     from msb.asset.texture import MAX_SIDE

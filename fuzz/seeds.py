@@ -110,6 +110,14 @@ def meshes(suffix: str) -> Iterator[bytes]:
     yield from (content for key, content, *_ in BAD_MESHES.values() if key.lower() == suffix)
 
 
+def materials() -> list[bytes]:
+    return [
+        b"newmtl one\nKd 0.5 0.5 0.5\nmap_Kd -s 1 1 -o 0 map.png\nd 0.5\n",
+        b"newmtl one\r\n Kd 1 0.5 0\r\nmap_bump -bm 1 .\\map.png\n# end",
+        b"newmtl two\n\nnewmtl one\nmap_Kd ../map.png",
+    ]
+
+
 def glb_texts() -> Iterator[bytes]:
     """Return the JSON chunks of the GLBs there are."""
     for content in meshes(".glb"):

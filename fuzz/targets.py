@@ -10,6 +10,7 @@ from fuzz.target import Target
 from msb.meshes import MESH_SUFFIXES
 from msb.registry import METHODS
 from tests.adapters import assemble, models
+from tests.meshes.builders import OBJ_TEXTURED, picture
 from tests.scenes.bad_cameras import SMALL as CAMERAS
 
 
@@ -88,6 +89,9 @@ TARGETS: dict[str, Target] = {
     "neus_npz": Target(readers.neus, seeds.matrices, "cameras.npz"),
     "image_png": Target(readers.image, lambda: seeds.pictures("png"), "a.png"),
     "image_jpeg": Target(readers.image, lambda: seeds.pictures("jpg"), "a.jpg"),
+    "mtl": Target(
+        readers.materials, seeds.materials, "a.mtl", beside={"a.obj": OBJ_TEXTURED, "map.png": picture()}
+    ),
     "texture": Target(
         readers.texture,
         lambda: [each for kind in ("png", "jpg", "webp") for each in seeds.pictures(kind)],

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
+from msb.meshes.obj_materials import names_materials, with_materials
 from msb.meshes.obj_write import write
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.text import Words, first_not_whole, word_blocks
@@ -43,7 +44,7 @@ class _Parts:
 
 
 def read(source: Source) -> Mesh:
-    """Read `v` and `f` lines; everything else, texture and normal indices included, is ignored.
+    """Read `v` and `f` lines, and where materials have images or colours `vt` and `usemtl`, too.
 
     Vertices are float64. Colours come from `v x y z r g b [a]`, if every `v` line has them.
     """
@@ -68,9 +69,14 @@ def read(source: Source) -> Mesh:
     colors = None
     if parts.color_widths in ({3}, {4}):
         colors = stored_colors(np.concatenate(parts.colors))
-    left_out = tuple(what for word, what in _LEFT_OUT.items() if word in parts.left_out)
-    vertices = np.concatenate(parts.vertices)
-    return Mesh(vertices, faces, colors, left_out=left_out, wrong_face=wrong_face)
+    mesh = Mesh(np.concatenate(parts.vertices), faces, colors, wrong_face=wrong_face)
+    more: dict[str, None] = {}
+    if names_materials(text):
+        if source.images:
+            mesh, more = with_materials(mesh, text)
+        parts.left_out -= {b"usemtl", b"vt"} if mesh.textures or not source.images else {b"usemtl"}
+    left_out = [what for word, what in _LEFT_OUT.items() if word in parts.left_out]
+    return replace(mesh, left_out=(*left_out, *more))
 
 
 def _refuse_unsupported(words: Words) -> None:

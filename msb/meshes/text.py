@@ -84,6 +84,13 @@ class Words:
         cut = np.append(places, len(self.text))[following]
         return replace(self, end=np.minimum(self.end, cut))
 
+    def after(self, separator: bytes) -> Words:
+        """Return the same words, each from after its first `separator` on (one byte); empty without one."""
+        places = np.flatnonzero(self.text == ord(separator))
+        following = np.searchsorted(places, self.start)
+        cut = np.append(places, len(self.text))[following]
+        return replace(self, start=np.minimum(cut + 1, self.end))
+
     def numbers(self, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the numbers the chosen words (T,) spell, each the nearest float64."""
         start, end = self.start[chosen], self.end[chosen]

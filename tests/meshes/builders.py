@@ -26,6 +26,9 @@ SQUARE_FACES = [[0, 1, 2], [0, 2, 3]]
 XYZ = ("property float x", "property float y", "property float z")
 CORNERS = "property list uchar int vertex_indices"
 OBJ_SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+OBJ_TEXTURED = b"mtllib a.mtl\n" + OBJ_SQUARE + b"vt 0 0\nvt 1 0 0\nvt 1 1\nvt 0.25 0.75\n"
+OBJ_TEXTURED += b"usemtl one\nf 1/1 2/2 3/3/1\nf -4/-1 -2/-2 -1/-3\n"
+"""The square with the material "one" of a.mtl, one of its vertices with two texture coordinates."""
 OFF_SQUARE = b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
 
 
@@ -218,6 +221,7 @@ SMALL = {
     ".ply": ply_square(),
     ".PLY": ply_text(OFF_SQUARE + b"3 0 1 2\n4 0 1 2 3\n"),
     ".obj": OBJ_SQUARE + b"vt 0 0\nf 1/1 2/1 3/1\nf -4 -2 -1\n",
+    ".OBJ": OBJ_TEXTURED,
     ".off": off(
         b"COFF", b"4 2 0\n", OFF_SQUARE.replace(b"\n", b" 255 0 0 255\n"), b"3 0 1 2\n3 0 2 3 0.5 0 0\n"
     ),

@@ -1,0 +1,241 @@
+"""Materials of OBJ: the images and colours of MTL files, as textures."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.texture import MAX_TEXTURES
+from msb.errors import MeshFileError, shorten
+from msb.meshes.beside import read_beside
+from msb.meshes.images import MAX_FILE, Decoder, ImageError
+from msb.meshes.polygons import fan_triangulate
+from msb.meshes.text import first_not_whole, word_blocks
+
+if TYPE_CHECKING:
+    from msb.meshes.mesh import Mesh
+    from msb.meshes.source import Source
+    from msb.meshes.text import Words
+
+_STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
+_LIBRARY = re.compile(r"\S.*?\.mtl(?=\s|$)", re.IGNORECASE)
+_MAX_LIBRARY = 1 << 24
+_WHITE = (255, 255, 255)
+_OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
+"""Options of a map with more than one argument; `-o`, `-s` and `-t` may have fewer than three."""
+_NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+_FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
+
+Texture = str | tuple[int, ...]
+"""The name of an image as the file has it, or a colour in bytes of sRGB."""
+LeftOut = dict[str, None]
+
+
+@dataclass
+class _Material:
+    color: tuple[int, ...] = _WHITE
+    image: str | None = None
+
+
+def names_materials(text: Source) -> bool:
+    """Return whether an OBJ file uses materials and names the files of them."""
+    return {each[1] for each in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
+
+
+def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
+    """Return `mesh`, read from `text`, with textures of its materials, and what is left out of these.
+
+    A material is its image, or a texel of its colour. A file or an image that cannot be read is left out, and
+    so are colours, if nothing has an image, where vertices have some and where there are very many.
+    """
+    found: dict[str, _Material] = {}
+    left_out: LeftOut = {}
+    uses: list[tuple[int, str]] = [(-1, "")]
+    for statement in _STATEMENT.finditer(text.data):
+        words = _decoded(statement[2])
+        if statement[1] == b"usemtl":
+            uses.append((statement.start(), words))
+        else:
+            for name in _LIBRARY.findall(words) or [words]:
+                _read_library(text, name, found, left_out)
+    shown = {name: found.get(name, _Material()) for _, name in uses}
+    images = _images(text, shown, left_out)
+    textures = {name: each.image if each.image in images else each.color for name, each in shown.items()}
+    distinct = set(textures.values())
+    if (
+        not images
+        and distinct != {_WHITE}
+        and (mesh.vertex_colors is not None or len(distinct) > MAX_TEXTURES)
+    ):
+        left_out["colours of materials"] = None
+        distinct = {_WHITE}
+    if distinct == {_WHITE}:
+        return mesh, left_out
+    return _with_textures(mesh, text, [(at, textures[name]) for at, name in uses], images), left_out
+
+
+def _with_textures(
+    mesh: Mesh, text: Source, uses: list[tuple[int, Texture]], images: dict[str, NDArray[np.uint8]]
+) -> Mesh:
+    """Return `mesh` with what its faces show from each byte of the file on."""
+    uvs, corners, counts, lines = _coordinates(text)
+    _, polygon = fan_triangulate(corners, counts)
+    used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
+    numbers: dict[Texture, int] = {}
+    of_use = [numbers.setdefault(uses[use][1], len(numbers)) for use in np.unique(used).tolist()]
+    if len(numbers) > MAX_TEXTURES:
+        what = (
+            f"the file shows {len(numbers)} textures and colours; {MAX_TEXTURES} are the most a mesh has here"
+        )
+        raise text.error("MESH_FILE_TOO_LARGE", what)
+    of_polygon = np.array(of_use, np.uint32)[np.unique(used, return_inverse=True)[1]]
+    triangles, _ = fan_triangulate(corners, counts)
+    return replace(
+        mesh,
+        corner_uvs=uvs[triangles.reshape(-1)],
+        textures=tuple(
+            images[each] if isinstance(each, str) else np.array([[each]], np.uint8) for each in numbers
+        ),
+        face_textures=of_polygon[polygon] if len(numbers) > 1 else None,
+    )
+
+
+def _coordinates(
+    text: Source,
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return what the polygons have of texture coordinates.
+
+    These are (T + 1, 2), v downwards, the last of which stands for none; which of them the corners (C,) have;
+    how many corners each polygon has (P,), and the byte at which it begins.
+    """
+    uvs, corners, counts, lines, above = [], [], [], [], 0
+    for words in word_blocks(text, comments=True):
+        is_uv, is_face = (
+            words.lines_beginning(b"vt"),
+            words.lines_beginning(b"f") | words.lines_beginning(b"fo"),
+        )
+        uvs.append(_uvs(words, is_uv))
+        chosen = words.arguments(is_face)
+        named = words.after(b"/").without_suffix(b"/")
+        has = named.end > named.start
+        values = named.numbers(chosen & has)
+        if (bad := first_not_whole(values)) is not None:
+            what = f"index {values[bad]!s} of a texture coordinate is not a whole number of at most 2**53"
+            raise _index_error(words, chosen & has, bad, what)
+        index = values.astype(np.int64)
+        before = np.repeat(above + np.cumsum(is_uv), words.count)[chosen & has]
+        index = np.where(index < 0, before + index, index - 1)
+        if (wrong := np.flatnonzero(index < 0)).size:
+            what = "an index of a texture coordinate begins with 1, or with -1 for the one just above"
+            raise _index_error(words, chosen & has, int(wrong[0]), what)
+        of_words = np.full(len(words.start), -1, np.int64)
+        of_words[chosen & has] = index
+        corners.append(of_words[chosen])
+        counts.append(words.count[is_face] - 1)
+        lines.append(words.base + words.start[words.first[is_face]])
+        above += int(is_uv.sum())
+    joined = np.concatenate(corners)
+    if joined.size and joined.max() >= above:
+        what = f"a face names texture coordinate {joined.max() + 1}; the file has {above}"
+        raise text.error("MESH_FILE_INVALID", what)
+    stored = np.concatenate([*uvs, np.zeros((1, 2))])
+    with np.errstate(over="ignore"):
+        return stored.astype(np.float32), joined, np.concatenate(counts), np.concatenate(lines)
+
+
+def _uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the texture coordinates (N, 2) of the `is_uv` (L,) lines, with v downwards."""
+    widths = words.count[is_uv] - 1
+    wrong = np.flatnonzero((widths < 1) | (widths > 3))
+    if wrong.size:
+        what = f"'vt' has {widths[wrong[0]]} numbers; u, u v or u v w is right"
+        raise words.line_error("MESH_FILE_INVALID", int(np.flatnonzero(is_uv)[wrong[0]]), what)
+    values = words.numbers(words.arguments(is_uv))
+    first = np.cumsum(widths) - widths
+    made = np.zeros((len(widths), 2))
+    made[:, 0] = values[first]
+    made[widths > 1, 1] = values[first[widths > 1] + 1]
+    made[:, 1] = 1 - made[:, 1]
+    return made
+
+
+def _index_error(words: Words, chosen: NDArray[np.bool_], number: int, what: str) -> MeshFileError:
+    """Return the error about the `number`-th of the `chosen` words (T,)."""
+    byte = words.base + int(words.start[np.flatnonzero(chosen)[number]])
+    return words.source.line_error("MESH_FILE_INVALID", byte, what)
+
+
+def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
+    """Return the texels of the images of materials by name."""
+    decoder, images = Decoder(), {}
+    for name in dict.fromkeys(each.image for each in shown.values() if each.image is not None):
+        try:
+            data = read_beside(text, name.replace("\\", "/"), "map_Kd", MAX_FILE)
+            images[name] = decoder.decode(data, alpha=False)
+        except (MeshFileError, ImageError) as error:
+            why = error.message if isinstance(error, MeshFileError) else str(error)
+            left_out[f"image {shorten(name, 60)} ({shorten(why, 200)})"] = None
+    return images
+
+
+def _read_library(text: Source, name: str, found: dict[str, _Material], left_out: LeftOut) -> None:
+    """Add the materials of the file `name` to those `found`; the first of a name counts."""
+    try:
+        data = read_beside(text, name.replace("\\", "/"), "mtllib", _MAX_LIBRARY)
+    except MeshFileError as error:
+        left_out[f"materials ({shorten(error.message, 200)})"] = None
+        return
+    material = _Material()
+    for line in data[:_MAX_LIBRARY].splitlines():
+        word, _, rest = _decoded(line).partition(" ")
+        rest = rest.strip()
+        if word == "newmtl":
+            material = _Material()
+            found.setdefault(rest, material)
+        elif word == "Kd":
+            material.color = _color(rest)
+        elif word.lower() == "map_kd":
+            material.image, is_plain = _without_options(rest)
+            if not is_plain:
+                left_out["options of maps"] = None
+        elif _FURTHER_MAP.fullmatch(word.lower()):
+            left_out["further maps of materials"] = None
+
+
+def _color(words: str) -> tuple[int, ...]:
+    """Return the colour of a line Kd in bytes; white where it is no three numbers (a spectral curve)."""
+    values = words.split()[:3]
+    if len(values) < 3 or not all(_NUMBER.fullmatch(each) for each in values):
+        return _WHITE
+    return tuple(round(255 * min(max(float(each), 0), 1)) for each in values)
+
+
+def _without_options(words: str) -> tuple[str, bool]:
+    """Return the name of the image in a line map_Kd, and whether its options leave the image as it is."""
+    is_plain = True
+    while words.startswith("-"):
+        option, _, words = words.partition(" ")
+        for number in range(_OPTIONS.get(option, 1)):
+            value, _, rest = words.lstrip().partition(" ")
+            if number and not _NUMBER.fullmatch(value):
+                break
+            wanted = _NEUTRAL.get(option)
+            is_number = isinstance(wanted, float) and _NUMBER.fullmatch(value)
+            is_plain &= float(value) == wanted if is_number else value == wanted
+            words = rest
+        words = words.lstrip()
+    return words, is_plain
+
+
+def _decoded(line: bytes) -> str:
+    """Return the words of a line; names are UTF-8, or else Latin-1."""
+    try:
+        text = line.decode()
+    except UnicodeDecodeError:
+        text = line.decode("latin-1")
+    return " ".join(text.replace("\t", " ").split(" ")).strip()

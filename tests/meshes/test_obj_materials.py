@@ -1,0 +1,127 @@
+"""Textures of OBJ: images and colours of MTL files, by corner and by face."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msb.errors import MeshFileError
+from msb.meshes import Mesh, read_mesh, text
+
+from .builders import OBJ_SQUARE, OBJ_TEXTURED, SQUARE, SQUARE_FACES, TEXELS, picture
+
+UVS = b"vt 0 0\nvt 1 0 0\n"
+ONE = b"newmtl one\nKd 0.5 0.5 0.5\nmap_Kd map.png\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "map.png").write_bytes(picture())
+    return tmp_path
+
+
+def read(folder: Path, obj: bytes, mtl: bytes | None = ONE) -> Mesh:
+    (folder / "a.obj").write_bytes(obj)
+    if mtl is not None:
+        (folder / "a.mtl").write_bytes(mtl)
+    mesh = read_mesh(folder / "a.obj")
+    assert (mesh.vertices.tolist(), mesh.faces.tolist()) == (SQUARE, SQUARE_FACES)
+    return mesh
+
+
+def test_an_image_is_read_by_corner_and_v_is_turned_down(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for block in (1, text.BLOCK_BYTES):
+        monkeypatch.setattr(text, "BLOCK_BYTES", block)
+        mesh = read(folder, OBJ_TEXTURED)
+        assert np.array_equal(mesh.textures[0], TEXELS)
+        assert mesh.face_textures is None
+        assert mesh.corner_uvs is not None
+        assert mesh.corner_uvs.tolist() == [[0, 1], [1, 1], [1, 0], [0.25, 0.25], [1, 0], [1, 1]]
+        assert mesh.left_out == ()
+
+
+def test_each_material_is_its_image_or_a_texel_of_its_colour(folder: Path) -> None:
+    obj = b"mtllib a.mtl\n" + OBJ_SQUARE + UVS + b"f 1 2 3\nusemtl red\nf 1/1 3/2 4//\n"
+    mesh = read(folder, obj, b"newmtl red\nKd 1 0.2 0\n" + ONE)
+    assert [image.tolist() for image in mesh.textures] == [[[[255] * 3]], [[[255, 51, 0]]]]
+    assert mesh.face_textures is not None
+    assert mesh.face_textures.tolist() == [0, 1]
+    assert mesh.corner_uvs is not None
+    assert mesh.corner_uvs.tolist() == [[0, 0]] * 3 + [[0, 1], [1, 1], [0, 0]]
+    both = obj.replace(b"f 1 2 3", b"usemtl one\nf 1 2 3")
+    mesh = read(folder, both, b"newmtl red\nKd 1 0.2 0\n" + ONE)
+    assert [image.shape for image in mesh.textures] == [(2, 2, 3), (1, 1, 3)]
+
+
+@pytest.mark.parametrize(
+    ("mtl", "left_out"),
+    [
+        (ONE.replace(b"map.png", b"-s 1 1 1 -o 0 0 -clamp off map.png"), ()),
+        (ONE.replace(b"map.png", b"-s 2 2 map.png"), ("options of maps",)),
+        (
+            ONE.replace(b"map.png", b"-bm 0.3 map.png") + b"map_Bump b.png\n",
+            ("options of maps", "further maps of materials"),
+        ),
+        (b"\r\n# x\r\n" + ONE.replace(b"\n", b"\r\n").replace(b"map.png", b".\\map.png"), ()),
+    ],
+)
+def test_options_of_maps(folder: Path, mtl: bytes, left_out: tuple[str, ...]) -> None:
+    mesh = read(folder, OBJ_TEXTURED, mtl)
+    assert np.array_equal(mesh.textures[0], TEXELS)
+    assert mesh.left_out == left_out
+
+
+@pytest.mark.parametrize(
+    ("mtl", "words"),
+    [
+        (
+            None,
+            "materials (mtllib: it needs 'a.mtl' in its folder, and that cannot be read: there is no such",
+        ),
+        (ONE.replace(b"map", b"../map", 2).replace(b"../map_", b"map_"), "'../map.png' leaves the folder"),
+        (ONE.replace(b"map.png", b"C:\\maps\\a.png"), "names a scheme, a host or a drive"),
+        (ONE.replace(b"map.png", b"/etc/passwd"), "is not a relative path"),
+        (ONE.replace(b"map.png", b"a.mtl"), "image a.mtl (it is no PNG, JPEG or WebP image"),
+    ],
+)
+def test_what_cannot_be_read_is_left_out_and_the_mesh_is_there(
+    folder: Path, mtl: bytes | None, words: str
+) -> None:
+    assert words in ", ".join(read(folder, OBJ_TEXTURED, mtl).left_out)
+
+
+def test_who_needs_the_surface_alone_opens_nothing(folder: Path) -> None:
+    (folder / "a.obj").write_bytes(OBJ_TEXTURED)
+    mesh = read_mesh(folder / "a.obj", images=False)
+    assert (mesh.textures, mesh.left_out) == ((), ())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (b"3/3/1", b"3/9/1", "a face names texture coordinate 9; the file has 4"),
+        (b"3/3/1", b"3/0/1", "line 11: an index of a texture coordinate begins with 1"),
+        (b"-4/-1", b"-4/-9", "line 12: an index of a texture coordinate begins with 1"),
+        (b"3/3/1", b"3/1.5/1", "line 11: index 1.5 of a texture coordinate is not a whole number"),
+        (b"3/3/1", b"3/x/1", "line 11: 'x' is not a number"),
+        (b"vt 1 1\n", b"vt 1 1 1 1\n", "line 8: 'vt' has 4 numbers"),
+    ],
+)
+def test_bad_coordinates(folder: Path, old: bytes, new: bytes, words: str) -> None:
+    (folder / "a.mtl").write_bytes(ONE)
+    (folder / "a.obj").write_bytes(OBJ_TEXTURED.replace(old, new))
+    with pytest.raises(MeshFileError, match="MESH_FILE_INVALID") as caught:
+        read_mesh(folder / "a.obj")
+    assert words in str(caught.value)
+
+
+def test_colours_of_materials_give_way_to_those_of_vertices(folder: Path) -> None:
+    lines = OBJ_TEXTURED.split(b"\n")
+    colored = b"\n".join(line + b" 1 0 0" if line.startswith(b"v ") else line for line in lines)
+    mesh = read(folder, colored, b"newmtl one\nKd 0.5 0.5 0.5\n")
+    assert (mesh.textures, mesh.left_out) == ((), ("UVs", "colours of materials"))
+    assert read(folder, colored).textures
