@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msb.errors import SceneError
+from msb.errors import SceneError, shorten
 from msb.scenes.checks import (
     MAX_SIDE,
     MIN_FOCAL,
+    SPLITS,
     check_name,
     check_pixels,
     check_size,
-    check_split,
     focal_from_fov,
 )
 from msb.scenes.poses import check_pose, look_at_pose, rigid_inverse
@@ -99,8 +99,9 @@ class Camera:
             values["image_path"] = Path(self.image_path)
         if self.source_size is not None:
             values["source_size"] = check_size(self.source_size)
-        if self.split is not None:
-            check_split(self.split)
+        if self.split not in (None, *SPLITS):
+            text = f"split is {shorten(repr(self.split), 60)}; it must be {', '.join(SPLITS)} or None"
+            raise SceneError("CAMERA_INVALID", text)
         if not 0 < self.unit < math.inf:
             raise SceneError("CAMERA_FILE", f"unit is {self.unit}; it must be a positive length")
         for key, value in values.items():

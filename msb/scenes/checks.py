@@ -83,12 +83,5 @@ def check_name(name: str) -> None:
     raise SceneError("CAMERA_INVALID", text)
 
 
-def check_split(split: object) -> None:
-    """Check that `split` is one of `SPLITS`."""
-    if split not in SPLITS:
-        text = f"split is {_shown(split)}; it must be {', '.join(SPLITS)} or None"
-        raise SceneError("CAMERA_INVALID", text)
-
-
 def _shown(value: object) -> str:
     return shorten(repr(value), 60)

@@ -104,7 +104,16 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
                 "photographs of one camera have one size"
             )
             raise SceneError("SCENE_IMAGE", text, file=view.image_path)
-    _report_missing(root, views, missing, sizes, warnings)
+    if missing:
+        needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
+        shown = needed or missing
+        names = ", ".join(shorten(str(view.name), 60) for view in shown[:4])
+        text = f"{len(shown)} of {len(views)} photographs are not there: {names}"
+        text += ", ..." if len(shown) > 4 else ""
+        folder = root if shown[0].image_path is None else shown[0].image_path.parent
+        if needed:
+            raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
+        warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))
     for (width, height), (size, first) in sizes.items():
         expected = height * size[0] / width
         if abs(size[1] - expected) > _ROUNDED_AWAY:
@@ -114,26 +123,6 @@ def photograph_sizes(root: Path, views: Sequence[Camera], warnings: list[Finding
             )
             warnings.append(finding("SCENE_IMAGE", text, severity="warning", file=str(first.image_path)))
     return [sizes[view.width, view.height][0] for view in views]
-
-
-def _report_missing(
-    root: Path,
-    views: Sequence[Camera],
-    missing: Sequence[Camera],
-    sizes: dict[Size, tuple[Size, Camera]],
-    warnings: list[Finding],
-) -> None:
-    """Refuse a scene without a photograph that is needed; warn about others that are missing."""
-    if not missing:
-        return
-    needed = [view for view in missing if view.split == "test" or (view.width, view.height) not in sizes]
-    shown = needed or missing
-    names = ", ".join(shorten(str(view.name), 60) for view in shown[:4]) + (", ..." if len(shown) > 4 else "")
-    text = f"{len(shown)} of {len(views)} photographs are not there: {names}"
-    folder = root if shown[0].image_path is None else shown[0].image_path.parent
-    if needed:
-        raise SceneError("SCENE_IMAGE_MISSING", text, file=folder)
-    warnings.append(finding("SCENE_IMAGE_MISSING", text, severity="warning", file=str(folder)))
 
 
 def find_masks(
