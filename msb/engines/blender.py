@@ -21,6 +21,7 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import linear_to_srgb
 from msb.base.extras import install, is_installed
 from msb.engines.engine import NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
@@ -54,7 +55,7 @@ class _Blender(Engine):
     ----------
     source : {"ply", "glb"}
         The format that Blender imports. Its PLY importer keeps float colours; its glTF importer makes bytes
-        of them.
+        of them. Textures come as GLB.
     defaults : bool
         Whether Blender's colour handling stays as it comes, to see its effect; images are then those of the
         8-bit PNG that Blender writes.
@@ -74,6 +75,8 @@ class _Blender(Engine):
     ) -> None:
         super().__init__(asset, device=device, settings=settings, supersample=supersample)
         self._check_device()
+        if (skin := self._mesh.textured) is not None:
+            source = "glb"
         self._turn = _GLB_UP if source == "glb" else np.eye(4)
         self._defaults = defaults
         python = _python()
@@ -91,7 +94,15 @@ class _Blender(Engine):
         try:
             path = Path(self._folder.name) / f"mesh.{source}"
             path.write_bytes(self._mesh.encoded(path.suffix))
-            about = self._ask({"file": str(path), "engine": self.engine, "exact": not defaults})
+            about = self._ask(
+                {
+                    "file": str(path),
+                    "engine": self.engine,
+                    "exact": not defaults,
+                    "textured": skin is not None,
+                    "cutoff": None if skin is None else skin.sampler.alpha_cutoff,
+                }
+            )
             path.unlink()
         except BaseException:
             self.close()
@@ -105,7 +116,7 @@ class _Blender(Engine):
             raise DeviceError("DEVICE_NOT_FOUND", text)
 
     def _check_device(self) -> None:
-        """Refuse a device this engine does not draw on."""
+        """Refuse a device, or an asset, that this engine does not draw."""
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
         raise NotImplementedError
@@ -157,7 +168,10 @@ class _Blender(Engine):
         rgba, depth = (_read_png if self._defaults else _read_exr)(path)
         path.unlink()
         depth = depth / np.float32(_unit(camera))
-        return opaque_frame(rgba[..., :3], rgba[..., 3] > 0.5, depth, background, None, times)
+        image = rgba[..., :3]
+        if self._mesh.textured is not None and not self._defaults:
+            image = linear_to_srgb(np.clip(image, 0, 1))  # what is read of a texture is linear light
+        return opaque_frame(image, rgba[..., 3] > 0.5, depth, background, None, times)
 
     def _draw(self, camera: Camera, background: Color) -> Drawn:
         times = self._render(camera, {})
@@ -221,6 +235,13 @@ class WorkbenchRenderer(_Blender):
 
     name = "blender_workbench"
     engine = "workbench"
+
+    def _check_device(self) -> None:
+        """Refuse what this engine would draw otherwise."""
+        skin, white = self._mesh.textured, 255 if self._mesh.colors.dtype == np.uint8 else 1
+        if skin is not None and (skin.sampler.alpha_cutoff is not None or self._mesh.colors.min() < white):
+            text = f"renderer {self.name} draws textures alone: no cut-off, no colours that they are times"
+            raise Unsupported("UNSUPPORTED_OPTION", text)
 
     def _device_info(self, about: Mapping[str, Any]) -> Mapping[str, str]:
         drawn_by = str(about["gpu"])

@@ -40,14 +40,15 @@ def main() -> None:
 class Worker:
     """A scene with one mesh and one camera.
 
-    `request` has `file` (.ply or .glb), `engine` ("cycles" or "workbench") and `exact`: false leaves
-    Blender's colour management, and what its importer takes colours for, as they come.
+    `request` has `file` (.ply or .glb), `engine` ("cycles" or "workbench"), `textured`, `cutoff` (of alpha,
+    or null) and `exact`: false leaves Blender's colour management, and what its importer takes colours for,
+    as they come.
     """
 
     def __init__(self, request: dict[str, Any]) -> None:
         import bpy
 
-        self._bpy = bpy
+        self._bpy, self._textured, self._cutoff = bpy, request["textured"], request["cutoff"]
         self.about = {"version": bpy.app.version_string, "baseline": resident()}
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
@@ -98,18 +99,52 @@ class Worker:
         # One sample in the middle of the pixel.
         cycles.pixel_filter_type = "BOX"
         cycles.filter_width = 0.01
+        if self._textured:
+            cycles.transparent_max_bounces = 1024
+            for material in self.mesh.data.materials:
+                self._make_unlit(material)
+            return
         material = bpy.data.materials.new("unlit")
         if not material.node_tree:  # before Blender 5
             material.use_nodes = True
-        nodes, links = material.node_tree.nodes, material.node_tree.links
-        nodes.clear()
-        emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
-        attribute = nodes.new("ShaderNodeAttribute")
-        attribute.attribute_name = self.mesh.data.color_attributes[0].name
-        links.new(attribute.outputs["Color"], emission.inputs["Color"])
-        links.new(emission.outputs["Emission"], output.inputs["Surface"])
+        material.node_tree.nodes.clear()
+        self._make_unlit(material)
         self.mesh.data.materials.clear()
         self.mesh.data.materials.append(material)
+
+    def _make_unlit(self, material: Any) -> None:
+        """Let `material` shine in the colours of the mesh times its own texture; a cut-off lets rays through.
+
+        The importer's nodes before the texture, which wrap its coordinates, stay.
+        """
+        nodes, links = material.node_tree.nodes, material.node_tree.links
+        image = next((node for node in nodes if node.bl_idname == "ShaderNodeTexImage"), None)
+        output = next((node for node in nodes if node.bl_idname == "ShaderNodeOutputMaterial"), None)
+        output = output or nodes.new("ShaderNodeOutputMaterial")
+        emission, attribute = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeAttribute")
+        attribute.attribute_name = self.mesh.data.color_attributes[0].name
+        color, alpha = attribute.outputs["Color"], attribute.outputs["Alpha"]
+        if image is not None:
+            image.image.alpha_mode = "CHANNEL_PACKED"  # colours are filtered as they are, not times alpha
+            product, both = nodes.new("ShaderNodeVectorMath"), nodes.new("ShaderNodeMath")
+            product.operation = both.operation = "MULTIPLY"
+            for node, own, stored in ((product, "Color", color), (both, "Alpha", alpha)):
+                links.new(image.outputs[own], node.inputs[0])
+                links.new(stored, node.inputs[1])
+            color, alpha = product.outputs[0], both.outputs[0]
+        links.new(color, emission.inputs["Color"])
+        shown = emission.outputs["Emission"]
+        if self._cutoff is not None:
+            below, clear, mix = (
+                nodes.new(f"ShaderNode{name}") for name in ("Math", "BsdfTransparent", "MixShader")
+            )
+            below.operation, below.inputs[1].default_value = "LESS_THAN", self._cutoff
+            links.new(alpha, below.inputs[0])
+            links.new(below.outputs[0], mix.inputs[0])
+            links.new(shown, mix.inputs[1])
+            links.new(clear.outputs[0], mix.inputs[2])
+            shown = mix.outputs[0]
+        links.new(shown, output.inputs["Surface"])
 
     def _set_workbench(self) -> None:
         import gpu
@@ -119,7 +154,7 @@ class Worker:
         scene.display.render_aa = "OFF"
         shading = scene.display.shading
         shading.light = "FLAT"
-        shading.color_type = "VERTEX"
+        shading.color_type = "TEXTURE" if self._textured else "VERTEX"
         for name in ("show_shadows", "show_cavity", "show_object_outline", "show_specular_highlight"):
             setattr(shading, name, False)
         shading.show_backface_culling = False

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.drawable import check_drawable
-from msb.asset.look import drawn_colors, shown_faces
+from msb.asset.look import StaticColors, drawn_colors, shown_faces, tint_of
 from msb.asset.settings import effective_settings
+from msb.asset.texture import Textured, textures_of
 from msb.errors import UsageError, shorten
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import Style
@@ -151,14 +152,28 @@ class EngineMesh:
     positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
     colors: NDArray[Any]
-    """Of vertices, (V, 3) uint8, or float32 in [0, 1]; a fourth channel is left out, as in our renderer."""
+    """Of vertices, (V, 3) uint8, or float32 in [0, 1]; a fourth channel is left out, as in our renderer.
+    Beside textures it is there, as alpha, and colours are multiplied with them in linear light."""
     numbers: NDArray[np.uint32] | None
     """The asset's numbers of the faces; None if they are 0, 1, 2, ..."""
+    textured: Textured | None = None
+    """The textures of these faces, if there are any."""
 
     def encoded(self, suffix: str) -> bytes:
-        """Return the file that `msb convert --color srgb` writes of the asset, in the format of `suffix`."""
-        file, mesh = BytesIO(), Mesh(self.positions, self.indices.astype(np.int64), self.colors)
-        write_mesh(mesh, file, suffix=suffix, style=Style("srgb"))
+        """Return the file that `msb convert` writes of the asset, in the format of `suffix`; colours of
+        vertices as sRGB, if there are no textures.
+        """
+        mesh = Mesh(self.positions, self.indices.astype(np.int64), self.colors)
+        if (skin := self.textured) is not None:
+            mesh = replace(
+                mesh,
+                corner_uvs=skin.uvs.reshape(-1, 2),
+                textures=skin.images,
+                face_textures=skin.face_texture,
+                sampler=skin.sampler,
+            )
+        file = BytesIO()
+        write_mesh(mesh, file, suffix=suffix, style=Style("srgb" if skin is None else None))
         return file.getvalue()
 
     def depth_range(self, world_to_camera: NDArray[np.float64]) -> tuple[float, float]:
@@ -176,6 +191,8 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     has one face without area, because no format for engines has a mesh without faces.
     """
     values = effective_settings(asset.manifest, settings)
+    if (skin := textures_of(asset)) is not None:
+        return _textured_mesh(asset, skin)
     check_drawable(asset, ("positions", "color", "f_dc"))
     positions = np.asarray(asset.buffers["positions"], np.float32)
     indices = np.asarray(asset.buffers["indices"], np.uint32)
@@ -191,3 +208,17 @@ def engine_mesh(asset: Asset, settings: Mapping[str, Any] | None) -> EngineMesh:
     corners = positions[indices[shown]].reshape(-1, 3)
     own = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
     return EngineMesh(corners, own, np.ascontiguousarray(colors[shown].reshape(-1, 3)), numbers)
+
+
+def _textured_mesh(asset: Asset, skin: Textured) -> EngineMesh:
+    """Return what an engine draws of an asset with textures; white where it has no colours."""
+    check_drawable(asset, ("positions", "color"))
+    positions, indices, tint = asset.buffers["positions"], asset.buffers["indices"], tint_of(asset)
+    if tint is None:
+        tint = StaticColors(np.full((len(positions), 3), 255, np.uint8), "vertex")
+    if tint.domain == "vertex":
+        return EngineMesh(positions, indices, np.ascontiguousarray(tint.values), None, skin)
+    corners = indices.reshape(-1)
+    own = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    values = np.repeat(tint.values, 3, axis=0) if tint.domain == "face" else tint.values
+    return EngineMesh(positions[corners], own, np.ascontiguousarray(values), None, skin)
