@@ -27,11 +27,12 @@ typedef float real;
 
 // A triangle is 16 words, one cache line:
 //   0..8   its three corners
-//   9..11  three RGBA8 colours, or one RGB colour in floats, or the number of a texture (COLORS)
+//   9..11  three RGBA8 colours, or one RGB colour in floats, or with textures u0, v0, u1 (COLORS)
 //   12     its face
-//   13     1 if it is longer than FAR / 2, else 0
+//   13     1 if it is longer than FAR / 2, else 0; but with textures
+//   13..15 v1, u2, v2
 #define WORDS 16
-#define TEXTURE_WORD 9
+#define UV_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
 // What is no float goes in and out as an integer: as a float it may be subnormal or NaN, which a device need

@@ -2,7 +2,7 @@
 #if COLORS == TEXTURES
 #include "zbuffer_texture.cl"
 #undef TEXTURE_ARGUMENTS
-#define TEXTURE_ARGUMENTS , __global const float *tint, __global const uint *shown, int one_texture, int words
+#define TEXTURE_ARGUMENTS , __global const float *tint, int is_tinted, __global const uint *shown, int several, __global uint *numbers
 #else
 #define TEXTURE_ARGUMENTS
 #endif
@@ -65,7 +65,7 @@ int is_long(__global const float *corners)
 // Write the records. Corners are put in an order that depends on their places alone, so that faces in the same
 // place have equal depths to the last bit, whatever corner each starts with. Slots from `count` on, up to a whole
 // block, get triangles without area. With textures `colors` has u, v of each corner, `tint` linear light and alpha
-// and `shown` the texture of each face.
+// if `is_tinted`, and `shown`, if there are `several`, the texture of each face.
 __kernel void records(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global const uint *order, int ordered, COLOR_TYPE colors, int domain, __global float *triangles,
     __global float *corner_colors, uint count, uint slots TEXTURE_ARGUMENTS)
@@ -109,24 +109,26 @@ __kernel void records(__global const float *positions, __global const uint *indi
 #elif COLORS == FLOATS_OF_FACE
         record[9 + k] = colors[face * CHANNELS + k];
 #elif COLORS == TEXTURES
-        __global float *own = corner_colors + slot * words;
-        own[2 * k] = colors[2 * row[k]];
-        own[2 * k + 1] = colors[2 * row[k] + 1];
-        for (int channel = 0; channel < (words == PLAIN_WORDS ? 0 : 4); channel++)
-            own[8 + 4 * k + channel] = tint[4 * (size_t)row[k] + channel];
+        for (int axis = 0; axis < 2; axis++) {
+            int word = 2 * k + axis;
+            record[word < 3 ? UV_WORD + word : FACE_WORD - 2 + word] = colors[2 * (size_t)row[k] + axis];
+        }
+        for (int channel = 0; is_tinted && channel < 4; channel++)
+            corner_colors[slot * TINT_WORDS + 4 * k + channel] = tint[4 * (size_t)row[k] + channel];
 #else
         for (int channel = 0; channel < 3; channel++)
             corner_colors[slot * 9 + 3 * k + channel] = colors[(size_t)row[k] * CHANNELS + channel];
 #endif
     }
-#if COLORS == TEXTURES
-    INTEGERS(record)[TEXTURE_WORD] = one_texture ? 0 : (int)shown[face];
-    record[TEXTURE_WORD + 1] = record[TEXTURE_WORD + 2] = 0.0f;
-#endif
     INTEGERS(record)[FACE_WORD] = (int)face;
+#if COLORS == TEXTURES
+    if (several)
+        numbers[slot] = shown[face];
+#else
     INTEGERS(record)[LONG_WORD] = is_long(record);
     for (int k = LONG_WORD + 1; k < WORDS; k++)
         record[k] = 0.0f;
+#endif
 }
 
 // Centre and half extent of clusters of `size` triangles, six rows of `stride`.

@@ -1,30 +1,31 @@
 // Textures for the opaque z-buffer: what they show of a face at a sample, eight samples at once (LANES 8) or one.
 // The rules are in docs/standard.md, the readable twin is `sample` in msb/asset/texture.py.
 //
-// `corners` has 8 or 24 floats for each slot: u, v of its three corners and two words that are not read; then, of 24,
-// the linear light and alpha that the texture is multiplied with there and four words that are not read. `texels` has
-// all levels of all textures as RGBA8. `rows` says how to read them:
+// A record has u, v of the corners in UV_WORD and behind FACE_WORD. `tints` has, if there are any, linear light and
+// alpha of each slot's corners, `numbers` the texture of each slot if there are several, `texels` all levels of all
+// textures as RGBA8. `rows` says how to read them:
 //   row 0            whether texels are not blended, whether smaller levels are read, wrap of u, wrap of v
-//   row 1            alpha below which there is nothing, as a float, and the floats of a slot in `corners`
-//   row 2 + 16t + l  level l of texture t: its first texel, width, height, and the last level of the texture
+//   row 1            alpha below which there is nothing, as a float; whether there are tints; several textures
+//   row 2 + 16t + l  level l of texture t: its first texel, and for l = 0 width, height, and the last level
 
 #define CLAMPED 1 // wraps; 0 repeats
 #define MIRRORED 2
 #define FIRST_ROW 2
 #define LEVEL_ROWS 16
+#define TINT_WORDS 12
 
 typedef struct {
-    __global const float *triangles, *corners;
-    __global const uint *texels;
-    __global const float *decode; // linear light of the bytes of sRGB
+    __global const float *triangles, *tints;
+    __global const uint *numbers, *texels;
     __global const int *rows;
 } Textures;
 #define CUTOFF_OF(t) as_float((t)->rows[4])
-#define CORNER_WORDS(t) ((t)->rows[5])
-#define PLAIN_WORDS 8
+#define IS_TINTED(t) ((t)->rows[5])
+#define ARE_SEVERAL(t) ((t)->rows[6])
 // The arguments of a kernel that draws, and what they are to it.
-#define TEXTURE_ARGUMENTS , __global const uint *texels, __global const float *decode, __global const int *level_rows
-#define TEXTURES_OF(triangles, corners) {triangles, corners, texels, decode, level_rows}
+#define TEXTURE_ARGUMENTS                                                                                       \
+    , __global const uint *numbers, __global const uint *texels, __global const int *level_rows
+#define TEXTURES_OF(triangles, tints) {triangles, tints, numbers, texels, level_rows}
 
 #if LANES == 8
 typedef float8 floats;
@@ -36,8 +37,8 @@ typedef int8 ints;
 #define ANY(mask) any8(mask)
 #define GATHER(type, p, i)                                                                                      \
     (type)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
-#define ROW_OF(p, words, slot, lane, i) LOAD((p) + (size_t)(slot).s##lane * (words), i)
-// Eight words of each of eight records, from the i-th eight on.
+#define ROW_OF(p, words, slot, lane, i) LOAD((p) + (size_t)(slot).s##lane * (words) + (i), 0)
+// Eight words of each of eight records, from word i on.
 #define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
     {                                                                                                           \
         w[0] = ROW_OF(p, words, slot, 0, i), w[1] = ROW_OF(p, words, slot, 1, i);                               \
@@ -46,6 +47,9 @@ typedef int8 ints;
         w[6] = ROW_OF(p, words, slot, 6, i), w[7] = ROW_OF(p, words, slot, 7, i);                               \
         TRANSPOSE(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7])                                               \
     }
+#define BYTES_TO_FLOATS(b) TO_FLOAT(b)
+#define LANE(v, l) PICK(v, l)
+#define LANE_F(v, l) PICK_F(v, l)
 #else
 typedef float floats;
 typedef int ints;
@@ -57,7 +61,10 @@ typedef int ints;
 #define GATHER(type, p, i) (type)((p)[i])
 #define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
     for (int word = 0; word < 8; word++)                                                                        \
-        w[word] = (p)[(size_t)(slot) * (words) + 8 * (i) + word];
+        w[word] = (p)[(size_t)(slot) * (words) + (i) + word];
+#define BYTES_TO_FLOATS(b) convert_float8(b)
+#define LANE(v, l) (v)
+#define LANE_F(v, l) (v)
 #endif
 
 floats floor_of(floats x)
@@ -108,46 +115,71 @@ floats folded(floats u, int wrap)
     return u > 0.0f ? (u < 1.0f ? u : (floats)1.0f) : (floats)0.0f;
 }
 
-// Add `share` of the texels at x, y of a level.
-void add_texels(const Textures *t, ints first, ints width, ints x, ints y, floats share, floats *light)
+// Linear light and alpha of two texels. Above the straight part of sRGB a polynomial in the byte, which encoded again
+// is right to 1.3e-5.
+float8 decoded(uint left, uint right)
 {
-    ints at = first + y * width + x;
-    ints texel = GATHER(ints, t->texels, at);
-    light[0] = MAD(share, GATHER(floats, t->decode, texel & 255), light[0]);
-    light[1] = MAD(share, GATHER(floats, t->decode, (texel >> 8) & 255), light[1]);
-    light[2] = MAD(share, GATHER(floats, t->decode, (texel >> 16) & 255), light[2]);
-    light[3] = MAD(share * (1.0f / 255.0f), FLOATS_OF((texel >> 24) & 255), light[3]);
+    const float dark = 1.0f / (255.0f * 12.92f), alpha = 1.0f / 255.0f, never = 256.0f;
+    float8 x = BYTES_TO_FLOATS(as_uchar8((uint2)(left, right)));
+    float8 curve = (float8)(-3.106110508e-16f);
+    curve = MAD(curve, x, (float8)2.937843801e-13f);
+    curve = MAD(curve, x, (float8)(-1.262470524e-10f));
+    curve = MAD(curve, x, (float8)4.632120840e-08f);
+    curve = MAD(curve, x, (float8)7.675061176e-06f);
+    curve = MAD(curve, x, (float8)1.349016732e-04f);
+    curve = MAD(curve, x, (float8)8.751440910e-04f);
+    float8 line = x * (float8)(dark, dark, dark, alpha, dark, dark, dark, alpha);
+    return x > (float8)(10.5f, 10.5f, 10.5f, never, 10.5f, 10.5f, 10.5f, never) ? curve : line;
 }
 
-// Add `share` of what the level of a row shows at u, v, which are folded.
-void add_level(const Textures *t, ints row, floats u, floats v, floats share, floats *light)
+// Where a level is read: its four texels, the shares of the upper and the lower two, and that of the right ones in both.
+typedef struct {
+    ints upper_left, upper_right, lower_left, lower_right;
+    floats upper, lower, right;
+} Taps;
+
+// The taps of level `level` of the textures whose first row is `row`, times a share; u, v are folded.
+Taps taps_of(const Textures *t, ints row, ints level, ints width, ints height, floats u, floats v, floats share)
 {
-    ints at = 4 * row;
-    ints first = GATHER(ints, t->rows, at), width = GATHER(ints, t->rows + 1, at);
-    ints height = GATHER(ints, t->rows + 2, at);
-    if (t->rows[0]) { // the texel it lies in
-        ints x = INTS_OF(u * FLOATS_OF(width)), y = INTS_OF(v * FLOATS_OF(height));
-        x = x < width ? x : width - 1;
-        y = y < height ? y : height - 1;
-        add_texels(t, first, width, x, y, share, light);
-        return;
-    }
-    floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f)), y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
+    Taps taps;
+    ints at = 4 * (row + level), first = GATHER(ints, t->rows, at);
+    width >>= level;
+    height >>= level;
+    width = width > 1 ? width : (ints)1;
+    height = height > 1 ? height : (ints)1;
+    // A texel that is read alone is the left and upper one of four.
+    int alone = t->rows[0];
+    floats shift = (floats)(alone ? 0.0f : -0.5f);
+    floats x = MAD(u, FLOATS_OF(width), shift), y = MAD(v, FLOATS_OF(height), shift);
     floats left = floor_of(x), up = floor_of(y);
     ints x0 = INTS_OF(left), y0 = INTS_OF(up), x1 = x0 + 1, y1 = y0 + 1;
-    x -= left;
-    y -= up;
     // Past an edge lies the opposite one, or the edge itself.
     int around_x = t->rows[2] == 0, around_y = t->rows[3] == 0;
-    x0 = x0 < 0 ? (around_x ? width - 1 : (ints)0) : x0;
-    y0 = y0 < 0 ? (around_y ? height - 1 : (ints)0) : y0;
+    x0 = x0 < 0 ? (around_x ? width - 1 : (ints)0) : (x0 < width ? x0 : width - 1);
+    y0 = y0 < 0 ? (around_y ? height - 1 : (ints)0) : (y0 < height ? y0 : height - 1);
     x1 = x1 < width ? x1 : (around_x ? (ints)0 : width - 1);
     y1 = y1 < height ? y1 : (around_y ? (ints)0 : height - 1);
-    floats upper = share - share * y, lower = share * y;
-    add_texels(t, first, width, x0, y0, upper - upper * x, light);
-    add_texels(t, first, width, x1, y0, upper * x, light);
-    add_texels(t, first, width, x0, y1, lower - lower * x, light);
-    add_texels(t, first, width, x1, y1, lower * x, light);
+    taps.right = alone ? (floats)0.0f : x - left;
+    taps.lower = alone ? (floats)0.0f : share * (y - up);
+    taps.upper = share - taps.lower;
+    y0 = first + y0 * width;
+    y1 = first + y1 * width;
+    taps.upper_left = y0 + x0;
+    taps.upper_right = y0 + x1;
+    taps.lower_left = y1 + x0;
+    taps.lower_right = y1 + x1;
+    return taps;
+}
+
+// What the taps of one sample show, the left texels' part and the right ones'.
+float8 blended(__global const uint *texels, const Taps *taps, int l)
+{
+    float8 upper = decoded(texels[LANE(taps->upper_left, l)], texels[LANE(taps->upper_right, l)]);
+    float8 lower = decoded(texels[LANE(taps->lower_left, l)], texels[LANE(taps->lower_right, l)]);
+    float right = LANE_F(taps->right, l);
+    float8 lower_part = lower * LANE_F(taps->lower, l);
+    return MAD(upper, (float8)LANE_F(taps->upper, l), lower_part)
+        * (float8)((float4)(1.0f - right), (float4)right);
 }
 
 // Weights of the second and third corner at a sample, and their steps to the next pixel along x and along y: in all
@@ -224,13 +256,19 @@ void wide_weights_and_steps(__global const float *record, __constant float *view
 // Linear light and alpha of the faces in `slot` at px, py from the principal point, clamped to the faces.
 void surface(const Textures *t, __constant float *view, ints slot, floats px, floats py, floats *light)
 {
-    floats c[16], w[6], uv[8];
+    floats c[16], w[6];
     EIGHT_WORDS(t->triangles, WORDS, slot, 0, c)
-    EIGHT_WORDS(t->triangles, WORDS, slot, 1, (c + 8))
+    EIGHT_WORDS(t->triangles, WORDS, slot, 8, (c + 8))
     weights_and_steps(c, view, px, py, w);
-    ints number = AS_INTS(c[TEXTURE_WORD]), reaches_far = AS_INTS(c[LONG_WORD]);
+    floats size = (floats)0.0f; // as is_long in zbuffer_prepare.cl
+    for (int k = 3; k < 9; k++) {
+        floats side = c[k] - c[k % 3];
+        side = side < 0.0f ? -side : side;
+        size = size > side ? size : side;
+    }
 #if LANES == 8
-    for (int l = 0; l < 8 && any8(reaches_far != 0); l++) {
+    int8 reaches_far = size > FAR / 2;
+    for (int l = 0; l < 8 && any8(reaches_far); l++) {
         float exact[6];
         for (int k = 0; k < 6; k++)
             exact[k] = PICK_F(w[k], l);
@@ -241,22 +279,24 @@ void surface(const Textures *t, __constant float *view, ints slot, floats px, fl
             ((float *)&w[k])[l] = exact[k];
     }
 #else
-    if (reaches_far)
+    if (size > FAR / 2)
         wide_weights_and_steps(t->triangles + (size_t)slot * WORDS, view, px, py, w);
 #endif
-    int words = CORNER_WORDS(t);
-    EIGHT_WORDS(t->corners, words, slot, 0, uv)
-    floats u1 = uv[2] - uv[0], v1 = uv[3] - uv[1], u2 = uv[4] - uv[0], v2 = uv[5] - uv[1];
-    ints row = FIRST_ROW + LEVEL_ROWS * number;
+    floats *uv = c + UV_WORD, *last_uv = c + FACE_WORD + 1;
+    floats u1 = uv[2] - uv[0], v1 = last_uv[0] - uv[1], u2 = last_uv[1] - uv[0], v2 = last_uv[2] - uv[1];
+    ints row = (ints)FIRST_ROW;
+    if (ARE_SEVERAL(t))
+        row += LEVEL_ROWS * GATHER(ints, t->numbers, slot);
+    ints at = 4 * row;
+    ints width = GATHER(ints, t->rows + 1, at), height = GATHER(ints, t->rows + 2, at);
     floats lod = (floats)0.0f;
     if (t->rows[1]) {
-        ints at = 4 * row;
-        ints wide = GATHER(ints, t->rows + 1, at), high = GATHER(ints, t->rows + 2, at);
-        floats width = FLOATS_OF(wide), height = FLOATS_OF(high), last = FLOATS_OF(GATHER(ints, t->rows + 3, at));
-        floats texels = (floats)1e-30f;
+        floats wide = FLOATS_OF(width), high = FLOATS_OF(height);
+        ints last_level = GATHER(ints, t->rows + 3, at);
+        floats last = FLOATS_OF(last_level), texels = (floats)1e-30f;
         for (int axis = 0; axis < 2; axis++) {
-            floats x = width * MAD(w[2 + 2 * axis], u1, w[3 + 2 * axis] * u2);
-            floats y = height * MAD(w[2 + 2 * axis], v1, w[3 + 2 * axis] * v2);
+            floats x = wide * MAD(w[2 + 2 * axis], u1, w[3 + 2 * axis] * u2);
+            floats y = high * MAD(w[2 + 2 * axis], v1, w[3 + 2 * axis] * v2);
             floats squared = y * y;
             squared = MAD(x, x, squared);
             texels = squared > texels ? squared : texels;
@@ -269,17 +309,32 @@ void surface(const Textures *t, __constant float *view, ints slot, floats px, fl
     floats v = folded(MAD(w[0], v1, MAD(w[1], v2, uv[1])), t->rows[3]);
     ints level = INTS_OF(lod);
     floats share = lod - FLOATS_OF(level);
+    Taps near = taps_of(t, row, level, width, height, u, v, 1.0f - share), far;
+    int blends = ANY(share > 0.0f);
+    if (blends)
+        far = taps_of(t, row, share > 0.0f ? level + 1 : level, width, height, u, v, share);
+    float8 seen[LANES];
+    for (int l = 0; l < LANES; l++) {
+        seen[l] = blended(t->texels, &near, l);
+        if (blends)
+            seen[l] += blended(t->texels, &far, l);
+        seen[l].lo += seen[l].hi;
+    }
+#if LANES == 8
+    TRANSPOSE(seen[0], seen[1], seen[2], seen[3], seen[4], seen[5], seen[6], seen[7])
     for (int k = 0; k < 4; k++)
-        light[k] = (floats)0.0f;
-    add_level(t, row + level, u, v, 1.0f - share, light);
-    if (ANY(share > 0.0f))
-        add_level(t, row + (share > 0.0f ? level + 1 : level), u, v, share, light);
-    if (words == PLAIN_WORDS)
+        light[k] = seen[k];
+#else
+    light[0] = seen[0].s0;
+    light[1] = seen[0].s1;
+    light[2] = seen[0].s2;
+    light[3] = seen[0].s3;
+#endif
+    if (!IS_TINTED(t))
         return;
-    floats first[8], other[8];
-    EIGHT_WORDS(t->corners, words, slot, 1, first)
-    EIGHT_WORDS(t->corners, words, slot, 2, other)
+    floats first[8], last[8];
+    EIGHT_WORDS(t->tints, TINT_WORDS, slot, 0, first)
+    EIGHT_WORDS(t->tints, TINT_WORDS, slot, 4, last)
     for (int k = 0; k < 4; k++)
-        light[k] *= MAD(w[0], first[4 + k] - first[k], MAD(w[1], other[k] - first[k], first[k]));
+        light[k] *= MAD(w[0], last[k] - first[k], MAD(w[1], last[4 + k] - first[k], first[k]));
 }
-

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import LINEAR, Sampler, Textured, mip_levels
+from msb.asset.texture import Sampler, Textured, mip_levels
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -23,15 +23,21 @@ _MOST = 2**31 - 1
 
 @dataclass(frozen=True)
 class Texels:
-    """What zbuffer_texture.cl reads beside the corners of faces."""
+    """What zbuffer_texture.cl reads beside triangles and their tints."""
 
     buffers: tuple[Buffer, ...]
-    """Texels (N,) of RGBA8, the linear light (256,) of each byte, and the rows (R, 4) int32."""
+    """Numbers (slots,) of textures if there are several, texels (N,) of RGBA8, and the rows (R, 4) int32."""
     defines: dict[str, int]
+    tinted: bool
+    several: bool
+
+    def preparation(self, tint: Buffer, shown: Buffer) -> tuple[Any, ...]:
+        """Return the arguments that `records` in zbuffer_prepare.cl has for textures alone."""
+        return tint, np.int32(self.tinted), shown, np.int32(self.several), self.buffers[0]
 
 
-def put_texels(device: Device, textured: Textured, words: int) -> Texels:
-    """Put the textures on `device`, for slots whose corners have so many words.
+def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) -> Texels:
+    """Put the textures on `device`; the `slots` have no numbers of textures yet.
 
     Raises
     ------
@@ -48,7 +54,8 @@ def put_texels(device: Device, textured: Textured, words: int) -> Texels:
     rows = np.zeros((_FIRST_ROW + _LEVEL_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
-    rows[1, :2] = np.float32(sampler.alpha_cutoff or 0).view(np.int32), words
+    several = textured.face_texture is not None
+    rows[1, :3] = np.float32(sampler.alpha_cutoff or 0).view(np.int32), tinted, several
     first = 0
     for number, image in enumerate(textured.images):
         levels = mip_levels(image) if sampler.mipmaps else [image]
@@ -59,11 +66,11 @@ def put_texels(device: Device, textured: Textured, words: int) -> Texels:
             texels.write(packed(texture), start=first)
             first += height * width
     held = (
+        device.allocate(slots if several else 1, np.uint32, "standard texture numbers", "appearance"),
         texels,
-        device.upload(LINEAR, "standard curve", "appearance"),
         device.upload(rows, "standard texture rows", "appearance"),
     )
-    return Texels(held, {"CUTOFF": int(sampler.alpha_cutoff is not None)})
+    return Texels(held, {"CUTOFF": int(sampler.alpha_cutoff is not None)}, tinted, several)
 
 
 def packed(image: NDArray[np.uint8]) -> NDArray[np.uint32]:

@@ -32,8 +32,6 @@ _SAMPLES = 1 << 14
 _MORTON_BITS = 30
 _COLOR_TYPES = {0: "__global const uchar *", **dict.fromkeys((1, 2, 3), "__global const float *")}
 _TEXTURES = 3
-_CORNER_WORDS = (8, 24)
-"""Of a slot with textures, without and with a tint."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +42,8 @@ class Triangles:
     """(slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
     slots are near in space, on a GPU slots are in the order of faces."""
     colors: Buffer
-    """(slots, 9) float32 where corners have colours in floats, else one word that no kernel reads; with
-    textures (slots, 8 | 24) as zbuffer_texture.cl has it."""
+    """(slots, 9) float32 where corners have colours in floats, (slots, 12) where textures are multiplied by
+    colours, else one word that no kernel reads."""
     boxes: Buffer
     """(6, stride) float32: centre and half extent of the clusters of triangles."""
     kind: int
@@ -78,26 +76,25 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
     listed = shown_faces(asset, settings.get("ste_threshold"))
     count = len(indices) if listed is None else len(listed)
     slots = -(-count // BLOCK) * BLOCK
-    texels, more = None, list[NDArray[Any]]()
+    texels, tint = None, None
     if (textured := textures_of(asset)) is None:
         kind, colors, domain = _arranged(drawn_colors(asset))
         wide = 9 if kind == 2 else 0
     else:
         kind, colors, domain, tint = _TEXTURES, textured.uvs.reshape(-1, 2), "corner", tint_of(asset)
-        wide = _CORNER_WORDS[tint is not None]
-        texels = put_texels(device, textured, wide)
-        none = np.zeros(1, np.float32)
-        more.append(none if tint is None else corner_tint(tint, indices))
-        more.append(none.view(np.uint32) if textured.face_texture is None else textured.face_texture)
+        wide = 0 if tint is None else 12
+        texels = put_texels(device, textured, slots, tinted=tint is not None)
     defines: dict[str, Any] = {"COLORS": kind, "COLOR_TYPE": _COLOR_TYPES[kind], "LANES": 1}
     defines |= {"CHANNELS": colors.shape[1], **(texels.defines if texels else {})}
     program = device.program("zbuffer_prepare", defines)
 
-    source = [
-        device.upload(array, "standard source")
-        for array in (positions, indices, np.zeros(1, np.uint32) if listed is None else listed, colors, *more)
-    ]
-    vertices, faces, chosen, color, *rest = source
+    none = np.zeros(1, np.uint32)
+    arrays = [positions, indices, none if listed is None else listed, colors]
+    if textured is not None:
+        arrays.append(none.view(np.float32) if tint is None else corner_tint(tint, indices))
+        arrays.append(none if textured.face_texture is None else textured.face_texture)
+    source = [device.upload(array, "standard source") for array in arrays]
+    vertices, faces, chosen, color, *more = source
     head = vertices, faces, chosen, np.int32(listed is None)
     order, ordered = chosen, device.style == "cpu" and count > 0
     if ordered:
@@ -121,8 +118,7 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
         corner_colors,
         np.uint32(count),
         np.uint32(slots),
-        *rest,
-        *([] if textured is None else [np.int32(textured.face_texture is None), np.int32(wide)]),
+        *([] if texels is None else texels.preparation(*more)),
     )
     clusters = -(-slots // CLUSTER)
     stride = -(-clusters // BLOCK) * BLOCK
