@@ -106,6 +106,7 @@ FOREIGN: dict[str, set[str]] = {
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},
     "methods.official": {"numpy", "PIL"},
+    "meshes": {"numpy", "PIL", "meshopt", "DracoPy"},
     "render": {"numpy", "PIL", "OpenEXR", "av"},
     "metrics": {"numpy", "scipy", "skimage", "PIL", "OpenEXR", "torch"},
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
