@@ -14,6 +14,7 @@ from msb.asset.manifest import CoordinateFrame
 from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import why_not
 from msb.errors import AssetError, Unsupported
+from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 from msb.meshes.transform import turned_upright
@@ -70,8 +71,8 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
     Its look is that of `msb.asset.look`, except that no colours are written if the asset brings none. The
     colour of a soup's face goes to its three vertices. Colours of corners become colours of vertices, which
-    needs unshared vertices, so the mesh is then a soup. Textures stay textures. Faces that the asset's STE
-    threshold hides are left out.
+    are doubled where these differ. Textures stay textures. Faces that the asset's STE threshold hides are
+    left out.
 
     Raises
     ------
@@ -84,29 +85,25 @@ def mesh_from_asset(asset: Asset) -> Mesh:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     vertices, up = asset.buffers["positions"], written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
-    colors = tint_of(asset)
-    if colors is None:
-        mesh = Mesh(vertices, faces, up=up)
-    elif colors.domain == "vertex":
-        mesh = Mesh(vertices, faces, colors.values, up=up)
-    elif colors.domain == "corner":
-        mesh = _unshared(Mesh(vertices, faces, up=up), colors.values)
-    elif asset.manifest.topology == "triangle_soup":
-        mesh = Mesh(vertices, faces, np.repeat(colors.values, 3, axis=0), up=up)
-    else:
-        mesh = Mesh(vertices, faces, None, colors.values, up=up)
+    mesh, colors = Mesh(vertices, faces, up=up), tint_of(asset)
     if is_textured(asset):
         mesh = _with_textures(mesh, asset)
+    if colors is not None and colors.domain == "vertex":
+        mesh = replace(mesh, vertex_colors=colors.values)
+    elif colors is not None and colors.domain == "corner":
+        mesh = with_corner_colors(mesh, colors.values)
+    elif colors is not None and asset.manifest.topology == "triangle_soup":
+        mesh = replace(mesh, vertex_colors=np.repeat(colors.values, 3, axis=0))
+    elif colors is not None:
+        mesh = replace(mesh, face_colors=colors.values)
     keep = visible_faces(asset, stored_threshold(asset))
     return mesh if keep is None or keep.all() else _with_faces(mesh, keep)
 
 
 def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
-    """Return `mesh`, whose faces are those of `asset`, with the textures of `asset`."""
+    """Return `mesh`, whose vertices and faces are those of `asset`, with the textures of `asset`."""
     uv, manifest = asset.buffers["uv"], asset.manifest
     by_vertex = manifest.buffers["uv"].domain == "vertex"
-    if by_vertex and len(mesh.vertices) != len(uv):  # colours of corners have taken the vertices apart
-        uv, by_vertex = uv[asset.buffers["indices"].reshape(-1)], False
     return replace(
         mesh,
         vertex_uvs=uv if by_vertex else None,
@@ -120,26 +117,29 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 def with_vertex_colors(mesh: Mesh) -> Mesh:
     """Return `mesh` with face colours turned into vertex colours, for formats that have only these.
 
-    Each face then needs vertices of its own, unless it already has them: the result is a soup.
+    Vertices are doubled where the colours of their faces differ.
     """
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
-    return _unshared(mesh, np.repeat(mesh.face_colors, 3, axis=0))
+    return with_corner_colors(mesh, np.repeat(mesh.face_colors, 3, axis=0))
 
 
 def as_held(mesh: Mesh, suffix: str) -> Mesh:
     """Return `mesh` as a file of the format of `suffix` holds it, which is what a verdict on the file judges.
 
-    Colours are where the format has a place for them, mostly at vertices; the mesh is turned upright if the
-    format says what is up, and where that is known; faces have vertices of their own if it shares none.
+    Colours and UVs are where the format has a place for them, mostly at vertices; the mesh is turned upright
+    if the format says what is up, and where that is known; faces have vertices of their own if it shares
+    none.
     """
     held = FORMATS[suffix]
     check_indices(mesh)
-    made = mesh if "face_colors" in held.keeps else with_vertex_colors(mesh)
+    made = mesh if held.is_soup or "face_colors" in held.keeps else with_vertex_colors(mesh)
+    if "vertex_uvs" in held.keeps:
+        made = with_vertex_uvs(made)
     if held.up and made.up:
         made = turned_upright(made, made.up)
     if held.is_soup and len(made.vertices) != 3 * len(made.faces):
-        made = _unshared(made, None)
+        made = _unshared(made)
     return replace(made, vertices=as_float32(made.vertices, held.title)) if held.is_single else made
 
 
@@ -163,30 +163,30 @@ def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
 
 
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
-    """Return `mesh` coloured by `colors` (3F, 3 | 4): vertices are doubled where those of corners differ."""
+    """Return `mesh` coloured by `colors` (3F, 3 | 4): vertices are doubled where those of corners differ.
+
+    Rows are in the order of the vertices; those that no face uses are left out.
+    """
     corners = mesh.faces.reshape(-1)
-    values, shade = np.unique(colors, axis=0, return_inverse=True)
-    key = corners * len(values) + shade.reshape(-1)
-    _, first, number = np.unique(key, return_index=True, return_inverse=True)
-    old = corners[first]
+    keys = (*np.ascontiguousarray(colors).view(np.uint8 if colors.itemsize == 1 else np.uint32).T, corners)
+    order = np.lexsort(keys)
+    differs = np.ones(len(order), bool)
+    differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
+    number = np.zeros_like(corners)
+    number[order] = np.cumsum(differs) - 1
+    first = order[differs]
     return replace(
         mesh,
-        vertices=mesh.vertices[old],
+        vertices=mesh.vertices[corners[first]],
         faces=number.reshape(-1, 3),
         vertex_colors=colors[first],
-        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[old],
-    )
-
-
-def _unshared(mesh: Mesh, colors: NDArray[Any] | None) -> Mesh:
-    """Return `mesh` with three vertices of its own for every face, coloured by `colors` (3F, 3 | 4)."""
-    corners = mesh.faces.reshape(-1)
-    return replace(
-        mesh,
-        vertices=mesh.vertices[corners],
-        faces=np.arange(len(corners), dtype=np.int64).reshape(-1, 3),
-        vertex_colors=colors,
         face_colors=None,
-        vertex_uvs=mesh.corner_uvs if mesh.vertex_uvs is None else mesh.vertex_uvs[corners],
-        corner_uvs=None,
+        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[corners[first]],
     )
+
+
+def _unshared(mesh: Mesh) -> Mesh:
+    """Return the faces of `mesh` with three vertices of its own for each, and nothing else."""
+    corners = mesh.faces.reshape(-1)
+    faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+    return Mesh(mesh.vertices[corners], faces, up=mesh.up)

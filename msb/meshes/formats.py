@@ -50,8 +50,8 @@ class Format:
     begins : compiled pattern of bytes, optional
         How every file of the format begins, if no file of another format begins so. A file with a wrong
         suffix is then recognised by it.
-    keeps : tuple of {"vertex_colors", "face_colors"}
-        The colours that the format can hold.
+    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs"}
+        What the format can hold of a mesh beside its surface.
     is_soup : bool
         True if the format writes the vertices of every face anew, so that no two faces share one.
     is_single : bool
@@ -67,7 +67,7 @@ class Format:
     read: Callable[[Source], Mesh]
     write: Callable[[Mesh, BinaryIO, Style], None] | None = None
     begins: re.Pattern[bytes] | None = None
-    keeps: tuple[Literal["vertex_colors", "face_colors"], ...] = ()
+    keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs"], ...] = ()
     is_soup: bool = False
     is_single: bool = False
     is_linear: bool = False

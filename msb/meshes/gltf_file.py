@@ -34,7 +34,7 @@ FORMAT = Format(
     (".gltf",),
     read,
     begins=_BEGINS,
-    keeps=("vertex_colors",),
+    keeps=("vertex_colors", "vertex_uvs"),
     is_single=True,
     up="+y",
 )

@@ -29,11 +29,6 @@ def beyond_a_mesh(asset: Asset) -> list[str]:
     return beyond
 
 
-def is_split(mesh: Mesh, written: Mesh) -> bool:
-    """Return whether a file of `mesh`, which holds `written`, has vertices of its own for every face."""
-    return not np.array_equal(written.faces, mesh.faces)
-
-
 def why_split(suffix: str) -> str:
     """Return why files of `suffix` split what shares vertices, and which do not."""
     from msb.meshes.formats import FORMATS
@@ -55,14 +50,14 @@ def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> I
     from msb.meshes.formats import FORMATS
 
     form = FORMATS[suffix]
-    if is_split(mesh, written):
-        if form.is_soup:
-            yield f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
-        else:
-            yield (
-                f"{suffix} holds no colours of faces: every face gets vertices of its own, and it is a soup; "
-                f"{_keeping_face_colors()} keep them"
-            )
+    doubles = not np.array_equal(written.faces, mesh.faces)
+    if doubles and form.is_soup:
+        yield f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
+    elif doubles and mesh.face_colors is not None and written.face_colors is None:
+        yield (
+            f"{suffix} holds no colours of faces: vertices are doubled where these differ; "
+            f"{_keeping_face_colors()} keep them"
+        )
     no_place = not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None)
     lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]
     if lost:

@@ -13,8 +13,10 @@ import msb as library
 from msb.cli.repair import print_table
 from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import read_mesh
+from msb.meshes.assets import asset_from_mesh
 from tests.cli.conftest import Msb, Refused, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
+from tests.topology.seamed import textured_cube
 
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 
@@ -81,9 +83,9 @@ def test_the_verdict_after_a_repair_is_that_of_the_file(msb: Msb, tmp_path: Path
     file = msb("audit", target, "--json", "-").json
     assert result.json["verdict_after"] == file["verdict"]
     assert result.json["after"] == {key: file[key] for key in ("counts", "metrics")}
-    split = suffix in (".glb", ".obj", ".stl")
+    split = suffix in (".glb", ".obj", ".stl")  # few of its faces meet, and hardly two have one colour
     assert file["verdict"]["level"] == ("bad" if split else "limited")
-    assert ("it is a soup" in result.err) is split
+    assert ("it is a soup" in result.err) is (suffix == ".stl")
     assert ("holds no colours of faces" in result.err) is (suffix in (".glb", ".obj"))
     gated = msb("repair", "-f", *weld, model, "-o", target, "--fail-on-verdict", "bad")
     assert gated.status == split
@@ -209,3 +211,15 @@ def test_compare_says_which_tier_is_not_drawn_and_that_a_plan_would_leave_nothin
     assert not any(line.startswith("not drawn") for line in lines)
     plan = "orient,pair,debris"
     assert f"{plan}: TRIASSET_EMPTY: the plan {plan} would remove every piece" in lines
+
+
+def test_what_is_said_of_a_repaired_file_with_seams_is_what_it_holds(msb: Msb, tmp_path: Path) -> None:
+    source, target = tmp_path / "a.triasset", tmp_path / "a.glb"
+    library.save(asset_from_mesh(textured_cube("corner", slice(0, 11))), source)
+    said = msb("repair", "--plan", "close", source, "-o", target, "--json", "-")
+    file = msb("audit", target, "--json", "-").json
+    assert said.json["verdict_after"] == file["verdict"]
+    assert said.json["after"] == {key: file[key] for key in ("counts", "metrics")}
+    assert (file["verdict"]["level"], file["counts"]["vertices"]) == ("ok", 24)
+    assert file["without_seams"]["counts"]["vertices"] == 8
+    assert "colours of faces" not in said.err

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import msb
 from data_stubs.splat_like import splat_like
 from msb import audit
 from msb.api.gates import parse_gate
+from msb.asset import Description, build_asset
+from msb.asset.texture import Sampler
 from msb.topology import audit_arrays, seams
 from tests.conftest import BOOK, TETRAHEDRON
-from tests.topology.seamed import CUBE, CUBE_UVS, doubled, torus
+from tests.topology.seamed import CUBE, CUBE_UVS, TEXTURE, doubled, torus
 
 MERGED = "closed once coincident vertices are merged"
 POINTS, FACES = TETRAHEDRON
@@ -127,8 +131,36 @@ def test_a_soup_whose_corners_meet_here_and_there_stays_a_soup() -> None:
     assert "triangle soup" in found.sentence
     stored, rows, uvs = doubled(*torus(), rng.random((2 * 96 * 3, 2)).astype(np.float32))
     assert audit_arrays(stored, rows, attributes={"uv": uvs})[0].seams == "texture"
-    stored[rows[0]] += 1  # a lone face
-    assert audit_arrays(stored, rows, attributes={"uv": uvs})[0].seams is None
+    stored[rows[0]] += 1  # a face alone
+    found = audit_arrays(stored, rows, attributes={"uv": uvs})[0]
+    assert (found.seams, found.verdict) == ("texture", "limited")
+    alike = (stored * 10).astype(np.float32)[:, :2]  # nothing that had to be doubled
+    assert audit_arrays(stored, rows, attributes={"uv": alike})[0].seams is None
+
+
+@pytest.mark.parametrize("kinds", [1, 3, 1000])
+@pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
+@pytest.mark.parametrize("textures", [0, 1, 3])
+def test_a_glb_of_a_closed_asset_is_closed(tmp_path: Path, domain: str, kinds: int, textures: int) -> None:
+    rng = np.random.default_rng(kinds)
+    points, faces = torus()
+    buffers: dict[str, np.ndarray] = {"positions": points, "indices": faces.astype(np.uint32)}
+    domains: dict[str, Any] = {"color": domain}
+    rows = {"vertex": len(points), "face": len(faces), "corner": faces.size}[domain]
+    buffers["color"] = rng.integers(0, kinds, (rows, 3)).astype(np.float32) / kinds
+    description = Description()
+    if textures:
+        description = Description(appearance=Sampler().appearance)
+        buffers["uv"] = rng.integers(0, kinds, (faces.size, 2)).astype(np.float32)
+        images = {f"texture.{number}": TEXTURE[:, number : number + 8] for number in range(textures)}
+        buffers, domains = buffers | images, domains | dict.fromkeys(images, "global") | {"uv": "corner"}
+    if textures > 1:
+        buffers["face_texture"] = rng.integers(0, textures, len(faces)).astype(np.uint32)
+        domains["face_texture"] = "face"
+    asset = build_asset(buffers, domains, description)
+    msb.save(asset, tmp_path / "a.glb")
+    assert asset.audit().verdict == audit(tmp_path / "a.glb").verdict == "ok"
+    assert msb.open(tmp_path / "a.glb").audit().verdict == "ok"
 
 
 def test_a_profile_asks_for_the_mesh_without_its_seams() -> None:
