@@ -37,7 +37,7 @@ DRAW = "draw"
 
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
-    "vertex colors": "appearance",
+    **dict.fromkeys(("vertex colors", "texture coordinates", "tints"), "appearance"),
     **dict.fromkeys(("image", "depth", "face ids"), "targets"),
 }
 

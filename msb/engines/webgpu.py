@@ -1,8 +1,8 @@
 """Renderer `wgpu`: Vulkan, Metal or Direct3D 12 through wgpu-py, with a hardware z-buffer.
 
-The pipeline is that of any engine for an opaque, unlit, vertex-coloured mesh. The camera is ours: K and
-world_to_camera, a near plane at 0.01 and no far plane (reversed depth, float32). Colours go into a float32
-target, so nothing is rounded or converted.
+The pipeline is that of any engine for an opaque, unlit mesh with colours of vertices or textures. The camera
+is ours: K and world_to_camera, a near plane at 0.01 and no far plane (reversed depth, float32). Colours go
+into a float32 target, so nothing is rounded or converted.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from msb.base.extras import install, is_installed
 from msb.base.version import __version__
 from msb.engines.engine import DRAW, NEAR, WALL_CLOCK, Engine, opaque_frame
 from msb.engines.webgpu_adapter import INSTALL, Gpu, all_adapters
+from msb.engines.webgpu_texture import ATTRIBUTES, Skin
 from msb.errors import DeviceError
 from msb.render.backend import Drawn
 
@@ -32,19 +33,20 @@ if TYPE_CHECKING:
 IMAGE_FORMAT = "rgba32float"
 IDS_FORMAT = "r32uint"
 DEPTH_FORMAT = "depth32float"
-_SHADER = """
-ENABLE
+_HEAD = """
 struct Camera { clip: mat4x4<f32>, center: vec4<f32>, rest: vec4<f32> };
 @group(0) @binding(0) var<uniform> camera: Camera;
+struct Seen { @location(0) color: vec4<f32> IDS_FIELD };
+"""
+_SHADER = """
 struct Between { @builtin(position) place: vec4<f32>, @location(0) color: vec3<f32> };
 @vertex fn project(@location(0) place: vec3<f32>, @location(1) color: vec4<f32>) -> Between {
     // The camera's centre comes in two parts: far from the origin the second holds what float32 drops.
     let local = (place - camera.center.xyz) - camera.rest.xyz;
     return Between(camera.clip * vec4<f32>(local, 1.0), color.rgb);
 }
-struct Seen { @location(0) color: vec4<f32>, IDS_FIELD };
 @fragment fn shade(between: Between IDS_INPUT) -> Seen {
-    return Seen(vec4<f32>(between.color, 1.0), IDS_VALUE);
+    return Seen(vec4<f32>(between.color, 1.0) IDS_VALUE);
 }
 """
 
@@ -71,10 +73,13 @@ class WgpuRenderer(Engine):
         self.version = self.installed()
         self._gpu = gpu = Gpu(self._kind, ("timestamp-query", "primitive-index"))
         self.device_info = gpu.about()
-        self._numbered = "primitive-index" in gpu.features
+        self._skin: Skin | None = None
+        self._numbered = "primitive-index" in gpu.features or self._mesh.textured is not None
         limit = gpu.adapter.limits["max-buffer-size"]
         self._side = gpu.adapter.limits["max-texture-dimension-2d"]
         needed = max(self._mesh.positions.nbytes, self._mesh.indices.nbytes, 16 * len(self._mesh.colors))
+        if self._mesh.textured is not None:
+            needed = 16 * self._mesh.indices.size
         if needed > limit:
             text = f"{gpu.name} takes buffers of {limit} bytes, this mesh needs one of {needed}"
             raise DeviceError("DEVICE_MEMORY", text)
@@ -117,8 +122,17 @@ class WgpuRenderer(Engine):
         self._pipelines.clear()
         self._gpu.close()
 
+    def memory_groups(self) -> Mapping[str, str]:
+        """Return use -> group; textures are appearance."""
+        textures = (use for use in self._gpu.held if use.startswith("texture "))
+        return {**super().memory_groups(), **dict.fromkeys(textures, "appearance")}
+
     def _make_mesh(self) -> None:
         mesh, colors = self._mesh, self._mesh.colors
+        self._gpu.buffer("camera", 96, "uniform", "copy_dst")
+        if mesh.textured is not None:
+            self._skin = Skin(self._gpu, mesh, mesh.textured, self._side)
+            return
         if colors.dtype == np.uint8:
             colors = np.concatenate([colors, np.full((len(colors), 1), 255, np.uint8)], axis=1)
             self._color_layout = 4, "unorm8x4"
@@ -127,27 +141,29 @@ class WgpuRenderer(Engine):
         self._gpu.buffer("positions", 0, "vertex", data=mesh.positions)
         self._gpu.buffer("vertex colors", 0, "vertex", data=colors)
         self._gpu.buffer("indices", 0, "index", data=mesh.indices)
-        self._gpu.buffer("camera", 96, "uniform", "copy_dst")
 
     def _pipeline(self, ids: bool) -> Any:
-        source = _SHADER.replace("ENABLE", "enable primitive_index;" if ids else "")
-        source = source.replace("IDS_FIELD", "@location(1) face: u32" if ids else "")
+        if self._skin is None:
+            attributes = {"positions": (12, "float32x3"), "vertex colors": self._color_layout}
+            source = ("enable primitive_index;" if ids else "") + _HEAD + _SHADER
+        else:
+            attributes, source = ATTRIBUTES, _HEAD + self._skin.shader
+        source = source.replace("IDS_FIELD", ", @location(1) face: u32" if ids else "")
         source = source.replace("IDS_INPUT", ", @builtin(primitive_index) face: u32" if ids else "")
-        source = source.replace("IDS_VALUE", "face" if ids else "")
+        source = source.replace("IDS_VALUE", ", face" if ids else "")
         shader = self._gpu.device.create_shader_module(code=source)
-
-        def attributes(stride: int, kind: str, location: int) -> dict[str, Any]:
-            attribute = {"format": kind, "offset": 0, "shader_location": location}
-            return {"array_stride": stride, "step_mode": "vertex", "attributes": [attribute]}
-
+        buffers = [
+            {
+                "array_stride": stride,
+                "step_mode": "vertex",
+                "attributes": [{"format": kind, "offset": 0, "shader_location": location}],
+            }
+            for location, (stride, kind) in enumerate(attributes.values())
+        ]
         targets = [{"format": IMAGE_FORMAT}, *([{"format": IDS_FORMAT}] if ids else [])]
         return self._gpu.device.create_render_pipeline(
             layout="auto",
-            vertex={
-                "module": shader,
-                "entry_point": "project",
-                "buffers": [attributes(12, "float32x3", 0), attributes(*self._color_layout, 1)],
-            },
+            vertex={"module": shader, "entry_point": "project", "buffers": buffers},
             primitive={"topology": "triangle-list", "cull_mode": "none"},
             depth_stencil={
                 "format": DEPTH_FORMAT,
@@ -245,10 +261,13 @@ class WgpuRenderer(Engine):
         entries = [{"binding": 0, "resource": {"buffer": held["camera"]}}]
         layout = pipeline.get_bind_group_layout(0)
         drawing.set_bind_group(0, self._gpu.device.create_bind_group(layout=layout, entries=entries))
-        drawing.set_vertex_buffer(0, held["positions"])
-        drawing.set_vertex_buffer(1, held["vertex colors"])
-        drawing.set_index_buffer(held["indices"], "uint32")
-        drawing.draw_indexed(self._mesh.indices.size)
+        if self._skin is not None:
+            self._skin.draw(drawing, pipeline, ids)
+        else:
+            drawing.set_vertex_buffer(0, held["positions"])
+            drawing.set_vertex_buffer(1, held["vertex colors"])
+            drawing.set_index_buffer(held["indices"], "uint32")
+            drawing.draw_indexed(self._mesh.indices.size)
         drawing.end()
 
     def _face_ids(self) -> NDArray[np.int32]:

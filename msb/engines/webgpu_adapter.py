@@ -25,7 +25,14 @@ INSTALL = (
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
 """Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets."""
-_TEXEL_BYTES = {"rgba32float": 16, "rgba16float": 8, "r32uint": 4, "depth32float": 4, "r32float": 4}
+_TEXEL_BYTES = {
+    "rgba32float": 16,
+    "rgba16float": 8,
+    "r32uint": 4,
+    "depth32float": 4,
+    "r32float": 4,
+    "rgba8unorm-srgb": 4,
+}
 
 
 @cache
@@ -144,13 +151,15 @@ class Gpu:
             array = np.ascontiguousarray(data)
             self.held[use] = self.device.create_buffer_with_data(data=array, usage=usage)
 
-    def texture(self, use: str, width: int, height: int, form: str, *usages: str) -> None:
-        """Make a texture in place of the one of that use."""
+    def texture(self, use: str, width: int, height: int, form: str, *usages: str, levels: int = 1) -> None:
+        """Make a texture, with so many levels of mip maps, in place of the one of that use."""
         usage = 0
         for word in usages:
             usage |= getattr(self._wgpu.TextureUsage, word.upper())
         self._drop(use)
-        self.held[use] = self.device.create_texture(size=(width, height, 1), format=form, usage=usage)
+        self.held[use] = self.device.create_texture(
+            size=(width, height, 1), format=form, usage=usage, mip_level_count=levels
+        )
 
     def _drop(self, use: str) -> None:
         if use in self.held:
@@ -208,4 +217,5 @@ def _held_bytes(thing: Any) -> int:
     if hasattr(thing, "map_sync"):
         return int(thing.size)
     width, height, _ = thing.size
-    return int(width * height * _TEXEL_BYTES[thing.format])
+    levels = ((width >> level, height >> level) for level in range(thing.mip_level_count))
+    return int(sum(max(1, w) * max(1, h) for w, h in levels) * _TEXEL_BYTES[thing.format])

@@ -1,48 +1,53 @@
-"""Engines draw the textures of an asset as our standard tier does."""
+"""Random scenes with textures: what hardware's samplers show is what ours shows."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import msb
 from msb.asset import Asset
-from msb.asset.texture import Sampler
 from msb.engines.agreement import agreement
+from msb.engines.webgpu_texture import runs_of
+from tests.engines.conftest import need
 from tests.engines.test_engines import OFF_CENTRE, TALL, frames
 from tests.render.standard_scenes import scene
-from tests.render.textured_scenes import textured_asset
-
-pytestmark = [pytest.mark.slow, pytest.mark.oracle]
+from tests.render.textured_scenes import CASES, textured_asset
 
 
-def smooth(mesh: str, **more: object) -> Asset:
-    """Return a mesh whose textures change slowly from texel to texel: corners may be moved by the engine."""
-    asset = textured_asset(scene(mesh, 3), 3, sizes=((64, 64, 4), (32, 64, 4)), spread=0.3, **more)
-    for name in ("texture.0", "texture.1"):
-        height, width, _ = asset.buffers[name].shape
-        y, x = np.mgrid[0:height, 0:width] * 2 * np.pi / np.array([height, width])[:, None, None]
-        waves = [np.sin(x), np.cos(y), np.sin(x + y), np.cos(x) * np.cos(y)]
-        asset.buffers[name].flags.writeable = True
-        asset.buffers[name][:] = np.rint(np.stack(waves, axis=-1) * 60 + 128).astype(np.uint8)
-    return asset
+@pytest.mark.slow
+@pytest.mark.oracle
+@pytest.mark.parametrize("kind", ["large", "through the camera", "far and wide"])
+@pytest.mark.parametrize("case", CASES)
+def test_wgpu_agrees_to_a_level(case: str, kind: str) -> None:
+    for seed in (5, 6):
+        asset = textured_asset(scene(kind, seed), seed, **CASES[case])
+        theirs, ours = frames("wgpu", asset, [OFF_CENTRE, TALL])
+        found = agreement(theirs, ours)
+        assert found.interior_within_a_level >= 0.999
+        assert found.covered_alike >= 0.999
+        for one, own in zip(theirs, ours, strict=True):
+            assert (one.face_id == own.face_id).mean() >= 0.999
 
 
-@pytest.mark.parametrize("name", ["threejs", "blender_cycles", "blender_workbench"])
-def test_textures_and_colours_are_multiplied_in_linear_light(name: str) -> None:
-    tint = None if name == "blender_workbench" else "vertex"
-    sampler = Sampler(mipmaps=name == "threejs")  # Blender reads no smaller copies
-    found = agreement(*frames(name, smooth("large", sampler=sampler, tint=tint), [OFF_CENTRE, TALL]))
-    assert found.interior > 10_000
-    assert found.interior_p999 <= 4
-    assert found.covered_alike > 0.99
+@pytest.mark.slow
+@pytest.mark.oracle
+def test_wgpu_counts_textures_and_keeps_the_first_of_equal_faces() -> None:
+    asset = textured_asset(scene("large", 7), 7, **CASES["several"])
+    twice = [np.concatenate([asset.buffers[name]] * 2) for name in ("indices", "uv")]
+    shown = np.concatenate([asset.buffers["face_texture"], (asset.buffers["face_texture"] + 1) % 3])
+    parts = {"indices": twice[0], "uv": twice[1], "face_texture": shown.astype(np.uint32)}
+    manifest = replace(asset.manifest, face_count=len(shown))
+    with msb.Renderer(Asset(manifest, {**asset.buffers, **parts}), name=need("wgpu")) as renderer:
+        seen = renderer.render(OFF_CENTRE).face_id
+        groups = renderer.memory_groups()
+        assert renderer.memory()["texture 1"] == 4 * (7 + 3 + 1)
+    assert seen is not None
+    assert 0 <= seen.max() < len(shown) // 2
+    assert groups["texture 2"] == groups["texture coordinates"] == "appearance"
 
 
-@pytest.mark.parametrize("name", ["threejs", "blender_cycles"])
-def test_what_is_cut_out_is_not_there(name: str) -> None:
-    asset = smooth("large", sampler=Sampler(mipmaps=False, alpha_cutoff=0.65))
-    theirs, ours = frames(name, asset, [OFF_CENTRE])
-    whole = frames(name, smooth("large", sampler=Sampler(mipmaps=False)), [OFF_CENTRE])[1]
-    assert ours[0].alpha.mean() < 0.97 * whole[0].alpha.mean()
-    assert agreement(theirs, ours).covered_alike > 0.98
-    both = (theirs[0].depth > 0) & (ours[0].depth > 0)
-    assert np.median(np.abs(theirs[0].depth - ours[0].depth)[both] / ours[0].depth[both]) < 3e-3
+def test_faces_are_drawn_in_runs_of_one_texture() -> None:
+    assert runs_of(np.array([4, 4, 2, 4], np.uint32)) == [(4, 0, 2), (2, 2, 1), (4, 3, 1)]

@@ -11,10 +11,12 @@ import pytest
 from msb.asset import Asset
 from msb.asset.texture import Sampler, mip_levels, texture_images
 from msb.cl import Device
+from msb.engines.agreement import interior
 from msb.errors import AssetError, DeviceError
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_filter, enlarged
 from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
+from tests.conftest import ROOT
 from tests.render.standard_scenes import (
     KINDS,
     camera,
@@ -25,7 +27,7 @@ from tests.render.standard_scenes import (
     scene,
     unshared,
 )
-from tests.render.textured_scenes import CASES, textured_asset, textured_twin
+from tests.render.textured_scenes import CASES, golden_scene, textured_asset, textured_twin
 
 NEAR = 2e-4
 """How far a colour may be from the twin's; a level is 4e-3."""
@@ -43,6 +45,20 @@ def check_near(device: Device, asset: Asset) -> None:
 def test_draws_as_its_twin(styled: Device, case: str) -> None:
     parts = [scattered(11, 40, 1.2, 1, 4), scattered(12, 60, 0.08, 1, 3), scattered(13, 30, 0.7, 1.2, 0)]
     check_near(styled, textured_asset(unshared(np.concatenate(parts)), 14, **CASES[case]))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_agrees_with_another_renderer(styled: Device, case: str) -> None:
+    """Away from silhouettes, to one level of what Mesa's lavapipe drew through wgpu."""
+    asset, view = golden_scene(case)
+    with np.load(ROOT / "tests/golden/textures" / f"{case.replace(' ', '_')}.npz") as kept:
+        image, faces = kept["image"], kept["face_id"]
+    frame = draw(styled, asset, view)
+    inner = interior(frame.face_id)
+    assert inner.sum() > 400
+    assert (frame.face_id == faces).mean() >= 0.999
+    levels = np.abs(np.rint(255 * frame.image) - image)[inner]
+    assert (levels.max(axis=1) <= 1).mean() >= 0.999
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from msb.asset.texture import Sampler, textures_of
 from msb.reference import ReferenceFrame
 from msb.reference.standard import render_standard
 from msb.scenes import Camera
-from tests.render.standard_scenes import BACKGROUND, Arrays
+from tests.render.standard_scenes import BACKGROUND, Arrays, camera, scene
 
 CASES: dict[str, dict[str, Any]] = {
     "minified": {"sampler": Sampler()},
@@ -71,3 +72,9 @@ def textured_twin(asset: Asset, view: Camera) -> ReferenceFrame:
     colors, domain = (None, "corner") if tint is None else (tint.values, tint.domain)
     mesh = buffers["positions"], buffers["indices"]
     return render_standard(*mesh, colors, domain, view, BACKGROUND, textured=textures_of(asset))
+
+
+def golden_scene(case: str) -> tuple[Asset, Camera]:
+    """Return what `tests/golden/textures` shows: large faces with a case's textures, off the middle."""
+    view = replace(camera(83, 61, 70.0, (37.0, 33.5)), fx=78.0)
+    return textured_asset(scene("large", 3), 4, **CASES[case]), view

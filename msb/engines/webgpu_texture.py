@@ -1,0 +1,143 @@
+"""A mesh with textures for renderer `wgpu`: the hardware's own samplers, levels and derivatives.
+
+Each face has corners of its own. Faces are drawn in their order, those that follow each other with one
+texture together, so that at equal depths the first face stays, whatever texture it shows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.look import StaticColors, corner_tint
+from msb.asset.texture import Textured, mip_levels
+from msb.errors import DeviceError
+
+if TYPE_CHECKING:
+    from msb.engines.engine import EngineMesh
+    from msb.engines.webgpu_adapter import Gpu
+
+_WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
+ATTRIBUTES = {
+    "positions": (12, "float32x3"),
+    "texture coordinates": (8, "float32x2"),
+    "tints": (16, "float32x4"),
+}
+"""Buffer -> bytes and format of what a corner has in it."""
+SHADER = """
+@group(1) @binding(0) var texels: texture_2d<f32>;
+@group(1) @binding(1) var reading: sampler;
+struct Between {
+    @builtin(position) place: vec4<f32>,
+    @location(0) uv: vec2<f32>,
+    @location(1) tint: vec4<f32>,
+    @location(2) @interpolate(flat) face: u32,
+};
+@vertex fn project(@builtin(vertex_index) corner: u32, @location(0) place: vec3<f32>,
+        @location(1) uv: vec2<f32>, @location(2) tint: vec4<f32>) -> Between {
+    let local = (place - camera.center.xyz) - camera.rest.xyz;
+    return Between(camera.clip * vec4<f32>(local, 1.0), uv, tint, corner / 3u);
+}
+@fragment fn shade(between: Between) -> Seen {
+    // The level by exact derivatives: coordinates / w and 1 / w are affine on the screen. What hardware takes
+    // for it is a difference within four pixels, and its logarithm may be off by a twentieth.
+    let at = between.uv * vec2<f32>(textureDimensions(texels));
+    let w = between.place.w;
+    let right = (dpdxFine(at * w) - at * dpdxFine(w)) / w;
+    let down = (dpdyFine(at * w) - at * dpdyFine(w)) / w;
+    let level = log2(max(length(right), length(down)));
+    let light = textureSampleLevel(texels, reading, between.uv, level) * between.tint;
+    if light.a < CUTOFF { discard; }
+    let curve = 1.055 * pow(max(light.rgb, vec3<f32>(0.0031308)), vec3<f32>(1.0 / 2.4)) - 0.055;
+    let color = select(12.92 * light.rgb, curve, light.rgb > vec3<f32>(0.0031308));
+    let face = between.face;
+    return Seen(vec4<f32>(color, 1.0) IDS_VALUE);
+}
+"""
+"""After the camera and `Seen`; CUTOFF is the alpha below which there is nothing."""
+
+
+class Skin:
+    """The corners and textures of a mesh on a device, and how they are drawn.
+
+    Raises
+    ------
+    DeviceError
+        DEVICE_MEMORY: a texture is larger than the device takes.
+    """
+
+    def __init__(self, gpu: Gpu, mesh: EngineMesh, textured: Textured, side: int) -> None:
+        self._gpu = gpu
+        sampler = textured.sampler
+        largest = max(max(image.shape[:2]) for image in textured.images)
+        if largest > side:
+            text = f"{gpu.name} takes textures of {side} texels each way, this mesh has one of {largest}"
+            raise DeviceError("DEVICE_MEMORY", text)
+        colors = StaticColors(mesh.colors, "vertex")
+        gpu.buffer("positions", 0, "vertex", data=mesh.positions[mesh.indices.reshape(-1)])
+        gpu.buffer("texture coordinates", 0, "vertex", data=textured.uvs)
+        gpu.buffer("tints", 0, "vertex", data=corner_tint(colors, mesh.indices))
+        for number, image in enumerate(textured.images):
+            self._upload(f"texture {number}", mip_levels(image) if sampler.mipmaps else [image])
+        self._sampler = gpu.device.create_sampler(
+            address_mode_u=_WRAPS[sampler.wrap_u],
+            address_mode_v=_WRAPS[sampler.wrap_v],
+            mag_filter=sampler.filter,
+            min_filter=sampler.filter,
+            mipmap_filter=sampler.filter,
+        )
+        self._count = len(textured.images)
+        shown = textured.face_texture
+        self._runs = [(0, 0, len(mesh.indices))] if shown is None else runs_of(shown)
+        cutoff = sampler.alpha_cutoff
+        self.shader = SHADER.replace("CUTOFF", "-1.0" if cutoff is None else repr(float(cutoff)))
+        self._groups: dict[bool, list[Any]] = {}
+
+    def _upload(self, use: str, levels: list[NDArray[np.uint8]]) -> None:
+        gpu, (height, width) = self._gpu, levels[0].shape[:2]
+        form = "rgba8unorm-srgb"
+        gpu.texture(use, width, height, form, "texture_binding", "copy_dst", levels=len(levels))
+        for number, image in enumerate(levels):
+            height, width = image.shape[:2]
+            texels = np.full((height, width, 4), 255, np.uint8)
+            texels[..., : image.shape[2]] = image
+            gpu.device.queue.write_texture(
+                {"texture": gpu.held[use], "mip_level": number},
+                texels,
+                {"bytes_per_row": 4 * width, "rows_per_image": height},
+                (width, height, 1),
+            )
+
+    def draw(self, drawing: Any, pipeline: Any, ids: bool) -> None:
+        """Encode the faces, for one of two pipelines, into a render pass that has it and its camera."""
+        gpu = self._gpu
+        if ids not in self._groups:
+            layout = pipeline.get_bind_group_layout(1)
+            self._groups[ids] = [
+                gpu.device.create_bind_group(
+                    layout=layout,
+                    entries=[
+                        {"binding": 0, "resource": gpu.held[f"texture {number}"].create_view()},
+                        {"binding": 1, "resource": self._sampler},
+                    ],
+                )
+                for number in range(self._count)
+            ]
+        for slot, use in enumerate(ATTRIBUTES):
+            drawing.set_vertex_buffer(slot, gpu.held[use])
+        for number, first, count in self._runs:
+            drawing.set_bind_group(1, self._groups[ids][number])
+            drawing.draw(3 * count, 1, 3 * first)
+
+
+def runs_of(shown: NDArray[np.uint32]) -> list[tuple[int, int, int]]:
+    """Return number, start and length of the runs of equal numbers in (F,).
+
+    >>> runs_of(np.array([4, 4, 2, 4], np.uint32))
+    [(4, 0, 2), (2, 2, 1), (4, 3, 1)]
+    """
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(shown)) + 1))
+    lengths = np.diff(np.append(starts, len(shown)))
+    return list(zip(shown[starts].tolist(), starts.tolist(), lengths.tolist(), strict=True))
