@@ -80,9 +80,8 @@ class Mesh:
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
         """What its vertices may be doubled for at seams, by an asset's names."""
-        held = {"uv": self.vertex_uvs, "color": self.vertex_colors}
-        if self.vertex_uvs is not None:
-            held["face_texture"] = self.face_textures
+        held = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
+        held["face_texture"] = self.face_textures
         return {name: values for name, values in held.items() if values is not None}
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_materials import names_materials, with_materials
+from msb.meshes.obj_materials import names_materials, with_coordinates, with_materials
 from msb.meshes.obj_write import write
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.text import Words, first_not_whole, word_blocks
@@ -74,6 +74,8 @@ def read(source: Source) -> Mesh:
     if names_materials(text):
         if source.images:
             mesh, more = with_materials(mesh, text)
+        elif b"vt" in parts.left_out:
+            mesh = with_coordinates(mesh, text)
         parts.left_out -= {b"usemtl", b"vt"} if mesh.textures or not source.images else {b"usemtl"}
     left_out = [what for word, what in _LEFT_OUT.items() if word in parts.left_out]
     return replace(mesh, left_out=(*left_out, *more))

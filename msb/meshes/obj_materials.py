@@ -79,6 +79,13 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
     return _with_textures(mesh, text, [(at, textures[name]) for at, name in uses], images), left_out
 
 
+def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
+    """Return `mesh` with the texture coordinates of its corners."""
+    uvs, corners, counts, _ = _coordinates(text)
+    triangles, _ = fan_triangulate(corners, counts)
+    return replace(mesh, corner_uvs=uvs[triangles.reshape(-1)])
+
+
 def _with_textures(
     mesh: Mesh, text: Source, uses: list[tuple[int, Texture]], images: dict[str, NDArray[np.uint8]]
 ) -> Mesh:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from msb.topology.findings import Counts, Findings
 
 Attributes = Mapping[str, NDArray[Any]]
-"""What a file doubles vertices for: "uv" (V, 2), "color" (V, n), and "face_texture" (F,) of faces."""
+"""What a file doubles vertices for: "uv" (V, 2) and "color" (V, n), or by corner "corner_uv" (3F, 2) and
+"corner_color" (3F, n), and "face_texture" (F,) of faces."""
 SeamKind = Literal["texture", "color"]
 
 MOST_FACES = 200_000
@@ -52,23 +53,26 @@ class Seams:
 
 
 def seam_attributes(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> dict[str, Any]:
-    """Return those of an asset's buffers for whose sake a file doubles vertices: UVs and colours by vertex.
+    """Return those of an asset's buffers for whose sake a file doubles vertices: UVs and colours.
 
     What a model was trained to have at its vertices is not among them: its rows are its own, not a file's.
     """
-    names = [name for name in ("uv", "color") if domains.get(name) == "vertex"]
+    by = {"vertex": "", "corner": "corner_"}
+    names = [name for name in ("uv", "color") if domains.get(name) in by]
+    found = {f"{by[domains[name]]}{name}": buffers[name] for name in names}
     if "uv" in names and "face_texture" in buffers:  # files hold the faces of each texture apart
-        names.append("face_texture")
-    return {name: buffers[name] for name in names}
+        found["face_texture"] = buffers["face_texture"]
+    return found
 
 
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None if it has none.
 
     Two boundary edges in one place are one edge that was torn if UVs or colours differ at an end, or the
-    textures of their faces: their ends are merged. The corners of a triangle soup may meet by chance. That
-    seams alone made a mesh a soup is believed if most faces have a torn edge, and no edges in one place are
-    alike. O(V log V) time, of which next to nothing where no two vertices coincide.
+    textures of their faces: their ends are merged. Of more than two it is not known which belong together.
+    The corners of a triangle soup may meet by chance. That seams alone made a mesh a soup is believed if most
+    faces have a torn edge, and no edges in one place are alike. O(V log V) time, of which next to nothing
+    where no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
@@ -82,10 +86,8 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]
-    attributes = {
-        name: values[near] if name == "face_texture" else values for name, values in attributes.items()
-    }
-    edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, attributes)
+    held = [_by_corner(name, values, faces, near) for name, values in attributes.items()]
+    edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
     if not len(edges):
         return None
     proper = ~names_vertex_twice(faces)
@@ -99,44 +101,55 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     labels[ends] = ends[lowest][label]
     is_first = labels == np.arange(len(points))
     number = (np.cumsum(is_first) - 1)[labels]
-    return Seams(np.flatnonzero(is_first), number, "texture" if "uv" in attributes else "color")
+    kind: SeamKind = "texture" if {"uv", "corner_uv"} & set(attributes) else "color"
+    return Seams(np.flatnonzero(is_first), number, kind)
+
+
+def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
+    """Return what the corners of the `chosen` faces have of an attribute, (3 n, k)."""
+    if name == "face_texture":
+        return np.repeat(values[chosen], 3)[:, None]
+    held = values.reshape(len(faces), 3, -1)[chosen] if "corner" in name else values[faces[chosen]]
+    return np.asarray(held.reshape(3 * len(chosen), -1))
 
 
 def _torn_edges(
-    faces: NDArray[np.int64], place: NDArray[Any], double: NDArray[np.bool_], attributes: Attributes
+    faces: NDArray[np.int64], place: NDArray[Any], double: NDArray[np.bool_], held: list[NDArray[Any]]
 ) -> tuple[NDArray[np.int64], int, bool]:
     """Return the (n, 2) pairs of rows to be merged, at how many faces, and whether other edges coincide.
 
     Those are boundary edges in one place that are alike at both ends. `faces` are all proper ones with a
-    vertex that is stored more than once, so all faces at an edge with such an end are among them.
+    vertex that is stored more than once, so all faces at an edge with such an end are among them; `held` has
+    what their corners have.
     """
-    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    corners = np.arange(faces.size).reshape(-1, 3)
+    ends, ends_at = (
+        np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
+    )
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
     low, high = np.minimum(*ends.T), np.maximum(*ends.T)
     _, first, faces_there = np.unique(low * len(place) + high, return_index=True, return_counts=True)
     first = first[faces_there == 1]
-    rim, face = ends[first], number[first] // 3
+    rim, at = ends[first], ends_at[number[first]]
     # The end whose place has the lower number first, so that ends in one place stand in one column.
     there = place[rim]
-    rim = np.where((there[:, 0] > there[:, 1])[:, None], rim[:, ::-1], rim)
-    there = np.sort(there, axis=1)
+    turned = (there[:, 0] > there[:, 1])[:, None]
+    rim, at, there = (np.where(turned, rows[:, ::-1], rows) for rows in (rim, at, there))
     _, first, group, size = np.unique(
         there[:, 0] * len(place) + there[:, 1], return_index=True, return_inverse=True, return_counts=True
     )
     group = group.reshape(-1)
-    beside = rim[first[group]]
+    beside = first[group]
     differs = np.zeros(len(rim), bool)
-    for name, values in attributes.items():
-        if name == "face_texture":
-            differs |= values[face] != values[face[first[group]]]
-        else:
-            differs |= (values[rim] != values[beside]).any(axis=(1, 2))
-    torn = np.bincount(group, differs, len(size))[group] > 0
-    alike = bool(((size[group] > 1) & ~torn).any())
-    pairs = np.stack([rim[torn], beside[torn]], axis=-1).reshape(-1, 2)
-    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(face[torn])), alike
+    for values in held:
+        differs |= (values[at] != values[at[beside]]).any(axis=(1, 2))
+    differs = np.bincount(group, differs, len(size))[group] > 0
+    torn = differs & (size[group] == 2)
+    alike = bool(((size[group] > 1) & ~differs).any())
+    pairs = np.stack([rim, rim[beside]], axis=-1)[torn].reshape(-1, 2)
+    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(at[torn] // 3)), alike
 
 
 def is_closed(counts: Counts) -> bool:

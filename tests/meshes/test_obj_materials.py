@@ -98,6 +98,8 @@ def test_who_needs_the_surface_alone_opens_nothing(folder: Path) -> None:
     (folder / "a.obj").write_bytes(OBJ_TEXTURED)
     mesh = read_mesh(folder / "a.obj", images=False)
     assert (mesh.textures, mesh.left_out) == ((), ())
+    assert mesh.corner_uvs is not None  # which tell seams from holes
+    assert len(mesh.corner_uvs) == 6
 
 
 @pytest.mark.parametrize(

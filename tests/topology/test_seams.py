@@ -114,6 +114,19 @@ def test_doubles_for_no_uv_or_colour_are_no_seams() -> None:
     assert MERGED in found.sentence
 
 
+def test_doubles_of_a_format_that_needs_none_are_seams_where_uvs_of_corners_differ() -> None:
+    points, faces, uvs = doubled(*CUBE, CUBE_UVS)  # as an OBJ that an engine wrote
+    by_corner = {"corner_uv": uvs[faces.reshape(-1)]}
+    found = audit_arrays(points, faces, attributes=by_corner)[0]
+    assert (found.verdict, found.counts.seam_vertices) == ("ok", 16)
+    assert audit_arrays(*CUBE, attributes={"corner_uv": CUBE_UVS})[0].seams is None
+
+
+def test_of_more_than_two_edges_in_one_place_it_is_not_known_which_belong_together() -> None:
+    points, faces, uvs = doubled(BOOK[0], BOOK[1], np.arange(18).reshape(9, 2).astype(np.float32))
+    assert audit_arrays(points, faces, attributes={"uv": uvs})[0].seams is None
+
+
 def test_faces_of_two_textures_have_a_seam_between_them_whatever_their_uvs() -> None:
     faces, uvs = HARD[1], np.zeros((7, 2), np.float32)
     shown = (np.arange(4) == 0).astype(np.uint32)
