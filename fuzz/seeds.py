@@ -110,6 +110,12 @@ def meshes(suffix: str) -> Iterator[bytes]:
     yield from (content for key, content, *_ in BAD_MESHES.values() if key.lower() == suffix)
 
 
+def packed() -> list[bytes]:
+    from tests.meshes.test_gltf_packed import by_draco, by_meshopt, plain
+
+    return [each.bytes() for each in (by_meshopt(plain()), by_meshopt(plain(quantized=True)), by_draco())]
+
+
 def materials() -> list[bytes]:
     return [
         b"newmtl one\nKd 0.5 0.5 0.5\nmap_Kd -s 1 1 -o 0 map.png\nd 0.5\n",

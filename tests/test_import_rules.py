@@ -97,16 +97,18 @@ LAZY = {
     "xatlas",
     "fast_simplification",
     "coacd",
+    "meshopt",
+    "DracoPy",
 }
 """Imported inside the function that needs them, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
     "scenes": {"numpy", "PIL"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
+    "meshes": {"numpy", "PIL", "meshopt", "DracoPy"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},
     "methods.official": {"numpy", "PIL"},
-    "meshes": {"numpy", "PIL", "meshopt", "DracoPy"},
     "render": {"numpy", "PIL", "OpenEXR", "av"},
     "metrics": {"numpy", "scipy", "skimage", "PIL", "OpenEXR", "torch"},
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
@@ -120,6 +122,7 @@ FOREIGN: dict[str, set[str]] = {
 """Third-party packages a part may use; the ground and everything not named here: numpy."""
 DISTRIBUTIONS = {
     "PIL": "pillow",
+    "DracoPy": "dracopy",
     "yaml": "pyyaml",
     "skimage": "scikit-image",
     "OpenEXR": "openexr",

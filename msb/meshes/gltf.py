@@ -53,13 +53,16 @@ _NESTING[list(b"]}")] = -1
 class Document:
     """A glTF file: its JSON object and its buffers by number, of which those that are needed get read.
 
-    `embedded` are the long data URIs of the JSON, by what stands in their places: "#0", "#1", ...
+    `embedded` are the long data URIs of the JSON, by what stands in their places: "#0", "#1", ... What was
+    compressed is in `views`, by number, and in `packed`, by pointer of a primitive and name: (count, width).
     """
 
     source: Source
     root: dict[str, Any]
     embedded: dict[str, str]
     buffers: dict[int, memoryview] = field(default_factory=dict)
+    views: dict[int, memoryview] = field(default_factory=dict)
+    packed: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -145,13 +148,18 @@ class Document:
     def view(self, index: int) -> tuple[memoryview, dict[str, Any], str]:
         """Return the bytes of buffer view `index`, its entry and its JSON pointer."""
         view, pointer = self.entry("bufferViews", index)
+        data = self.views.get(index)
+        return self.bytes_of(view, pointer) if data is None else data, view, pointer
+
+    def bytes_of(self, view: dict[str, Any], pointer: str) -> memoryview:
+        """Return the bytes of a buffer that `view` names."""
         buffer = self.buffer(self.integer(view, "buffer", pointer))
         start = self.integer(view, "byteOffset", pointer, default=0)
         size = self.integer(view, "byteLength", pointer)
         if start + size > len(buffer):
             text = f"it ends at byte {start + size} of a buffer of {len(buffer)} bytes"
             raise self.error("MESH_FILE_TRUNCATED", pointer, text)
-        return buffer[start : start + size], view, pointer
+        return buffer[start : start + size]
 
 
 @dataclass(frozen=True)
@@ -231,11 +239,13 @@ def document_of(source: Source, text: bytes) -> Document:
     return Document(source, _parse_json(source, _DATA_URI.sub(placed, text)), embedded)
 
 
-def accessor(document: Document, index: int, *, kinds: str, components: str) -> Accessor:
+def accessor(
+    document: Document, index: int, *, kinds: str, components: str, unpacked: NDArray[Any] | None = None
+) -> Accessor:
     """Describe accessor `index` after checking that its bytes are there.
 
     `kinds` are the allowed types, such as "VEC3 VEC4", `components` those of the numbers, such as "u1 u2
-    f4".
+    f4". What was `unpacked` for it, (count, width), stands for the bytes of its view.
     """
     entry, pointer = document.entry("accessors", index)
     kind = entry.get("type")
@@ -245,15 +255,25 @@ def accessor(document: Document, index: int, *, kinds: str, components: str) -> 
     width = WIDTHS[kind]
     count = document.integer(entry, "count", pointer)
     dtype = _component(document, entry, pointer, components)
+    normalized = entry.get("normalized") is True
+    if unpacked is not None:
+        if (
+            unpacked.ndim != 2
+            or unpacked.shape[1] != width
+            or unpacked.dtype.str[1:] not in components.split()
+        ):
+            text = f"{kind} is stored as {unpacked.shape} {unpacked.dtype}, compressed"
+            raise document.error("MESH_FILE_INVALID", pointer, text)
+        data, size = memoryview(unpacked.tobytes()), unpacked.dtype.itemsize * width
+        return Accessor(document, pointer, len(unpacked), width, unpacked.dtype, normalized, data, 0, size)
     sparse = document.object(entry, "sparse", pointer)
-    data, start, stride = None, 0, 0
+    place: tuple[memoryview | None, int, int] = None, 0, 0
     if "bufferView" in entry:
-        data, start, stride = _placed(document, entry, pointer, count, dtype.itemsize * width)
+        place = _placed(document, entry, pointer, count, dtype.itemsize * width)
     elif not sparse:
         text = "the accessor has no 'bufferView', so it has no values"
         raise document.error("MESH_FILE_INVALID", pointer, text)
-    normalized = entry.get("normalized") is True
-    plain = Accessor(document, pointer, count, width, dtype, normalized, data, start, stride)
+    plain = Accessor(document, pointer, count, width, dtype, normalized, *place)
     return replace(plain, sparse=_sparse(document, sparse, f"{pointer}/sparse", plain)) if sparse else plain
 
 

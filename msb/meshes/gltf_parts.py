@@ -78,25 +78,27 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primi
     attributes = document.object(entry, "attributes", pointer)
     where = f"{pointer}/attributes"
     number = document.integer(attributes, "POSITION", where)
-    packed = "KHR_draco_mesh_compression"
-    only_packed = "bufferView" not in document.entry("accessors", number)[0]
-    if only_packed and packed in document.object(entry, "extensions", pointer):
-        text = f"its arrays exist only compressed ({packed}), which is not read; export without it"
-        raise document.error("MESH_FILE_UNSUPPORTED", pointer, text)
-    positions = accessor(document, number, kinds="VEC3", components="i1 u1 i2 u2 f4")
+    unpacked = document.packed.get(pointer, {})
+    mode = document.integer(entry, "mode", pointer, default=TRIANGLES)
+    if unpacked:
+        mode = TRIANGLES  # also where what was compressed was a strip
+    positions = accessor(
+        document, number, kinds="VEC3", components="i1 u1 i2 u2 f4", unpacked=unpacked.get("POSITION")
+    )
     indices = None
     if "indices" in entry:
         number = document.integer(entry, "indices", pointer)
-        indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4")
+        there = unpacked.get("indices")
+        indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=there)
     look = look_of(document, entry, pointer)
     uv_set = 0 if look.shown is None else look.shown.uv_set
     uvs = None
     if look.shown is not None or not document.source.images:
-        uvs = _attribute(document, attributes, where, f"TEXCOORD_{uv_set}", positions.count)
+        name = f"TEXCOORD_{uv_set}"
+        uvs = _attribute(document, attributes, where, name, positions.count, unpacked.get(name))
         if look.shown is not None and uvs is None:
             look = replace(look, shown=None, is_lost=True)
-    colors = _attribute(document, attributes, where, "COLOR_0", positions.count)
-    mode = document.integer(entry, "mode", pointer, default=TRIANGLES)
+    colors = _attribute(document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0"))
     made = Primitive(pointer, mode, positions, indices, colors, uvs, look)
     if mode == TRIANGLES and made.corners % 3:
         text = f"{made.corners} corners are no whole number of triangles"
@@ -105,7 +107,12 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primi
 
 
 def _attribute(
-    document: Document, attributes: dict[str, Any], pointer: str, name: str, count: int
+    document: Document,
+    attributes: dict[str, Any],
+    pointer: str,
+    name: str,
+    count: int,
+    unpacked: NDArray[Any] | None,
 ) -> Accessor | None:
     """Return the colours or texture coordinates of `count` vertices, None if there are none."""
     if name not in attributes:
@@ -113,7 +120,7 @@ def _attribute(
     is_color = name.startswith("COLOR")
     kinds, components = ("VEC3 VEC4", "u1 u2 f4") if is_color else ("VEC2", "i1 u1 i2 u2 f4")
     number = document.integer(attributes, name, pointer)
-    found = accessor(document, number, kinds=kinds, components=components)
+    found = accessor(document, number, kinds=kinds, components=components, unpacked=unpacked)
     if found.count != count:
         what = "colours" if is_color else "texture coordinates"
         text = f"there are {found.count} {what} for {count} vertices"

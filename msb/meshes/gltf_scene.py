@@ -14,6 +14,7 @@ from msb.errors import shorten
 from msb.meshes.colors import srgb_colors, with_alpha
 from msb.meshes.gltf import Document, placed_meshes
 from msb.meshes.gltf_materials import beyond, image_key, stored_image
+from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
 from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
 from msb.meshes.images import Decoder, ImageError
 from msb.meshes.mesh import Mesh
@@ -26,6 +27,8 @@ _HARMLESS = (
     "KHR_texture_",
     "KHR_lights_",
     "KHR_mesh_quantization",
+    DRACO,
+    *MESHOPT,
     "EXT_texture_",
     "MSFT_texture_",
 )
@@ -59,6 +62,7 @@ def read_scene(document: Document) -> Mesh:
     _refuse_extensions(document)
     placed = list(placed_meshes(document))
     shown = list(dict.fromkeys(mesh for mesh, _ in placed))
+    unpack(document, shown, _limit(document))
     primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
     sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
     _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
@@ -83,9 +87,14 @@ def _refuse_extensions(document: Document) -> None:
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
+def _limit(document: Document) -> int:
+    """Return how many bytes the arrays may take."""
+    return MAX_BYTES_PER_BYTE * document.size + MAX_EXTRA_BYTES
+
+
 def _check_total(document: Document, total: int) -> None:
     """Refuse arrays of `total` bytes if the file is too small for so many."""
-    limit = MAX_BYTES_PER_BYTE * document.size + MAX_EXTRA_BYTES
+    limit = _limit(document)
     if total > limit:
         text = (
             f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"

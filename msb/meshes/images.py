@@ -16,7 +16,6 @@ from msb.base.files import library_reason
 if TYPE_CHECKING:
     from PIL import Image
 
-_KINDS = ("PNG", "JPEG", "WEBP")
 MAX_FILE = 1 << 30
 """Most bytes of one image as it is stored."""
 MAX_BYTES_PER_BYTE = 1 << 10
@@ -52,8 +51,10 @@ class Decoder:
             MESH_FILE_INVALID: it is damaged, or another kind of image. MESH_FILE_TOO_LARGE: it says that it
             has more texels than are read.
         """
-        from PIL import Image, UnidentifiedImageError
+        from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
+        # These are imported here, or Pillow imports all that it has, to look for WebP.
+        plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked here
         try:
             with warnings.catch_warnings():
@@ -63,7 +64,7 @@ class Decoder:
                 elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MOST_SCANS:
                     text = f"it has more than {_MOST_SCANS} scans; save it as an ordinary JPEG"
                     raise ImageError("MESH_FILE_TOO_LARGE", text)
-                with Image.open(io.BytesIO(data), formats=_KINDS) as image:
+                with Image.open(io.BytesIO(data), formats=[each.format for each in plugins]) as image:
                     if not canvas:
                         self._take(image.size, 4, len(data))
                     return _texels(image, alpha=alpha)

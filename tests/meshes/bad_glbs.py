@@ -132,20 +132,10 @@ BAD_GLBS: dict[str, tuple[bytes, str, str]] = {
     "deep in a string": (text_root('{"a":"' + "[" * 100_000), "INVALID", "the JSON cannot be read"),
     "long integer": (text_root('{"a":' + "9" * 5000 + "}"), "INVALID", "the JSON cannot be read"),
     "large": (glb_file(b" " * (2**24 + 4)), "TOO_LARGE", "more than 16777216"),
-    "draco": (
-        changed(lambda root: root.update(extensionsRequired=["KHR_draco_mesh_compression"])),
+    "extension": (
+        changed(lambda root: root.update(extensionsRequired=["EXT_mesh_gpu_instancing"])),
         "UNSUPPORTED",
-        "requires extension KHR_draco_mesh_compression",
-    ),
-    "draco not required": (
-        changed(
-            lambda root: (
-                root["accessors"][0].pop("bufferView"),
-                root["meshes"][0]["primitives"][0].update(extensions={"KHR_draco_mesh_compression": {}}),
-            )
-        ),
-        "UNSUPPORTED",
-        "exist only compressed (KHR_draco_mesh_compression)",
+        "requires extension EXT_mesh_gpu_instancing",
     ),
     "external buffer": (
         changed(lambda root: root["buffers"][0].update(uri="/etc/passwd")),
@@ -337,4 +327,47 @@ BAD_GLTFS: dict[str, tuple[bytes, str, str]] = {
     "no length": (gltf(byteLength=None), "INVALID", "'byteLength' is None"),
     "huge": (gltf(byteLength=2**50), "INVALID", "'byteLength' is 1125899906842624, not an integer"),
     "image": (glb_textured("../a.png").text(), "UNSUPPORTED", UNSEEN),
+}
+
+
+def packed(**more: Any) -> bytes:
+    """Return the square whose vertices are compressed by meshopt, or so it says."""
+    made = glb_square()
+    view = made.root["bufferViews"][0]
+    about = {"buffer": 0, "byteLength": 12, "byteStride": 12, "count": 4, "mode": "ATTRIBUTES"}
+    made.root["buffers"].append({"byteLength": 48})
+    made.root["bufferViews"][0] = view | {
+        "buffer": 1,
+        "extensions": {"EXT_meshopt_compression": about | more},
+    }
+    return made.bytes()
+
+
+def draco(attributes: dict[str, Any], **accessor: Any) -> bytes:
+    """Return the square as a primitive that Draco has compressed, or so it says."""
+    made = glb_square()
+    for entry in made.root["accessors"]:
+        entry.pop("bufferView")
+        entry.update(accessor)
+    about = {"bufferView": 0, "attributes": attributes}
+    made.root["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": about}
+    return made.bytes()
+
+
+BAD_GLBS |= {
+    "meshopt: mode": (packed(mode="TEXT"), "INVALID", "mode TEXT with filter NONE is not in the extension"),
+    "meshopt: filter": (packed(filter=[]), "INVALID", "filter [] is not in the extension"),
+    "meshopt: stride": (packed(byteStride=6), "INVALID", "4 elements of 6 bytes cannot be ATTRIBUTES"),
+    "meshopt: triangles": (packed(mode="TRIANGLES", byteStride=4), "INVALID", "cannot be TRIANGLES"),
+    "meshopt: filtered": (
+        packed(mode="INDICES", byteStride=4, filter="OCTAHEDRAL"),
+        "INVALID",
+        "cannot be INDICES with filter OCTAHEDRAL",
+    ),
+    "meshopt: size": (packed(count=5), "INVALID", "5 elements of 12 bytes are not the 48 bytes of the view"),
+    "meshopt: end": (packed(byteLength=99), "TRUNCATED", "it ends at byte 99 of a buffer of 60 bytes"),
+    "draco: no positions": (draco({"NORMAL": 0}), "INVALID", "there is no POSITION among its attributes"),
+    "draco: no count": (draco({"POSITION": 0}, count=None), "INVALID", "has no accessor with a 'count'"),
+    "draco: huge": (draco({"POSITION": 0}, count=10**12), "TOO_LARGE", "its compressed arrays would take"),
+    "draco: no id": (draco({"POSITION": "a"}), "INVALID", "'POSITION' is a, not an integer"),
 }
