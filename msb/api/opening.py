@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
+from msb.asset.texture import Sampler, is_textured
 from msb.base.paths import PATH_TYPES, given_path
 from msb.errors import CheckpointError, about
 
@@ -92,6 +93,8 @@ class StoredMesh:
         The axis that is up, such as "+y", or "unknown".
     warnings : tuple of Finding
         What the reader of an asset tolerated, and what that of a mesh file left out.
+    sampler : Sampler or None
+        How the textures among the buffers are read; None if there are none, or they were not read.
     """
 
     path: Path | None
@@ -100,6 +103,7 @@ class StoredMesh:
     method: str | None = None
     up: str = "unknown"
     warnings: tuple[Finding, ...] = ()
+    sampler: Sampler | None = None
 
     @property
     def vertices(self) -> NDArray[Any]:
@@ -119,10 +123,11 @@ class StoredMesh:
         return seam_attributes(self.buffers, self.domains)
 
 
-def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
+def read_stored(path: str | os.PathLike[str], *, images: bool = False) -> StoredMesh:
     """Return the mesh at `path`, which may be anything that `open` takes, exactly as it is stored.
 
-    All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN.
+    All stored faces are there, even those that an STE threshold hides, and coordinates that are NaN. With
+    `images` the textures of a mesh file are, too; those of an asset always are.
     """
     from msb.adapters.exporter import read_model
     from msb.adapters.locate import is_mesh_file
@@ -131,19 +136,19 @@ def read_stored(path: str | os.PathLike[str]) -> StoredMesh:
     if is_asset(place):
         return stored_mesh(load(place))
     if is_mesh_file(place):
-        return _stored_file(place)
+        return _stored_file(place, images=images)
     model = read_model(place, check_values=False)
     description = model.description
     up = description.coordinate_frame.up
     return StoredMesh(place, model.buffers, model.domains, description.method, up)
 
 
-def _stored_file(path: Path) -> StoredMesh:
+def _stored_file(path: Path, *, images: bool) -> StoredMesh:
     from msb.meshes import read_mesh
     from msb.meshes.mesh import left_out_finding
     from msb.meshes.writing import check_indices
 
-    mesh = read_mesh(path, images=False)
+    mesh = read_mesh(path, images=images)
     if mesh.wrong_face is not None:  # whoever uses the faces would refuse them, and could not name the line
         with about(path):
             check_indices(mesh)
@@ -154,10 +159,13 @@ def _stored_file(path: Path) -> StoredMesh:
         ("uv", mesh.vertex_uvs, "vertex"),
         ("uv", mesh.corner_uvs, "corner"),
         ("face_texture", mesh.face_textures, "face"),
+        *((f"texture.{number}", image, "global") for number, image in enumerate(mesh.textures)),
     ):
         if values is not None and name not in buffers:
             buffers[name], domains[name] = values, domain
-    return StoredMesh(path, buffers, domains, up=mesh.up or "unknown", warnings=left_out_finding(mesh))
+    sampler = mesh.sampler if mesh.textures else None
+    warnings = left_out_finding(mesh)
+    return StoredMesh(path, buffers, domains, up=mesh.up or "unknown", warnings=warnings, sampler=sampler)
 
 
 def stored_mesh(asset: Asset) -> StoredMesh:
@@ -165,4 +173,5 @@ def stored_mesh(asset: Asset) -> StoredMesh:
     manifest = asset.manifest
     domains = {name: spec.domain for name, spec in manifest.buffers.items()}
     up = manifest.coordinate_frame.up
-    return StoredMesh(asset.path, asset.buffers, domains, manifest.method, up, asset.warnings)
+    sampler = Sampler.of(manifest.appearance) if is_textured(asset) else None
+    return StoredMesh(asset.path, asset.buffers, domains, manifest.method, up, asset.warnings, sampler)

@@ -56,7 +56,11 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
 def colors_of(asset: Asset) -> StaticColors | None:
     """Return the `static_colors` of an asset; of one with textures what they show at its corners."""
     textured = textures_of(asset)
-    return tint_of(asset) if textured is None else corner_colors(textured, tint_of(asset), asset)
+    return (
+        tint_of(asset)
+        if textured is None
+        else corner_colors(textured, tint_of(asset), asset.buffers["indices"])
+    )
 
 
 def tint_of(asset: Asset) -> StaticColors | None:
@@ -64,10 +68,10 @@ def tint_of(asset: Asset) -> StaticColors | None:
     return static_colors(asset.buffers, {name: spec.domain for name, spec in asset.manifest.buffers.items()})
 
 
-def corner_colors(textured: Textured, tint: StaticColors | None, asset: Asset) -> StaticColors:
+def corner_colors(textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> StaticColors:
     """Return the sRGB colours (3F, 3) float32 of the corners: what the textures show there, times `tint`.
 
-    What draws no textures draws these.
+    What draws no textures draws these. `indices` are the faces (F, 3).
     """
     made = np.zeros((textured.uvs.size // 2, 4), np.float32)
     faces = len(textured.uvs)
@@ -76,11 +80,11 @@ def corner_colors(textured: Textured, tint: StaticColors | None, asset: Asset) -
         rows = np.repeat(shown == number, 3)
         made[rows] = sample([image], textured.uvs.reshape(-1, 2)[rows], textured.sampler)
     if tint is not None:
-        made *= corner_tint(tint, asset.buffers["indices"])
+        made *= corner_tint(tint, indices)
     return StaticColors(np.clip(linear_to_srgb(made[:, :3]), 0, 1), "corner")
 
 
-def corner_tint(tint: StaticColors, indices: NDArray[np.uint32]) -> NDArray[np.float32]:
+def corner_tint(tint: StaticColors, indices: NDArray[Any]) -> NDArray[np.float32]:
     """Return colours as linear light and alpha (3F, 4) float32 at the corners of the faces (F, 3)."""
     values = tint.values if tint.values.dtype == np.float32 else tint.values / np.float32(255)
     made = np.ones((len(values), 4), np.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -109,23 +110,28 @@ def textures_of(asset: Asset) -> Textured | None:
     """
     if not is_textured(asset):
         return None
-    buffers = asset.buffers
+    domain, sampler = asset.manifest.buffers["uv"].domain, Sampler.of(asset.manifest.appearance)
+    return textures_in(asset.buffers, domain, sampler, asset.path)
+
+
+def textures_in(
+    buffers: Mapping[str, NDArray[Any]], domain: str, sampler: Sampler, path: Path | None = None
+) -> Textured:
+    """Return the textures that `buffers` hold, with the errors of `textures_of`; `domain` is that of `uv`."""
     images = texture_images(buffers)
     uvs = buffers["uv"]
     if not np.isfinite(uvs).all():
         row = int(np.argmin(np.isfinite(uvs).all(axis=1)))
         text = f"buffer uv holds {uvs[row].tolist()} in row {row}; a renderer needs finite values"
-        raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=asset.path, pointer=f"uv[{row}]")
-    if asset.manifest.buffers["uv"].domain == "vertex":
+        raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=path, pointer=f"uv[{row}]")
+    if domain == "vertex":
         uvs = uvs[buffers["indices"]]
     shown = buffers.get("face_texture")
     if shown is not None and int(shown.max()) >= len(images):
         face = int(np.argmax(shown >= len(images)))
         text = f"face {face} shows texture {shown[face]}, but there are {len(images)}"
-        raise AssetError(
-            "TRIASSET_INDEX_OUT_OF_RANGE", text, file=asset.path, pointer=f"face_texture[{face}]"
-        )
-    return Textured(images, uvs.reshape(-1, 3, 2), shown, Sampler.of(asset.manifest.appearance))
+        raise AssetError("TRIASSET_INDEX_OUT_OF_RANGE", text, file=path, pointer=f"face_texture[{face}]")
+    return Textured(images, uvs.reshape(-1, 3, 2), shown, sampler)
 
 
 def texture_images(buffers: Mapping[str, NDArray[Any]]) -> tuple[NDArray[np.uint8], ...]:

@@ -127,7 +127,7 @@ class _Task:
         from msb.cli.inputs import note_warnings
 
         with self.output.progress(f"reading {path.name}"):
-            mesh = read_stored(path)
+            mesh = read_stored(path, images=self.options.view)
         # What a file holds beside its triangles is nothing that an audit counts.
         note_warnings((one for one in mesh.warnings if one.severity != "info"), path, self.output)
         with self.output.progress(f"auditing {path.name}: {len(mesh.faces):,} faces"):

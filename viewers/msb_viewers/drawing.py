@@ -6,12 +6,15 @@ Everything of VTK is imported inside the functions: nothing here loads it before
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb_viewers.palette import Color, unit
+
+if TYPE_CHECKING:
+    from msb.asset.texture import Sampler
 
 _SHAPES = {
     # Distance from the middle in p, a vec2 in [-1, 1]^2; above 1 is outside, just below it the dark rim.
@@ -32,6 +35,24 @@ _RING = """//VTK::Light::Impl
   float reach = length(p);
   if (reach > 1.0 || reach < {inner}) discard;
 """
+_TEXEL = """
+  vec2 place = tcoordVCVSOutput;
+  {place}
+  vec4 texel = texture(actortexture, place);
+  vec3 tint = gl_FragData[0].rgb;
+  vec3 light = texel.rgb * mix(tint / 12.92, pow((tint + 0.055) / 1.055, vec3(2.4)), step(0.04045, tint));
+  if (texel.a * gl_FragData[0].a < {cutoff}) discard;
+  vec3 curve = 1.055 * pow(light, vec3(1.0 / 2.4)) - 0.055;
+  gl_FragData[0] = vec4(mix(12.92 * light, curve, step(0.0031308, light)), 1.0);
+"""
+_FOLDED = {
+    # How coordinate {c} is wrapped where the two differ: VTK has one way for both. Half a texel is {rim}.
+    "repeat": "",
+    "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
+    "clamp": "place.{c} = clamp(place.{c}, {rim}, 1.0 - {rim}); ",
+}
+_WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
+"""Wrap -> VTK's number of it (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`)."""
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 """Shift of marks towards the viewer, in units of depth resolution: they lie on their surface."""
 
@@ -76,6 +97,49 @@ def surface(
     if shade > 0:
         look.SetAmbient(1 - shade)
         look.SetDiffuse(shade)
+    return actor
+
+
+def textured(
+    points: NDArray[np.float32],
+    faces: NDArray[Any],
+    uvs: NDArray[np.float32],
+    image: NDArray[np.uint8],
+    sampler: Sampler,
+    tint: NDArray[np.uint8] | None,
+) -> Any:
+    """Return an unlit actor of triangles (n, 3) that show `image` (H, W, 3 | 4) at `uvs` (n, 3, 2).
+
+    Colours `tint` (3n, 4) of the corners are multiplied with it. As on the standard tier texels are filtered,
+    and colours multiplied, in linear light; but tints are decoded at pixels, not at corners.
+    """
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkRenderingCore import vtkTexture
+
+    white = np.full((faces.size, 4), 255, np.uint8) if tint is None else tint
+    actor = surface(points, faces, white, "corner")
+    actor.GetMapper().GetInput().GetPointData().SetTCoords(_vtk(uvs.reshape(-1, 2)))
+    height, width, channels = image.shape
+    data = vtkImageData()
+    data.SetDimensions(width, height, 1)  # the first row is v = 0, here as there
+    data.GetPointData().SetScalars(_vtk(image.reshape(-1, channels)))
+    texture = vtkTexture()
+    texture.SetInputData(data)
+    texture.SetColorModeToDirectScalars()
+    texture.SetUseSRGBColorSpace(True)
+    texture.SetInterpolate(sampler.filter == "linear")
+    texture.SetMipmap(sampler.mipmaps)
+    texture.SetMaximumAnisotropicFiltering(1.0)
+    wraps = sampler.wrap_u, sampler.wrap_v
+    texture.SetWrap(_WRAPS[wraps[0]] if wraps[0] == wraps[1] else vtkTexture.Repeat)
+    folded = ""
+    if wraps[0] != wraps[1]:
+        sides = zip("xy", wraps, (width, height), strict=True)
+        folded = "".join(_FOLDED[wrap].format(c=axis, rim=0.5 / size) for axis, wrap, size in sides)
+    actor.SetTexture(texture)
+    actor.ForceOpaqueOn()  # alpha is looked at where there is a cut-off, and blended nowhere
+    code = _TEXEL.format(place=folded, cutoff=f"{sampler.alpha_cutoff or 0.0:.9f}")
+    actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, code, False)
     return actor
 
 

@@ -14,7 +14,7 @@ from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
 if TYPE_CHECKING:
     from msb.topology import Audit
     from msb.topology.analysis import Analysis
-    from msb_viewers.viewed_mesh import Colors, ViewedMesh
+    from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh
 
 SOUP_NOTE = "Triangle soup: no two faces share a vertex, so every edge is a boundary; these are not drawn."
 CLEAN_NOTE = "Nothing wrong: closed, manifold, consistently wound."
@@ -85,6 +85,7 @@ class ViewModel:
     face_component: NDArray[Any]
     sizes: NDArray[Any]
     notes: tuple[str, ...] = ()
+    skin: Skin | None = None
 
     @property
     def soup(self) -> bool:
@@ -208,6 +209,7 @@ def build_model(mesh: ViewedMesh, audit: Audit, analysis: Analysis) -> ViewModel
         layers=layers,
         face_component=elements.face_component,
         sizes=sizes,
+        skin=mesh.skin,
     )
     return replace(model, notes=(*mesh.notes, *_notes(model), *([cropped] if cropped else [])))
 

@@ -57,11 +57,20 @@ function matrices() {
 // Lines and markers are drawn as if this part of the distance nearer: they lie on the surface, not in it.
 const NEARER = 0.0015;
 const SURFACE = [`#version 300 es
-  in vec3 position; in vec4 color; uniform mat4 matrix; out vec4 shade; out vec3 place;
-  void main() { gl_Position = matrix * vec4(position, 1.0); shade = color; place = position; }`,
+  in vec3 position; in vec4 color; in vec2 uv; uniform mat4 matrix; out vec4 shade; out vec3 place; out vec2 at;
+  void main() { gl_Position = matrix * vec4(position, 1.0); shade = color; place = position; at = uv; }`,
 `#version 300 es
-  precision highp float; in vec4 shade; in vec3 place; uniform float dark; uniform vec3 eye, light; out vec4 result;
+  precision highp float; in vec4 shade; in vec3 place; in vec2 at; uniform float dark; uniform vec3 eye, light; out vec4 result;
+  uniform sampler2D image; uniform bool textured; uniform float cutoff;
+  vec3 linear(vec3 c) { return mix(c / 12.92, pow((c + 0.055) / 1.055, vec3(2.4)), step(0.04045, c)); }
+  vec3 srgb(vec3 c) { return mix(12.92 * c, 1.055 * pow(c, vec3(1.0 / 2.4)) - 0.055, step(0.0031308, c)); }
   void main() {
+    if (textured) {
+      vec4 texel = texture(image, at);
+      if (texel.a * shade.a < cutoff) discard;
+      result = vec4(srgb(linear(shade.rgb) * texel.rgb), 1.0);
+      return;
+    }
     vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
     float facing = dark > 0.0 ? abs(dot(normal, light == vec3(0.0) ? normalize(eye - place) : light)) : 1.0;
     result = vec4(shade.rgb * (1.0 - dark * (1.0 - facing)), 1.0);
@@ -131,11 +140,43 @@ function cornerColors() {
   if (state.coloring === "components") {
     const table = meta.classes.flatMap((c) => c.color);
     for (let i = 0; i < faces.length; i++) put(i, table, data.size_class[Math.floor(i / 3)]);
+  } else if (state.coloring === "own" && meta.skin) {
+    if (meta.skin.tinted) return data.colors;
   } else if (state.coloring === "own") {
     const of = { vertex: (i) => faces[i], face: (i) => Math.floor(i / 3), corner: (i) => i }[meta.domain];
     for (let i = 0; i < faces.length; i++) put(i, data.colors, of(i));
   } else for (let i = 0; i < faces.length; i++) put(i, meta.grey, 0);
   return out;
+}
+// The textures, decoded by the browser and as large as the card takes them; sRGB, so that they are filtered as light.
+async function textures() {
+  const { filter, mipmaps, wrap_u, wrap_v } = meta.skin, largest = gl.getParameter(gl.MAX_TEXTURE_SIZE);
+  const wrap = { repeat: gl.REPEAT, clamp: gl.CLAMP_TO_EDGE, mirror: gl.MIRRORED_REPEAT };
+  const near = filter === "linear" ? gl.LINEAR : gl.NEAREST;
+  const far = !mipmaps ? near : filter === "linear" ? gl.LINEAR_MIPMAP_LINEAR : gl.NEAREST_MIPMAP_NEAREST;
+  const plain = { premultiplyAlpha: "none", colorSpaceConversion: "none" };
+  for (const one of meta.skin.textures) {
+    const file = new Blob([data[one.name]], { type: "image/png" });
+    let image = await createImageBitmap(file, plain);
+    const over = Math.max(image.width, image.height) / largest;
+    if (over > 1) image = await createImageBitmap(file, { ...plain, resizeWidth: Math.floor(image.width / over) || 1, resizeHeight: Math.floor(image.height / over) || 1 });
+    one.texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, one.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.SRGB8_ALPHA8, gl.RGBA, gl.UNSIGNED_BYTE, image);
+    if (mipmaps) gl.generateMipmap(gl.TEXTURE_2D);
+    for (const [name, value] of [["WRAP_S", wrap[wrap_u]], ["WRAP_T", wrap[wrap_v]], ["MAG_FILTER", near], ["MIN_FILTER", far]])
+      gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${name}`], value);
+  }
+}
+function drawTextured(to) {
+  gl.uniform1i(to("textured"), 1);
+  gl.uniform1f(to("cutoff"), meta.skin.alpha_cutoff ?? 0);
+  let first = 0;
+  for (const { texture, faces } of meta.skin.textures) {
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.drawArrays(gl.TRIANGLES, 3 * first, 3 * faces);
+    first += faces;
+  }
 }
 function segmentsOf(vertices, each) {
   if (each !== 3) return vertices;
@@ -205,7 +246,8 @@ function draw() {
     surface.coloring = state.coloring;
   }
   gl.useProgram(p);
-  [["position", surface.places, 3, gl.FLOAT], ["color", surface.colors, 4, gl.UNSIGNED_BYTE]].forEach(([name, buffer, width, type]) => {
+  const given = [["position", surface.places, 3, gl.FLOAT], ["color", surface.colors, 4, gl.UNSIGNED_BYTE], ["uv", surface.uvs, 2, gl.FLOAT]].filter((one) => one[1]);
+  given.forEach(([name, buffer, width, type]) => {
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.enableVertexAttribArray(at(name));
     gl.vertexAttribPointer(at(name), width, type, type !== gl.FLOAT, 0, 0);
@@ -214,9 +256,10 @@ function draw() {
   gl.uniform3fv(to("eye"), add(camera.target, unit(camera.direction), camera.distance));
   gl.uniform1f(to("dark"), { own: 0, grey: meta.daylight.dark, components: 0.25 }[state.coloring]);
   gl.uniform3fv(to("light"), state.coloring === "grey" ? meta.daylight.light : [0, 0, 0]);
-  gl.drawArrays(gl.TRIANGLES, 0, data.faces.length);
-  gl.disableVertexAttribArray(at("position"));
-  gl.disableVertexAttribArray(at("color"));
+  gl.uniform1i(to("textured"), 0);
+  if (meta.skin && state.coloring === "own") drawTextured(to);
+  else gl.drawArrays(gl.TRIANGLES, 0, data.faces.length);
+  given.forEach(([name]) => gl.disableVertexAttribArray(at(name)));
   const pixels = meta.edge * canvas.clientHeight / (2 * camera.distance * Math.tan(meta.fov / 2));
   const scale = Math.min(Math.max(pixels / 40, 0.2), 1);
   for (const layer of meta.layers) if (state.visible.has(layer.kind)) {
@@ -353,7 +396,8 @@ async function start() {
   if (!gl) { say("This browser has no WebGL 2; the counts above need none."); return; }
   data = await unpack();
   programs = { surface: program(SURFACE), line: program(LINE), marker: program(MARKER) };
-  surface = { places: upload(gathered(data.faces)) };
+  surface = { places: upload(gathered(data.faces)), uvs: meta.skin && upload(data.uvs) };
+  if (meta.skin) await textures();
   home(); controls(); redraw();
   // #nonmanifold_edges:17 in the address opens the page there.
   const [kind, number] = location.hash.slice(1).split(":");

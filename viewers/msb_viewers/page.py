@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import AMBIENT, GREY, light_toward
+from msb.meshes.image_files import packed
 from msb_viewers.camera import FOV_Y, default_pose
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
 from msb_viewers.state import ViewState
@@ -55,12 +56,22 @@ def page(model: ViewModel, state: ViewState, up: str) -> bytes:
 def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
     """Return what the page draws, by name, each flat and little-endian: float32, uint32 or uint8."""
     rows = model.faces_of(None)
+    textures = _by_texture(model)
+    if textures:
+        rows = np.concatenate([some for _, some in textures])
     arrays: dict[str, NDArray[Any]] = {
         "points": model.points.reshape(-1).astype("<f4", copy=False),
         "faces": model.faces[rows].reshape(-1).astype("<u4"),
         "size_class": model.size_class_of_faces()[rows],
     }
-    if model.colors is not None:
+    if model.skin is not None:
+        arrays["uvs"] = model.skin.textured.uvs[rows].reshape(-1).astype("<f4", copy=False)
+        if model.skin.tint is not None:
+            arrays["colors"] = model.skin.tint.reshape(-1, 12)[rows].reshape(-1)
+        for number, _ in textures:
+            image, sampler = model.skin.textured.images[number], model.skin.textured.sampler
+            arrays[f"texture.{number}"] = np.frombuffer(packed(image, "png", sampler)[0], np.uint8)
+    elif model.colors is not None:
         values = model.colors.values
         if model.colors.domain == "face":
             values = values[rows]
@@ -70,6 +81,19 @@ def page_arrays(model: ViewModel) -> dict[str, NDArray[Any]]:
     for kind, layer in model.layers.items():
         arrays[kind] = layer.vertices[model.rows(kind)].reshape(-1).astype("<u4")
     return arrays
+
+
+def _by_texture(model: ViewModel) -> list[tuple[int, NDArray[Any]]]:
+    """Return the textures that are seen, each with the faces that show it: these lie together in the page."""
+    return [] if model.skin is None else model.skin.by_texture(model.faces_of(None))
+
+
+def _skin(model: ViewModel) -> dict[str, Any] | None:
+    """Return what the page needs to know of the textures beside their images."""
+    if model.skin is None:
+        return None
+    shown = [{"name": f"texture.{number}", "faces": len(rows)} for number, rows in _by_texture(model)]
+    return {**asdict(model.skin.textured.sampler), "textures": shown, "tinted": model.skin.tint is not None}
 
 
 def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
@@ -92,6 +116,7 @@ def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:
         "notes": list(model.notes),
         "colored": model.colors is not None,
         "domain": None if model.colors is None else model.colors.domain,
+        "skin": _skin(model),
         "visible": sorted(state.visible),
         "active": state.active,
         "layers": [

@@ -39,6 +39,7 @@ def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:
         faces=np.concatenate([faces, added]),
         colors=Colors(_colors(before, faces, change.deleted, len(added)), "face"),
         notes=(),
+        skin=None,
     )
     audit, _ = audit_arrays(points, faces, attributes=before.attributes)
     _, analysis = audit_arrays(union.vertices, union.faces)

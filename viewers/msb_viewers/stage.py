@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
     from msb_viewers.palette import Style
     from msb_viewers.state import ViewState
+    from msb_viewers.viewed_mesh import Skin
 
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
 """The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""
@@ -42,8 +43,9 @@ class Stage:
         self.seconds = 0.0
         self.boost = 1.0
         self.box: NDArray[np.float64] | None = None
-        self._surface: tuple[Any, Any] | None = None
-        self._stand_in: tuple[Any, Any] | None = None
+        self._surface: list[Any] = []
+        self._surface_of: Any = None
+        self._stand_in: list[Any] = []
         self._layers: dict[str, tuple[Any, list[Any], list[Any]]] = {}
         self._coarse: tuple[NDArray[Any], NDArray[Any]] | None = None
         self._budget: int | None = None
@@ -55,26 +57,26 @@ class Stage:
         """Make, show and hide actors as `state` has it."""
         faces = self.model.faces_of(state.component)
         key = (state.coloring, state.component)
-        if self._surface is None or self._surface[0] != key:
-            self._drop(self._surface)
-            self._drop(self._stand_in)
-            self._stand_in = None
-            self._surface = (key, self._add(self._make_surface(state, faces)))
-        if self.moving and self._stand_in is None:
+        if self._surface_of != key:
+            self._remove(self._surface + self._stand_in)
+            self._surface_of, self._stand_in = key, []
+            self._surface = [self._add(actor) for actor in self._make_surface(state, faces)]
+        if self.moving and not self._stand_in:
             self._budget = budget(len(faces), self.seconds)
         stand_in_wanted = self.moving and self._budget is not None
-        if stand_in_wanted and self._stand_in is None:
-            self._stand_in = (key, self._add(self._make_stand_in(state)))
-        self._surface[1].SetVisibility(not stand_in_wanted and len(faces) > 0)
-        if self._stand_in is not None:
-            self._stand_in[1].SetVisibility(stand_in_wanted)
+        if stand_in_wanted and not self._stand_in:
+            self._stand_in = [self._add(self._make_stand_in(state))]
+        for actor in self._surface:
+            actor.SetVisibility(not stand_in_wanted and len(faces) > 0)
+        for actor in self._stand_in:
+            actor.SetVisibility(stand_in_wanted)
         self._sync_layers(state)
         drawing.clip(self.actors(), self.box)
 
     def actors(self) -> list[Any]:
         """Return every actor there is."""
-        parts = [pair[1] for pair in (self._surface, self._stand_in) if pair is not None]
-        return parts + [actor for _, full, thin in self._layers.values() for actor in (*full, *thin)]
+        layers = [actor for _, full, thin in self._layers.values() for actor in (*full, *thin)]
+        return self._surface + self._stand_in + layers
 
     def resize(self, pixels_per_unit: float) -> None:
         """Scale lines and markers to the zoom: full size close up, fine where elements crowd."""
@@ -122,9 +124,7 @@ class Stage:
     def _forget_layers(self, kinds: set[str]) -> None:
         for kind in kinds:
             _, full, thin = self._layers.pop(kind)
-            for actor in (*full, *thin):
-                self._back.RemoveActor(actor)
-                self._front.RemoveActor(actor)
+            self._remove(full + thin)
 
     def _scale(self, kind: str) -> None:
         for actor in (*self._layers[kind][1], *self._layers[kind][2]):
@@ -136,18 +136,28 @@ class Stage:
         look.SetLineWidth(max(style.width * self._size, 0.8) * self.boost)
         look.SetPointSize(max(style.size * self._size, 3.0) * self.boost)
 
-    def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> Any:
+    def _make_surface(self, state: ViewState, rows: NDArray[Any]) -> list[Any]:
+        """Return the actors of some faces: one, or one for each texture that they show."""
         everything = len(rows) == len(self.model.faces)
         faces = self.model.faces if everything else self.model.faces[rows]
         colors = self.model.colors
         if state.coloring != "own" or colors is None:
-            return self._meaningful(state, faces, rows)
+            return [self._meaningful(state, faces, rows)]
+        if self.model.skin is not None and len(rows):
+            return [self._textured(self.model.skin, *one) for one in self.model.skin.by_texture(rows)]
         values = colors.values
         if colors.domain == "face" and not everything:
             values = values[rows]
         elif colors.domain == "corner" and not everything:
             values = values.reshape(-1, 3, 3)[rows].reshape(-1, 3)
-        return drawing.surface(self.model.points, faces, values, colors.domain)
+        return [drawing.surface(self.model.points, faces, values, colors.domain)]
+
+    def _textured(self, skin: Skin, number: int, rows: NDArray[Any]) -> Any:
+        """Return the actor of the faces `rows`, which show texture `number`."""
+        tint = None if skin.tint is None else skin.tint.reshape(-1, 3, 4)[rows].reshape(-1, 4)
+        held = skin.textured
+        look = (held.uvs[rows], held.images[number], held.sampler, tint)
+        return drawing.textured(self.model.points, self.model.faces[rows], *look)
 
     def _make_stand_in(self, state: ViewState) -> Any:
         model = self.model
@@ -179,9 +189,10 @@ class Stage:
         (self._front if over and self._through else self._back).AddActor(actor)
         return actor
 
-    def _drop(self, pair: tuple[Any, Any] | None) -> None:
-        if pair is not None:
-            self._back.RemoveActor(pair[1])
+    def _remove(self, actors: list[Any]) -> None:
+        for actor in actors:
+            self._back.RemoveActor(actor)
+            self._front.RemoveActor(actor)
 
 
 def layer_actors(style: Style, corners: NDArray[np.float32]) -> list[Any]:

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from msb.api.opening import StoredMesh
+    from msb.asset.look import StaticColors
+    from msb.asset.texture import Textured
     from msb.topology.seams import Attributes
 
 Domain = Literal["vertex", "face", "corner"]
@@ -26,10 +28,29 @@ class Colors:
 
 
 @dataclass(frozen=True, eq=False)
+class Skin:
+    """The textures of a mesh, and colours (3F, 4) of its corners, sRGB bytes and alpha.
+
+    Both are multiplied in linear light.
+    """
+
+    textured: Textured
+    tint: NDArray[np.uint8] | None
+
+    def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
+        """Return the textures that faces `rows` show, each with those that show it, in their order."""
+        shown = self.textured.face_texture
+        if shown is None:
+            return [(0, rows)]
+        return [(int(number), rows[shown[rows] == number]) for number in np.unique(shown[rows])]
+
+
+@dataclass(frozen=True, eq=False)
 class ViewedMesh:
     """A mesh to look at: as stored, nothing is checked yet.
 
-    `up` is an axis such as "+y", or "unknown"; `notes` are what the viewer has to say about how it is drawn;
+    `colors` of a mesh with a `skin` are what that shows at the corners, for what draws no textures. `up` is
+    an axis such as "+y", or "unknown"; `notes` are what the viewer has to say about how it is drawn;
     `attributes` is what vertices may be doubled for at seams.
     """
 
@@ -42,13 +63,14 @@ class ViewedMesh:
     up: str = "unknown"
     notes: tuple[str, ...] = ()
     attributes: Attributes = field(default_factory=dict)
+    skin: Skin | None = None
 
 
 def read_viewed_mesh(path: Path) -> ViewedMesh:
     """Return the mesh at `path`: a `.triasset`, a mesh file or a checkpoint."""
     from msb.api.opening import read_stored
 
-    return viewed_mesh(read_stored(path), path)
+    return viewed_mesh(read_stored(path, images=True), path)
 
 
 def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
@@ -57,13 +79,36 @@ def viewed_mesh(mesh: StoredMesh, path: Path) -> ViewedMesh:
     It has all stored faces, even those that an STE threshold hides, because the audit counts them.
     """
     from msb.asset.look import static_colors
+    from msb.errors import AssetError
 
-    found = static_colors(mesh.buffers, mesh.domains)
+    skin, found = None, static_colors(mesh.buffers, mesh.domains)
+    notes = []
+    try:
+        skin, found = _skin(mesh, found)
+    except AssetError as error:  # what is wrong with the surface is to be seen all the same
+        notes.append(f"{error.code}: {error.message}; its textures are not drawn")
     colors = None if found is None else Colors(color_bytes(found.values), found.domain)
-    notes: tuple[str, ...] = () if colors is not None or mesh.method in (None, "mesh") else (NO_COLOR,)
-    notes += tuple(f"{each.code}: {each.message}" for each in mesh.warnings)
+    if colors is None and mesh.method not in (None, "mesh"):
+        notes.append(NO_COLOR)
+    notes += [f"{each.code}: {each.message}" for each in mesh.warnings]
     place = (path.name, path, mesh.vertices, mesh.faces)
-    return ViewedMesh(*place, colors, mesh.method, mesh.up, notes, mesh.attributes)
+    return ViewedMesh(*place, colors, mesh.method, mesh.up, tuple(notes), mesh.attributes, skin)
+
+
+def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, StaticColors | None]:
+    """Return the textures of `mesh`, if it has any, and the colours it has without them."""
+    from msb.asset.look import corner_colors, corner_tint
+    from msb.asset.texture import encoded, textures_in
+
+    faces = mesh.faces
+    inside = faces.size and 0 <= faces.min() <= faces.max() < len(mesh.vertices)
+    if mesh.sampler is None or not inside:  # the audit will say which vertex there is not
+        return None, tint
+    textured = textures_in(mesh.buffers, mesh.domains["uv"], mesh.sampler)
+    colors = corner_colors(textured, tint, faces)
+    if tint is None:
+        return Skin(textured, None), colors
+    return Skin(textured, encoded(np.nan_to_num(corner_tint(tint, faces), nan=0.0), 4)), colors
 
 
 def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:

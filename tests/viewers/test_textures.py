@@ -1,0 +1,105 @@
+"""Textures: the window shows what the standard tier draws, and the page holds all that it needs."""
+
+from __future__ import annotations
+
+import io
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import msb
+from msb.api.opening import stored_mesh
+from msb.asset.texture import Sampler
+from msb.meshes import Mesh
+from msb.meshes.assets import asset_from_mesh
+from msb.topology import audit_arrays
+from msb_viewers.camera import FOV_Y, Pose
+from msb_viewers.model import ViewModel, build_model
+from msb_viewers.palette import BACKGROUND
+from msb_viewers.repaired import build_repaired_model
+from msb_viewers.viewed_mesh import viewed_mesh
+from msb_viewers.viewer import TopologyViewer
+from tests.viewers.test_page import parts
+
+EYE = np.array([0.2, 0.1, 2.6])
+
+
+def textured(sampler: Sampler, **more: Any) -> msb.Asset:
+    """Return two squares side by side, each with a texture, whose coordinates reach far beyond 0 to 1."""
+    x, y = np.meshgrid([-1.0, 0.0, 1.0], [-0.6, 0.6])
+    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3).astype(np.float32)
+    faces = np.array([[0, 1, 3], [1, 2, 4], [1, 4, 3], [2, 5, 4]])
+    images = np.random.default_rng(3).integers(0, 256, (2, 8, 4, 4), np.uint8)
+    shown = np.array([0, 1, 0, 1], np.uint32)
+    uvs = (points[:, :2] * (1.3, 2.2) + 0.4).astype(np.float32)
+    mesh = Mesh(points, faces, vertex_uvs=uvs, textures=tuple(images), face_textures=shown, sampler=sampler)
+    return asset_from_mesh(replace(mesh, **more))
+
+
+def model_of(asset: msb.Asset) -> ViewModel:
+    mesh = viewed_mesh(stored_mesh(asset), Path("made.triasset"))
+    return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
+
+
+@pytest.mark.parametrize(
+    "sampler",
+    [
+        Sampler(),
+        Sampler("nearest", mipmaps=False, wrap_u="clamp", wrap_v="clamp", alpha_cutoff=0.5),
+        Sampler("nearest", mipmaps=False, wrap_u="mirror", wrap_v="clamp"),
+        Sampler("nearest", mipmaps=False, wrap_u="repeat", wrap_v="mirror"),
+    ],
+)
+def test_the_window_shows_what_the_standard_tier_draws(gl: None, sampler: Sampler) -> None:
+    asset = textured(sampler, vertex_colors=np.full((6, 4), (200, 255, 90, 250), np.uint8))
+    model = model_of(asset)
+    with closing(TopologyViewer(model, size=(240, 200), off_screen=True)) as viewer:
+        viewer.state.legend, viewer.state.message, viewer.state.visible = False, "", set()
+        viewer.pose = Pose(EYE, np.zeros(3), np.array([0.0, 1.0, 0.0]))
+        seen = viewer.image().astype(int)
+        viewer.state.coloring = "grey"
+        assert len(np.unique(viewer.image().reshape(-1, 3), axis=0)) < 200
+    eye = EYE * model.scale + model.center
+    camera = msb.Camera.look_at(eye, model.center, up=(0, 1, 0), width=240, height=200, fov_y=FOV_Y)
+    background = [value / 255 for value in BACKGROUND]
+    drawn = np.rint(255 * msb.render(asset, camera, tier="standard", background=background).image)
+    assert (np.abs(seen - drawn).max(axis=2) <= 2).mean() > 0.97  # rims are smoothed, also those of texels
+
+
+def test_the_page_holds_textures_and_the_faces_of_each_together() -> None:
+    asset = textured(Sampler(wrap_v="mirror"))
+    model = model_of(asset)
+    _, meta, arrays = parts(model)
+    order = [0, 2, 1, 3]
+    assert (arrays["faces"].reshape(-1, 3) == model.faces[order]).all()
+    uvs = asset.buffers["uv"][asset.buffers["indices"]]
+    assert (arrays["uvs"].reshape(-1, 3, 2) == uvs[order]).all()
+    assert "colors" not in arrays
+    skin = meta["skin"]
+    assert (skin["wrap_u"], skin["wrap_v"], skin["tinted"]) == ("repeat", "mirror", False)
+    for number, one in enumerate(skin["textures"]):
+        assert one["faces"] == 2
+        image = np.array(Image.open(io.BytesIO(arrays[one["name"]].tobytes())))
+        assert (image == asset.buffers[f"texture.{number}"]).all()
+
+
+def test_textures_that_cannot_be_drawn_are_said_and_the_surface_is_seen() -> None:
+    asset = textured(Sampler())
+    uvs = asset.buffers["uv"].copy()
+    uvs[2] = np.nan
+    model = model_of(replace(asset, buffers={**asset.buffers, "uv": uvs}))
+    assert (model.skin, model.colors) == (None, None)
+    assert any("buffer uv holds [nan, nan] in row 2" in note for note in model.notes)
+
+
+def test_a_repair_is_shown_by_the_light_of_the_textures() -> None:
+    asset = textured(Sampler())
+    mesh = viewed_mesh(stored_mesh(asset), Path("made.triasset"))
+    model = build_repaired_model(mesh, mesh)
+    assert model.skin is None
+    assert len(np.unique(model.colors.values)) > 1
