@@ -73,10 +73,10 @@ def keep_written(folder: Path) -> None:
     plain = form.write
     assert plain is not None
 
-    def write(mesh: Any, stream: Any, **options: Any) -> None:
-        plain(mesh, stream, **options)
+    def write(mesh: Any, stream: Any, *more: Any) -> None:
+        plain(mesh, stream, *more)
         again = io.BytesIO()
-        plain(mesh, again, **options)
+        plain(mesh, again, *more)
         part = folder / f"{uuid4()}.part"
         part.write_bytes(again.getvalue())
         part.rename(part.with_suffix(".glb"))  # none whose writer was killed half-way is judged

@@ -68,6 +68,8 @@ _WEBGPU_SOFTWARE = (
     # It ends what takes long, as shaders do on a busy machine.
     "--disable-gpu-watchdog",
 )
+_KINDS = {"html": "text/html", "js": "text/javascript", "mjs": "text/javascript", "wasm": "application/wasm"}
+"""What a browser must be told of a file, to run it; by its suffix."""
 _START_SECONDS = 120
 _LONGEST_SECONDS = 600
 _MAX_ANSWER = 1 << 31
@@ -239,7 +241,7 @@ def _handler(
             if path == f"{root}next":
                 self._send(tasks.get(), "application/json")
             elif path.startswith(root) and path[len(root) :] in content:
-                kind = "text/html" if path.endswith(".html") else "application/octet-stream"
+                kind = _KINDS.get(path.rpartition(".")[2], "application/octet-stream")
                 self._send(content[path[len(root) :]], kind)
             else:
                 self.send_error(404)

@@ -22,7 +22,5 @@ def test_what_is_written_is_judged_and_a_fault_is_seen(
     assert kept == {good, (tmp_path / "a.glb").read_bytes()}
     assert validator.judge_written() == {}
     assert not list(validator.written.iterdir())
-    (validator.written / "bad.glb").write_bytes(
-        good.replace(b'"componentType":5121', b'"componentType":5120')
-    )
-    assert "ACCESSOR_INVALID" in validator.judge_written()["bad.glb"][0]
+    (validator.written / "bad.glb").write_bytes(good.replace(b'"doubleSided":true', b'"doubleSided":1234'))
+    assert "TYPE_MISMATCH" in validator.judge_written()["bad.glb"][0]

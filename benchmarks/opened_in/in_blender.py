@@ -1,0 +1,55 @@
+"""Blender shows a file: its own start, its importer, a camera, F12. Runs in a process of its own, with bpy.
+
+Arguments: the file, the picture to write, and the view as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from math import radians
+
+import bpy
+from mathutils import Vector
+
+file, picture, wanted = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
+answers = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # what Blender itself prints
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.import_scene.gltf(filepath=file)
+scene = bpy.context.scene
+render = scene.render
+render.resolution_x, render.resolution_y = wanted["size"]
+scene.eevee.taa_render_samples = 8  # of 64: without a graphics card it takes minutes
+world = bpy.data.worlds.new("black")
+scene.world = world
+if not world.node_tree:  # before Blender 5
+    world.use_nodes = True
+world.node_tree.nodes["Background"].inputs["Color"].default_value = (0, 0, 0, 1)
+if wanted["mended"]:
+    scene.view_settings.view_transform = "Standard"
+    render.filter_size = 0.01
+    render.dither_intensity = 0
+
+
+def turned(x, y, z):
+    """Return a point of glTF, where y is up, as the importer turns it: z is up."""
+    return Vector((x, -z, y))
+
+
+camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+scene.collection.objects.link(camera)
+scene.camera = camera
+camera.data.sensor_fit = "VERTICAL"
+camera.data.angle = radians(wanted["degrees"])
+camera.data.clip_start, camera.data.clip_end = wanted["near"], wanted["far"]
+eye, target = turned(*wanted["eye"]), turned(*wanted["target"])
+camera.location = eye
+camera.rotation_euler = (target - eye).to_track_quat("-Z", "Y").to_euler()
+render.filepath = picture
+bpy.ops.render.render(write_still=True)
+device = "CPU" if render.engine == "CYCLES" else __import__("gpu").platform.renderer_get()
+answers.write(json.dumps({"version": bpy.app.version_string, "device": f"{render.engine}, {device}"}) + "\n")
+answers.flush()
+os._exit(0)  # bpy may crash while the interpreter winds up
