@@ -92,12 +92,10 @@ def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primi
         indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=there)
     look = look_of(document, entry, pointer)
     uv_set = 0 if look.shown is None else look.shown.uv_set
-    uvs = None
-    if look.shown is not None or not document.source.images:
-        name = f"TEXCOORD_{uv_set}"
-        uvs = _attribute(document, attributes, where, name, positions.count, unpacked.get(name))
-        if look.shown is not None and uvs is None:
-            look = replace(look, shown=None, is_lost=True)
+    name = f"TEXCOORD_{uv_set}"
+    uvs = _attribute(document, attributes, where, name, positions.count, unpacked.get(name))
+    if look.shown is not None and uvs is None:
+        look = replace(look, shown=None, is_lost=True)
     colors = _attribute(document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0"))
     made = Primitive(pointer, mode, positions, indices, colors, uvs, look)
     if mode == TRIANGLES and made.corners % 3:

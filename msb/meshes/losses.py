@@ -58,8 +58,10 @@ def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> I
             f"{suffix} holds no colours of faces: vertices are doubled where these differ; "
             f"{_keeping_face_colors()} keep them"
         )
-    no_place = not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None)
-    lost = [*left_out, *([f"colours, which {suffix} has no place for"] if no_place else [])]
+    # UVs that no texture needs are no part of a look, but a GLB has them all the same.
+    lost = [each for each in left_out if each != "UVs" or written.vertex_uvs is None]
+    if not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):
+        lost.append(f"colours, which {suffix} has no place for")
     if lost:
         yield f"left out: {', '.join(lost)}"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 import msb as library
 from msb.cli.repair import print_table
 from msb.cli.whole_words import WholeWordConsole
-from msb.meshes import read_mesh
+from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import asset_from_mesh
 from tests.cli.conftest import Msb, Refused, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
@@ -223,3 +224,16 @@ def test_what_is_said_of_a_repaired_file_with_seams_is_what_it_holds(msb: Msb, t
     assert (file["verdict"]["level"], file["counts"]["vertices"]) == ("ok", 24)
     assert file["without_seams"]["counts"]["vertices"] == 8
     assert "colours of faces" not in said.err
+
+
+def test_uvs_without_a_texture_are_kept_and_tell_seams(msb: Msb, tmp_path: Path) -> None:
+    source, target = tmp_path / "a.glb", tmp_path / "b.glb"
+    mesh = replace(textured_cube("vertex"), textures=())
+    with source.open("wb") as file:
+        write_mesh(mesh, file, suffix=".glb")
+    result = msb("repair", source, "-o", target)
+    assert f"{target}: OK; {source} was OK" in result.out
+    assert "UVs" not in result.err
+    again = read_mesh(target)
+    assert np.array_equal(again.vertex_uvs, mesh.vertex_uvs)
+    assert msb("audit", "-q", target).out.endswith("16 vertices are doubled at texture seams.\n")
