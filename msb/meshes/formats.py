@@ -17,6 +17,23 @@ Picture = Literal["png", "jpeg", "webp"]
 
 
 @dataclass(frozen=True)
+class Web:
+    """How much of a mesh is kept in a file for the web, whose arrays are compressed.
+
+    Attributes
+    ----------
+    bits : int
+        Positions lie on a grid with 2 ** bits steps along the longest side of the mesh; 22 is about float32.
+    fine_colors : bool
+        Whether colours are uint16, which is off by one level of 8-bit sRGB at most, or bytes of linear light,
+        which are off by six where it is dark.
+    """
+
+    bits: int = 16
+    fine_colors: bool = True
+
+
+@dataclass(frozen=True)
 class Style:
     """What may be chosen of a mesh file that is written.
 
@@ -26,10 +43,13 @@ class Style:
         Whether vertex colours are linear light or sRGB; None: as the format has them.
     texture : {"png", "jpeg", "webp"}
         What the textures are packed as.
+    web : Web, optional
+        Of a GLB: compressed for the web, with rows in another order; None: as every program opens it.
     """
 
     color: Color | None = None
     texture: Picture = "png"
+    web: Web | None = None
 
 
 @dataclass(frozen=True)

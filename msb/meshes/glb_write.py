@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
 _COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
-_VERTICES, _INDICES = 34962, 34963
+VERTICES, INDICES = 34962, 34963
 _MOST_SHORT = 1 << 16
 """Vertices that uint16 can number: the last number is no vertex, but restarts strips."""
 _FILTERS = {
@@ -39,10 +39,9 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 @dataclass(frozen=True)
 class Part:
-    """A primitive: the vertices `first` to `last` of a mesh, its faces (F, 3) of these, and their texture."""
+    """A primitive: attributes of its vertices, name -> (V, K), its faces (F, 3), and their texture."""
 
-    first: int
-    last: int
+    attributes: dict[str, NDArray[Any]]
     faces: NDArray[np.int64]
     texture: int | None
 
@@ -76,13 +75,13 @@ class Parts:
             self.size += gap
         return {"buffer": 0, "byteOffset": start, "byteLength": len(content)}
 
-    def rows(self, rows: NDArray[Any]) -> int:
-        """Append values of vertices (V, K), whose rows take a multiple of four bytes; return their view."""
-        return self.add("bufferViews", self.put(rows) | {"byteStride": rows.strides[0], "target": _VERTICES})
+    def rows(self, name: str, rows: NDArray[Any]) -> int:
+        """Append the attribute `name` of vertices (V, K); return its view."""
+        return self.add("bufferViews", self.put(rows) | {"target": VERTICES})
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append faces (F, 3); return their view."""
-        return self.add("bufferViews", self.put(faces) | {"target": _INDICES})
+        """Append faces (F, 3) of uint16 or uint32; return their view."""
+        return self.add("bufferViews", self.put(faces) | {"target": INDICES})
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
@@ -93,96 +92,91 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")
     mesh = with_vertex_uvs(mesh)
-    about: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
-    if style.color == "srgb" and mesh.vertex_colors is not None:
-        about["extras"] = {"color_space": "srgb"}
-    parts = Parts(
-        {
-            "asset": about,
-            "extensionsUsed": [_UNLIT],
-            "scene": 0,
-            "scenes": [{"nodes": [0]}],
-            "nodes": [{"mesh": 0}],
-        }
-    )
-    attributes = {"POSITION": as_float32(mesh.vertices, "GLB").astype("<f4", copy=False)}
+    if style.web is not None:
+        from msb.meshes.glb_web import write_web
+
+        write_web(mesh, stream, style)
+        return
+    parts = Parts(root_of(mesh, style))
+    attributes = {"POSITION": as_float32(mesh.vertices, "GLB")}
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = _colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:
-        attributes["TEXCOORD_0"] = mesh.vertex_uvs.astype("<f4", copy=False)
-    add_mesh(parts, mesh, attributes)
-    add_materials(parts, mesh, style)
+        attributes["TEXCOORD_0"] = mesh.vertex_uvs
+    add_mesh(parts, list(split(mesh, attributes)), mesh, style)
     finish(parts, stream)
+
+
+def root_of(mesh: Mesh, style: Style) -> dict[str, Any]:
+    """Return the JSON that every file has."""
+    about: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
+    if style.color == "srgb" and mesh.vertex_colors is not None:
+        about["extras"] = {"color_space": "srgb"}
+    return {
+        "asset": about,
+        "extensionsUsed": [_UNLIT],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+    }
 
 
 def _colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
     """Return colours (V, 3 | 4) as they are stored: whole numbers with alpha, for whole words."""
     if style.color != "srgb":
         colors = linear_colors(colors)
-    if colors.dtype.kind == "u":
-        colors = with_alpha(colors)
-    return colors.astype(colors.dtype.newbyteorder("<"), copy=False)
+    return with_alpha(colors) if colors.dtype.kind == "u" else colors
 
 
-def add_mesh(parts: Parts, mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> None:
-    """Add the primitives of `mesh` with `attributes` of its vertices, name -> (V, K)."""
-    primitives: list[dict[str, Any]] = []
-    views = {name: parts.rows(rows) for name, rows in attributes.items()}
-    for number, part in enumerate(_split(mesh)):
-        entry = {}
-        for name, rows in attributes.items():
-            entry[name] = parts.add(
-                "accessors", _accessor(views[name], rows, part, bounds=name == "POSITION")
-            )
-        faces = part.faces.astype("<u2" if part.last - part.first < _MOST_SHORT else "<u4")
-        listed: dict[str, Any] = {
-            "bufferView": parts.indices(faces),
-            "componentType": _COMPONENTS[faces.dtype.str[1:]],
-        }
-        listed |= {"count": faces.size, "type": "SCALAR"}
-        indices = parts.add("accessors", listed)
-        primitives.append({"attributes": entry, "indices": indices, "material": number})
-    parts.root["meshes"] = [{"primitives": primitives}]
-
-
-def _split(mesh: Mesh) -> Iterator[Part]:
-    """Yield the primitives of `mesh`, whose faces and vertices are grouped by texture."""
-    if not mesh.textures:
-        yield Part(0, len(mesh.vertices), mesh.faces, None)
-        return
+def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Part]:
+    """Yield the primitives of `mesh`, grouped by texture; `attributes` (V, K) are of all vertices."""
     if mesh.face_textures is None:
-        yield Part(0, len(mesh.vertices), mesh.faces, 0)
+        yield Part(attributes, mesh.faces, 0 if mesh.textures else None)
         return
     shown, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
     first = [0, *(int(each.min()) for each in faces[1:]), len(mesh.vertices)]
     for number, texture in enumerate(shown.tolist()):
-        yield Part(first[number], first[number + 1], faces[number] - first[number], texture)
+        own = slice(first[number], first[number + 1])
+        rows = {name: values[own] for name, values in attributes.items()}
+        yield Part(rows, faces[number] - first[number], texture)
 
 
-def _accessor(view: int, rows: NDArray[Any], part: Part, *, bounds: bool) -> dict[str, Any]:
-    """Return the description of the `rows` of `view` that a primitive has."""
-    own = rows[part.first : part.last]
+def add_mesh(parts: Parts, split_up: list[Part], mesh: Mesh, style: Style) -> None:
+    """Add the primitives of `mesh` and their materials."""
+    primitives: list[dict[str, Any]] = []
+    for number, part in enumerate(split_up):
+        entry = {}
+        for name, rows in part.attributes.items():
+            rows = rows.astype(rows.dtype.newbyteorder("<"), copy=False)
+            described = _described(rows, parts.rows(name, rows))
+            if name == "POSITION":
+                described |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+            entry[name] = parts.add("accessors", described)
+        faces = part.faces.astype("<u2" if len(part.attributes["POSITION"]) < _MOST_SHORT else "<u4")
+        indices = parts.add("accessors", _described(faces.reshape(-1), parts.indices(faces)))
+        primitives.append({"attributes": entry, "indices": indices, "material": number})
+        _add_material(parts, part.texture, mesh, style)
+    parts.root["meshes"] = [{"primitives": primitives}]
+
+
+def _described(rows: NDArray[Any], view: int) -> dict[str, Any]:
+    """Return the description of an array (N, K) or (N,) that is all of `view`."""
     made: dict[str, Any] = {"bufferView": view, "componentType": _COMPONENTS[rows.dtype.str[1:]]}
-    if part.first:
-        made["byteOffset"] = part.first * rows.strides[0]
-    if rows.dtype.kind != "f":
-        made["normalized"] = True
-    made |= {"count": len(own), "type": f"VEC{rows.shape[1]}"}
-    return made | ({"min": own.min(axis=0).tolist(), "max": own.max(axis=0).tolist()} if bounds else {})
+    made |= {"count": len(rows), "type": "SCALAR" if rows.ndim == 1 else f"VEC{rows.shape[1]}"}
+    return made | ({"normalized": True} if rows.ndim > 1 and rows.dtype.kind == "u" else {})
 
 
-def add_materials(parts: Parts, mesh: Mesh, style: Style) -> None:
-    """Add the materials of primitives: unlit, two-sided, textured; as dull as can be where they are lit."""
-    for part in _split(mesh):
-        surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
-        material: dict[str, Any] = {"pbrMetallicRoughness": surface}
-        material |= {"extensions": {_UNLIT: {}}, "doubleSided": True}
-        if part.texture is not None:
-            surface["baseColorTexture"] = {"index": _add_texture(parts, mesh, part.texture, style)}
-            if mesh.sampler.alpha_cutoff is not None:
-                material |= {"alphaMode": "MASK", "alphaCutoff": mesh.sampler.alpha_cutoff}
-        parts.add("materials", material)
+def _add_material(parts: Parts, texture: int | None, mesh: Mesh, style: Style) -> None:
+    """Add the material of a primitive: unlit, two-sided, textured; as dull as can be where it is lit."""
+    surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
+    material: dict[str, Any] = {"pbrMetallicRoughness": surface}
+    material |= {"extensions": {_UNLIT: {}}, "doubleSided": True}
+    if texture is not None:
+        surface["baseColorTexture"] = {"index": _add_texture(parts, mesh, texture, style)}
+        if mesh.sampler.alpha_cutoff is not None:
+            material |= {"alphaMode": "MASK", "alphaCutoff": mesh.sampler.alpha_cutoff}
+    parts.add("materials", material)
 
 
 def _add_texture(parts: Parts, mesh: Mesh, number: int, style: Style) -> int:
@@ -209,7 +203,7 @@ def _sampler(sampler: Sampler) -> dict[str, int]:
 
 def finish(parts: Parts, stream: BinaryIO) -> None:
     """Write the file."""
-    parts.root.setdefault("buffers", []).insert(0, {"byteLength": parts.size})
+    parts.root["buffers"] = [{"byteLength": parts.size}, *parts.root.get("buffers", [])]
     text = json.dumps(parts.root, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
     total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + parts.size

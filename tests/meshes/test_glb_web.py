@@ -1,0 +1,86 @@
+"""A GLB for the web reads back as the same mesh, as near as it says, in another order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset.texture import Sampler
+from msb.base import extras
+from msb.errors import UsageError
+from msb.meshes import Mesh, read_mesh, write_mesh
+from msb.meshes.formats import Style, Web
+
+from .test_glb_write import CORNERS, FACES, UVS, opened
+
+SIDE = 40
+
+
+def wavy() -> Mesh:
+    """Return a sheet with a hole, a flipped face, a repeated one, an unused vertex and dark colours."""
+    x, y = (each.ravel() for each in np.mgrid[:SIDE, :SIDE])
+    corner = (x * SIDE + y).reshape(SIDE, SIDE)
+    low, right, up = corner[:-1, :-1].ravel(), corner[1:, :-1].ravel(), corner[:-1, 1:].ravel()
+    faces = np.stack((low, right, up), 1)
+    faces = np.concatenate((faces, np.stack((up, right, corner[1:, 1:].ravel()), 1)))
+    faces[7] = faces[7, ::-1]
+    faces = np.concatenate((np.delete(faces, [500, 501, 502], 0), faces[:1]))
+    vertices = np.stack((x, y, np.sin(x / 5) * np.cos(y / 7)), 1) - 17.3
+    colors = np.stack((x * 6, y * 6, 0 * x + 9), 1).astype(np.uint8)
+    unused = np.full((1, 3), 3.0)
+    vertices = np.concatenate((vertices, unused)).astype(np.float32)
+    return Mesh(vertices, faces.astype(np.int64), np.concatenate((colors, colors[:1])))
+
+
+def corners_of(mesh: Mesh) -> Any:
+    """Return the corners of faces in an order that does not tell rows."""
+    levels = mesh.vertex_colors[:, :3] * (1.0 if mesh.vertex_colors.dtype == np.uint8 else 255.0)
+    values = np.concatenate((mesh.vertices[mesh.faces], levels[mesh.faces]), axis=2)
+    first = values[..., 0] * 1e4 + values[..., 1] * 1e2 + values[..., 2]
+    turned = np.take_along_axis(
+        values, (first.argmin(1)[:, None] + np.arange(3))[..., None] % 3, axis=1
+    ).reshape(len(values), -1)
+    return turned[np.lexsort(np.round(turned, 1).T[::-1])]
+
+
+@pytest.mark.parametrize(("web", "levels"), [(Web(14, False), 6), (Web(20, True), 1)])
+def test_counts_stay_and_what_is_lost_is_bounded(web: Web, levels: int, tmp_path: Path) -> None:
+    mesh, files = wavy(), [tmp_path / "plain.glb", tmp_path / "web.glb"]
+    write_mesh(mesh, files[0], suffix=".glb")
+    write_mesh(mesh, files[1], suffix=".glb", style=Style(web=web))
+    assert files[1].stat().st_size < files[0].stat().st_size * 0.5
+    assert msb.audit(files[0]).counts == msb.audit(files[1]).counts
+    plain, again = (corners_of(read_mesh(file)) for file in files)
+    step = 64 / 2**web.bits
+    assert np.abs(plain - again).reshape(-1, 3, 6)[..., :3].max() <= step / 2 + 1e-6
+    assert np.abs(plain - again).reshape(-1, 3, 6)[..., 3:].max() <= levels + 0.05
+    root = opened(files[1].read_bytes())[0]
+    assert root["extensionsRequired"] == ["EXT_meshopt_compression"]
+
+
+def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texel(tmp_path: Path) -> None:
+    ramp = np.arange(0, 256, 8, dtype=np.uint8)[:, None, None].repeat(16, 1).repeat(3, 2)
+    shown = np.array([1, 0, 1], np.uint32)
+    mesh = Mesh(
+        CORNERS, FACES, corner_uvs=UVS, textures=(ramp, ramp[::-1]), face_textures=shown, sampler=Sampler()
+    )
+    write_mesh(mesh, tmp_path / "a.glb", suffix=".glb", style=Style(texture="webp", web=Web()))
+    again = read_mesh(tmp_path / "a.glb")
+    assert len(again.textures) == 2
+    for texture, image in enumerate(mesh.textures):
+        faces = again.faces[again.face_textures == texture]
+        assert np.abs(again.textures[texture].astype(int) - image).max() < 8
+        uvs = again.vertex_uvs[faces].reshape(-1, 2)
+        expected = mesh.corner_uvs.reshape(3, 3, 2)[shown == texture].reshape(-1, 2)
+        near = np.abs(uvs[:, None] - expected).max(axis=2).min(axis=0)
+        assert (near < 1 / 32 / 16).all()
+
+
+def test_without_the_extra_one_line_names_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(extras, "find_spec", lambda _: None)
+    with pytest.raises(UsageError, match=r'EXTRA_MISSING: .* pip install "meshsplatbench\[compressed\]"'):
+        write_mesh(wavy(), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))
