@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ from msb.errors import shorten
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.asset.manifest import Manifest
+    from msb.asset.texture import Sampler
     from msb.registry import Tier
 
 
@@ -27,19 +29,23 @@ def info(path: Source, output: JsonOutput) -> None:
 
     asset = open_asset(path, output)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
-    manifest = asset.manifest.to_dict()
-    output.write_json({"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest})
+    manifest, textures = asset.manifest.to_dict(), _textures(asset.manifest)
+    document = {"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest}
+    output.write_json({**document, "textures": textures} if textures else document)
     if output.prints_text:
         _print(asset, path, size, output)
 
 
 def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     from msb.asset.look import up_axis
+    from msb.asset.texture import Sampler, is_textured
     from msb.registry import TIERS, lookup
 
     m = asset.manifest
     method, frame = lookup(m.method), m.coordinate_frame
-    look = {name: value for name, value in m.appearance.items() if name != "background"}
+    skin = _skin(_textures(m), Sampler.of(m.appearance)) if is_textured(asset) else None
+    apart = {"background", *(Sampler.__dataclass_fields__ if skin else ())}
+    look = {name: value for name, value in m.appearance.items() if name not in apart}
     axis = frame.up if frame.up != "unknown" else f"unknown, drawn as {up_axis(asset)}"
     rows: list[tuple[str, str]] = [
         ("asset", f"{path} (triasset {m.version}, {m.generator})" if asset.path else f"{path}, not yet one"),
@@ -48,6 +54,7 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
         ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
         ("sphere", f"radius {m.bounding_sphere.radius:.6g} around {_point(m.bounding_sphere.center)}"),
         ("appearance", f"{_parameters(look)}; SH degree {m.sh_degree}; {m.color_space}"),
+        *([("textures", skin)] if skin else []),
         ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
         ("compositing", _parameters(m.compositing)),
         ("background", _background(m)),
@@ -70,6 +77,29 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     output.table(("Buffer", "Shape", "Type", "Domain", "Bytes"), [*buffers, total], right=(4,))
 
 
+def _textures(manifest: Manifest) -> list[dict[str, Any]]:
+    """Return the size of each texture, in their order; the manifest says how they are read."""
+    from msb.asset.texture import NAME
+
+    names = sorted(
+        (name for name in manifest.buffers if NAME.fullmatch(name)), key=lambda name: int(name[8:])
+    )
+    sizes = [(name, *manifest.buffers[name].shape) for name in names]
+    return [{"name": name, "width": w, "height": h, "channels": c} for name, h, w, c in sizes]
+
+
+def _skin(textures: list[dict[str, Any]], sampler: Sampler) -> str:
+    """Return textures and their sampler in words."""
+    sizes = Counter(f"{one['width']} x {one['height']}" for one in textures)
+    numbers = ", ".join(size if count == 1 else f"{count} of {size}" for size, count in sizes.items())
+    wraps = (sampler.wrap_u, sampler.wrap_v)
+    words = [sampler.filter, "mip maps" if sampler.mipmaps else "no mip maps"]
+    words.append(wraps[0] if wraps[0] == wraps[1] else f"{wraps[0]} along u, {wraps[1]} along v")
+    if sampler.alpha_cutoff is not None:
+        words.append(f"nothing where alpha is below {sampler.alpha_cutoff:g}")
+    return f"{numbers}; {', '.join(words)}"
+
+
 def _background(manifest: Manifest) -> str:
     from msb.scenes.datasets import color_name, own_background, stated_background
 
@@ -86,13 +116,15 @@ def _training(manifest: Manifest) -> str:
 
 
 def _tier(manifest: Manifest, tier: Tier) -> str:
+    from msb.asset.texture import KIND
     from msb.asset.tiers import why_not
     from msb.registry import lookup
 
     why = why_not(manifest, tier)
     if why is not None:
         return f"not supported: {why}"
-    passes = lookup(manifest.method).passes or manifest.required_passes
+    known = {} if manifest.appearance["kind"] == KIND else lookup(manifest.method).passes
+    passes = known or manifest.required_passes
     return ", ".join(passes.get(tier, ("opaque_unlit",)))
 
 

@@ -97,7 +97,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     elif colors is not None:
         mesh = replace(mesh, face_colors=colors.values)
     keep = visible_faces(asset, stored_threshold(asset))
-    return mesh if keep is None or keep.all() else _with_faces(mesh, keep)
+    return mesh if keep is None or keep.all() else with_faces(mesh, keep)
 
 
 def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
@@ -143,7 +143,7 @@ def as_held(mesh: Mesh, suffix: str) -> Mesh:
     return replace(made, vertices=as_float32(made.vertices, held.title)) if held.is_single else made
 
 
-def _with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
+def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
     """Return the faces `keep` (F,) of `mesh` and the vertices they use, in their old order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)

@@ -16,14 +16,14 @@ from msb.asset.look import daylight, stored_threshold, up_axis, visible_faces
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.errors import Unsupported
-from msb.meshes import Mesh, read_mesh
-from msb.meshes.assets import with_vertex_colors
+from msb.meshes import read_mesh
 from msb.meshes.formats import written_suffixes
 from msb.registry import lookup
 from msb.why.views import DoesNotApplyError, Views
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.meshes import Mesh
     from msb.render import Frame
     from msb.why.views import Image
 
@@ -60,17 +60,38 @@ def _shading(views: Views) -> _Pair:
 
 
 def lit(views: Views) -> Mesh:
-    """Return the mesh as an engine's lamp lights it."""
-    mesh = with_vertex_colors(views.colored_mesh())
-    colors = _floats(mesh.vertex_colors)[mesh.faces]
-    light = colors * daylight(mesh.vertices, mesh.faces, up_axis(views.asset))[:, None, None]
-    corners = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    return Mesh(mesh.vertices[mesh.faces].reshape(-1, 3), corners, light.reshape(-1, 3).astype(np.float32))
+    """Return the mesh as an engine's lamp lights it.
+
+    Light dims sRGB values. Those of a texture it dims through the colours that are multiplied with it: all
+    three are decoded by nearly the same power.
+    """
+    mesh = views.colored_mesh()
+    corners = mesh.faces.reshape(-1)
+    colors = np.ones((len(corners), 3), np.float32)
+    if mesh.vertex_colors is not None:
+        colors = _floats(mesh.vertex_colors)[corners]
+    elif mesh.face_colors is not None:
+        colors = np.repeat(_floats(mesh.face_colors), 3, axis=0)
+    light = np.repeat(daylight(mesh.vertices, mesh.faces, up_axis(views.asset)), 3).astype(np.float32)
+    return replace(
+        mesh,
+        vertices=mesh.vertices[corners],
+        faces=np.arange(len(corners), dtype=np.int64).reshape(-1, 3),
+        vertex_colors=_with_rgb(colors, colors[:, :3] * light[:, None]),
+        face_colors=None,
+        vertex_uvs=mesh.corner_uvs if mesh.vertex_uvs is None else mesh.vertex_uvs[corners],
+        corner_uvs=None,
+    )
 
 
 def _linear_colors(views: Views) -> _Pair:
-    views.colored_mesh()
-    return taken_for_linear(views.plain()), views.plain()
+    mesh = views.colored_mesh()
+    if not mesh.textures:
+        return taken_for_linear(views.plain()), views.plain()
+    if mesh.vertex_colors is None and mesh.face_colors is None:
+        raise DoesNotApplyError("its colours are textures, of which glTF itself says that they are sRGB")
+    pale = replace(mesh, vertex_colors=_pale(mesh.vertex_colors), face_colors=_pale(mesh.face_colors))
+    return views.of_mesh(pale), views.plain()
 
 
 def taken_for_linear(frames: list[Frame]) -> list[Image]:
@@ -153,11 +174,18 @@ def _order(views: Views) -> _Pair:
     return views.own(order="none"), views.official()
 
 
-def _floats(colors: NDArray[Any] | None) -> Image:
-    if colors is None:
-        raise DoesNotApplyError("the mesh has no colours")
-    values = colors[:, :3]
-    return values.astype(np.float32) / np.float32(255 if values.dtype == np.uint8 else 1)
+def _floats(colors: NDArray[Any]) -> Image:
+    return colors.astype(np.float32) / np.float32(255 if colors.dtype == np.uint8 else 1)
+
+
+def _with_rgb(colors: Image, rgb: Image) -> Image:
+    """Return other colours with the alpha, if any, of `colors`: of a texture it says where it is cut off."""
+    return np.concatenate((rgb, colors[:, 3:]), axis=1)
+
+
+def _pale(colors: NDArray[Any] | None) -> Image | None:
+    """Return colours with one sRGB curve too many."""
+    return None if colors is None else _with_rgb(_floats(colors), _srgb(_floats(colors)[:, :3]))
 
 
 def _srgb(linear: Image) -> Image:
@@ -214,7 +242,7 @@ CAUSES = (
         "Colours taken for linear",
         _linear_colors,
         "All colours are too pale, or too dark. The page of msb web draws it so under Colours: as glTF.",
-        "msb convert --color linear writes colours for engines that take vertex colours for linear light.",
+        "msb convert writes linear light in .glb, as glTF has it, else sRGB; --color changes that.",
     ),
     Known(
         "back_faces",

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
-from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_faces
+from msb.meshes.mesh import Mesh
 from msb.metrics import psnr
 from msb.render import Renderer
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.meshes import Mesh
     from msb.render import Frame
     from msb.views import Views as ChosenViews
 
@@ -69,9 +68,9 @@ class Views:
         return mesh_from_asset(self.asset)
 
     def colored_mesh(self) -> Mesh:
-        """Return the mesh of the standard tier, if it has colours."""
+        """Return the mesh of the standard tier, if it has colours or textures."""
         mesh = self.mesh()
-        if mesh.vertex_colors is None and mesh.face_colors is None:
+        if mesh.vertex_colors is None and mesh.face_colors is None and not mesh.textures:
             raise DoesNotApplyError("the mesh has no colours")
         return mesh
 
@@ -95,12 +94,10 @@ class Views:
             world_to_camera = np.asarray(camera.world_to_camera)
             eye = -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
             front = ((eye - corners[:, 0]) * normal).sum(axis=1) > 0
-            faces = mesh.faces[front]
+            shown = with_faces(mesh, front)
             if not front.any():  # an asset has a face: one without area, which is not drawn
-                front[0], faces = True, np.zeros((1, 3), mesh.faces.dtype)
-            colors = None if mesh.face_colors is None else mesh.face_colors[front]
-            shown = asset_from_mesh(replace(mesh, faces=faces, face_colors=colors))
-            with Renderer(shown, "standard", self.device) as renderer:
+                shown = Mesh(mesh.vertices[:1], np.zeros((1, 3), np.int64))
+            with Renderer(asset_from_mesh(shown), "standard", self.device) as renderer:
                 frames.append(renderer.render(camera, self.background))
         return frames
 

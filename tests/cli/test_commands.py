@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import msb as library
+from msb.asset.texture import Sampler
 from msb.cli.app import GROUPS
 from msb.errors import explained_codes
-from msb.meshes import read_mesh
+from msb.meshes import Mesh, read_mesh
+from msb.meshes.assets import asset_from_mesh
 from tests.cli.conftest import Msb
 from tests.conftest import ROOT
 
@@ -84,6 +86,24 @@ def test_info_shows_counts_settings_and_buffers(msb: Msb, demo_asset: Path) -> N
     data = msb("info", "--json", "-", demo_asset).json
     assert data["manifest"]["face_count"] == 34761
     assert data["schema"] == "msb.info/1"
+
+
+def test_info_says_what_textures_there_are_and_how_they_are_read(msb: Msb, tmp_path: Path) -> None:
+    images = (np.zeros((4, 8, 3), np.uint8), np.zeros((2, 2, 4), np.uint8), np.zeros((4, 8, 3), np.uint8))
+    sampler = Sampler("nearest", mipmaps=False, wrap_v="clamp", alpha_cutoff=0.5)
+    faces, shown = np.zeros((1, 3), np.int64), np.zeros(1, np.uint32)
+    points = np.zeros((3, 3), np.float32)
+    mesh = Mesh(
+        points, faces, vertex_uvs=points[:, :2], textures=images, face_textures=shown, sampler=sampler
+    )
+    library.save(asset_from_mesh(mesh), tmp_path / "a.triasset")
+    text = " ".join(msb("info", tmp_path / "a.triasset").out.split())
+    look = "nearest, no mip maps, repeat along u, clamp along v, nothing where alpha is below 0.5"
+    assert f"textures 2 of 8 x 4, 2 x 2; {look} coverage" in text
+    assert "opaque_unlit_texture" in text
+    data = msb("info", "--json", "-", tmp_path / "a.triasset").json
+    assert data["textures"][1] == {"name": "texture.1", "width": 2, "height": 2, "channels": 4}
+    assert data["manifest"]["appearance"]["alpha_cutoff"] == 0.5
 
 
 def test_validate_good_asset(msb: Msb, demo_asset: Path) -> None:

@@ -57,6 +57,31 @@ def test_a_plain_closed_mesh_has_no_causes_of_training_and_keeps_its_back_faces(
     assert culled.db < 30
 
 
+def test_causes_of_a_textured_mesh_are_those_of_the_same_colours_at_vertices() -> None:
+    vertices, faces = TETRAHEDRON
+    faces = faces[:, ::-1].astype(np.int64)
+    paint, white = np.uint8([[200, 130, 60]]), np.full((2, 2, 3), 255, np.uint8)
+    painted = np.tile(paint, (4, 4, 1))
+    uvs = np.linspace(0, 3, 24, dtype=np.float32).reshape(12, 2)
+    shown = np.array([0, 1, 1, 0], np.uint32)
+    skin = {"corner_uvs": uvs, "face_textures": shown}
+    meshes = {
+        "vertices": Mesh(vertices, faces, np.repeat(paint, 4, axis=0)),
+        "tint": Mesh(vertices, faces, None, np.repeat(paint, 4, axis=0), **skin, textures=(white, white)),
+        "texture": Mesh(vertices, faces, **skin, textures=(painted, painted)),
+    }
+    cameras = around(asset_from_mesh(meshes["vertices"]), 2, 48, 48)
+    found = {
+        name: {cause.name: cause for cause in why(asset_from_mesh(mesh), cameras)}
+        for name, mesh in meshes.items()
+    }
+    for name, cause in found["vertices"].items():
+        assert found["tint"][name].db == (cause.db and pytest.approx(cause.db, abs=0.1))
+    assert found["texture"]["linear_colors"].reason.startswith("its colours are textures")
+    for name in ("shading", "back_faces", "supersampling"):
+        assert found["texture"][name].db == pytest.approx(found["vertices"][name].db, abs=0.3)
+
+
 @pytest.mark.slow
 def test_the_command_prints_the_list_and_writes_json_and_pictures(msb: Msb, tmp_path: object) -> None:
     result = msb("why", "--size", "48x36", "--save", f"{tmp_path}/why", MODELS / "two_dts", status=0)
