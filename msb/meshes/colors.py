@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -43,30 +44,57 @@ def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate((colors, alpha), axis=1)
 
 
-def srgb_colors(linear: NDArray[Any], step: float) -> NDArray[Any]:
+def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return colours (N, 3 | 4) in linear light, uint8 or float32, as sRGB; alpha is what it was.
 
-    They are uint8 where these stand for the values that are given, which differ by `step` if at all (0: of
-    floats), else float32.
+    They are uint8 where these stand for the values that are given, else float32. With `most` 65535 the floats
+    stand for whole numbers up to that.
     """
-    values = linear / np.float32(255) if linear.dtype == np.uint8 else linear
-    levels = np.concatenate(
-        (_nearest_levels()[_rounded(values[:, :3], 65535)], _rounded(values[:, 3:], 255)), axis=1
-    )
+    if linear.dtype == np.uint8:
+        stored, most = linear, 255
+    elif most == 65535:
+        stored = _rounded(linear, most).astype(np.uint16)
+    else:
+        return _of_floats(linear)
+    table = _table(most)
+    color, alpha = stored[:, :3], stored[:, 3:]
+    step = most // 255
+    if table.stands[color].all() and not (alpha % step).any():
+        return np.concatenate((table.levels[color], (alpha // step).astype(np.uint8)), axis=1)
+    return np.concatenate((table.values[color], alpha / np.float32(most)), axis=1)
+
+
+def _of_floats(linear: NDArray[Any]) -> NDArray[Any]:
+    """Return float32 colours in linear light as sRGB, uint8 where these stand for them."""
+    levels = _rounded(linear, 255)
+    levels[:, :3] = _table(65535).levels[_rounded(linear[:, :3], 65535)]
     back: NDArray[Any] = np.concatenate((LINEAR[levels[:, :3]], levels[:, 3:] / np.float32(255)), axis=1)
-    if (np.abs(back - values) < step / 2 + _SAME).all():
+    if (np.abs(back - linear) < _SAME).all():
         return levels.astype(np.uint8)
-    return np.concatenate((linear_to_srgb(values[:, :3]), values[:, 3:]), axis=1).astype(np.float32)
+    return np.concatenate((linear_to_srgb(linear[:, :3]), linear[:, 3:]), axis=1)
 
 
 def _rounded(values: NDArray[Any], most: int) -> NDArray[np.intp]:
     return np.asarray(np.rint(values * np.float32(most)).astype(np.intp))
 
 
+@dataclass(frozen=True)
+class _Table:
+    """Of each whole number of linear light its sRGB value, the nearest byte, and if that stands for it."""
+
+    values: NDArray[np.float32]
+    levels: NDArray[np.uint8]
+    stands: NDArray[np.bool_]
+
+
 @cache
-def _nearest_levels() -> NDArray[np.intp]:
-    """Return the byte of sRGB that is nearest to each 65535th of linear light."""
-    return _rounded(linear_to_srgb(np.arange(65536) / 65535), 255)
+def _table(most: int) -> _Table:
+    linear = np.arange(most + 1) / most
+    values = linear_to_srgb(linear)
+    levels = np.rint(values * 255).astype(np.uint8)
+    return _Table(
+        values.astype(np.float32), levels, np.abs(srgb_to_linear(levels / 255) - linear) < 0.5 / most
+    )
 
 
 def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:

@@ -257,15 +257,15 @@ def accessor(
     dtype = _component(document, entry, pointer, components)
     normalized = entry.get("normalized") is True
     if unpacked is not None:
-        if (
-            unpacked.ndim != 2
-            or unpacked.shape[1] != width
-            or unpacked.dtype.str[1:] not in components.split()
-        ):
-            text = f"{kind} is stored as {unpacked.shape} {unpacked.dtype}, compressed"
+        same = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
+        values = (
+            unpacked.astype(dtype) if same else unpacked[:0]
+        )  # encoders store integers wider than they are
+        if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
+            text = f"{count} {kind} of {dtype} are stored as {unpacked.shape} {unpacked.dtype}, compressed"
             raise document.error("MESH_FILE_INVALID", pointer, text)
-        data, size = memoryview(unpacked.tobytes()), unpacked.dtype.itemsize * width
-        return Accessor(document, pointer, len(unpacked), width, unpacked.dtype, normalized, data, 0, size)
+        data, size = memoryview(values.tobytes()), dtype.itemsize * width
+        return Accessor(document, pointer, count, width, dtype, normalized, data, 0, size)
     sparse = document.object(entry, "sparse", pointer)
     place: tuple[memoryview | None, int, int] = None, 0, 0
     if "bufferView" in entry:

@@ -98,7 +98,11 @@ def _draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
     mesh = DracoPy.decode(data)
     yield "indices", np.ascontiguousarray(mesh.faces)
     for name, number in job["attributes"].items():
-        yield name, np.ascontiguousarray(mesh.get_attribute_by_unique_id(number)["data"])
+        found = mesh.get_attribute_by_unique_id(number)
+        if found is None:
+            message = f"there is no attribute {number}, which should be {name}"
+            raise ValueError(message)
+        yield name, np.ascontiguousarray(found["data"])
 
 
 def _jobs(document: Document, meshes: list[int]) -> Iterator[Job]:

@@ -49,13 +49,13 @@ class Primitive:
 class Part:
     """A primitive's arrays: (V, 3) floats, (F, 3) vertex numbers of its own, (V, 3 | 4) colours, (V, 2) UVs.
 
-    The colours are as stored, in linear light; `step` is what two values of their type differ by.
+    The colours are as stored, in linear light; `most` is what 1 was stored as, 0 of floats.
     """
 
     vertices: NDArray[Any]
     faces: NDArray[np.int64]
     colors: NDArray[Any] | None
-    step: float
+    most: int
     uvs: NDArray[np.float32] | None
     look: Look
 
@@ -132,18 +132,16 @@ def read_part(primitive: Primitive) -> Part:
         corners = np.arange(primitive.positions.count)
     else:
         corners = primitive.indices.read()[:, 0].astype(np.int64)
-    colors, step, uvs = None, 0.0, None
+    colors, most, uvs = None, 0, None
     if primitive.colors is not None:
         colors = stored_colors(primitive.colors.read())
-        step = (
-            1 / 255 if colors.dtype == np.uint8 else 1 / 65535 if primitive.colors.dtype.kind == "u" else 0.0
-        )
+        most = 65535 if primitive.colors.dtype.itemsize == 2 else 0
     if primitive.uvs is not None:
         uvs = _numbers(primitive.uvs).astype(np.float32)
         if primitive.look.shown is not None:
             uvs = transformed(uvs, primitive.look.shown)
     faces = _triangles(corners, primitive.mode)
-    return Part(_numbers(primitive.positions), faces, colors, step, uvs, primitive.look)
+    return Part(_numbers(primitive.positions), faces, colors, most, uvs, primitive.look)
 
 
 def _numbers(stored: Accessor) -> NDArray[Any]:

@@ -188,14 +188,14 @@ def _colors(part: Part, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | N
         if (factor == 1).all():
             return None
         width = 3 if factor[3] == 1 else 4
-        return np.repeat(srgb_colors(factor[None, :width], 0), len(part.vertices), axis=0)
+        return np.repeat(srgb_colors(factor[None, :width]), len(part.vertices), axis=0)
     if cutoff is not None:
         colors = with_alpha(colors) if own is not None else colors[:, :3]
     width = colors.shape[1]
     if (factor[:width] == 1).all():
-        return colors if is_srgb else srgb_colors(colors, part.step)
+        return colors if is_srgb else srgb_colors(colors, part.most)
     linear = colors if colors.dtype == np.float32 else colors / np.float32(255)
-    return srgb_colors(linear * factor[:width], 0)
+    return srgb_colors(linear * factor[:width])
 
 
 def _join_colors(colors: list[NDArray[Any] | None], parts: list[Part]) -> NDArray[Any] | None:

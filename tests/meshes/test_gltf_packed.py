@@ -186,3 +186,22 @@ def test_a_decoder_that_crashes_is_one_line(read: Read, monkeypatch: pytest.Monk
     monkeypatch.setattr("msb.meshes.gltf_packed.unpack_here", crash)
     with pytest.raises(MeshFileError, match=r"cannot be decoded: it crashed \(SIGABRT\)"):
         read(by_meshopt(plain()).bytes(), ".glb")
+
+
+def test_integers_that_draco_stores_wider_are_what_their_accessor_says(read: Read) -> None:
+    made = by_draco()
+    points, faces, _, colors = bumpy()
+    content = DracoPy.encode(
+        points, faces, preserve_order=True, generic_attributes={7: colors.astype(np.uint32) * 257}
+    )
+    ids = {each["attribute_type"]: each["unique_id"] for each in DracoPy.decode(content).attributes}
+    made.root["accessors"][2] |= {"componentType": 5123}
+    about = made.root["meshes"][0]["primitives"][0]
+    about["extensions"]["KHR_draco_mesh_compression"] = {
+        "bufferView": made.view(content),
+        "attributes": {"POSITION": ids[0], "COLOR_0": ids[4]},
+    }
+    del about["attributes"]["TEXCOORD_0"]
+    mesh, wanted = read(made.bytes(), ".glb"), read(plain().bytes(), ".glb")
+    assert (mesh.vertex_colors is None, wanted.vertex_colors is None) == (False, False)
+    np.testing.assert_allclose(mesh.vertex_colors, wanted.vertex_colors, atol=1e-6)
