@@ -189,7 +189,7 @@ def test_convert_keeps_rows_order_and_colours(
 
 def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(
-        "mtllib t.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl red\nf 1/1/1 2/1/1 3/1/1\n"
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl red\nf 1/1/1 2/1/1 3/1/1\n"
     )
     result = msb("convert", tmp_path / "t.obj", tmp_path / "t.glb")
     assert result.out == f"{tmp_path / 't.glb'}: 3 vertices, 1 faces, no colours\n"
