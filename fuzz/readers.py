@@ -113,7 +113,7 @@ def texture(path: Path) -> None:
     try:
         image = Decoder().decode(path.read_bytes(), alpha=True)
     except ImageError as error:
-        raise MeshFileError(error.code, f"of its image, {error}") from error
+        raise MeshFileError(error.code, str(error)) from error
     assert image.dtype == np.uint8
     assert image.ndim == 3
     assert image.shape[2] in (3, 4)

@@ -165,7 +165,7 @@ def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: 
     try:
         return decoder.decode(data, alpha=masked)
     except ImageError as error:
-        raise document.error(error.code, pointer, f"of its image, {error}") from None
+        raise document.error(error.code, pointer, str(error)) from None
 
 
 def says_srgb(document: Document) -> bool:

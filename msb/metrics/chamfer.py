@@ -71,7 +71,7 @@ def chamfer_dtu(
     scripts/eval_dtu/eval.py.
     """
     data = read_dtu_scan(dataset_dir, scan)
-    mesh = read_mesh(mesh_path)
+    mesh = read_mesh(mesh_path, images=False)
     with about(mesh_path):
         result = chamfer_surface(mesh.vertices, mesh.faces, data, seed, max_distance=max_distance)
     return {**result, "scan": int(scan)}

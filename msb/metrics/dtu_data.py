@@ -55,7 +55,7 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     if not resolution > 0:
         raise _bad(grid_file, f"the side of a voxel (Res) is {resolution}; it must be positive")
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
-    points = read_mesh(cloud).vertices.astype(np.float64, copy=False)
+    points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
     if not np.isfinite(points).all():
         raise _bad(cloud, "a coordinate is not a finite number")
     # float32 as upstream: it decides which points lie on the border of the box.

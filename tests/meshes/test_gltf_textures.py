@@ -177,7 +177,7 @@ def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
     assert (mesh.vertices.tolist(), mesh.textures) == (SQUARE, ())
     assert mesh.vertex_uvs is not None
     assert mesh.vertex_uvs.tolist() == UVS
-    with pytest.raises(MeshFileError, match=r"/images/0: of its image, it is no PNG, JPEG or WebP"):
+    with pytest.raises(MeshFileError, match=r"/images/0: it is no PNG, JPEG or WebP"):
         read_mesh(path)
 
 
