@@ -22,6 +22,8 @@ KIND = "texture"
 """`appearance.kind` of an asset with textures."""
 PASS = "opaque_unlit_texture"
 """The pass of the standard tier that draws them."""
+ROUNDING = 1e-6
+"""How much below the cut-off alpha is still drawn: what interpolating equal alphas may round away."""
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
 MAX_SIDE = 16_384
 """The most texels along a side of a texture."""

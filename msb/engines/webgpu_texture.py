@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import StaticColors, corner_tint
-from msb.asset.texture import Textured, mip_levels
+from msb.asset.texture import ROUNDING, Textured, mip_levels
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Skin:
         shown = textured.face_texture
         self._runs = [(0, 0, len(mesh.indices))] if shown is None else runs_of(shown)
         cutoff = sampler.alpha_cutoff
-        self.shader = SHADER.replace("CUTOFF", "-1.0" if cutoff is None else repr(float(cutoff)))
+        self.shader = SHADER.replace("CUTOFF", "-1.0" if cutoff is None else repr(cutoff - ROUNDING))
         self._groups: dict[bool, list[Any]] = {}
 
     def _upload(self, use: str, levels: list[NDArray[np.uint8]]) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import StaticColors, corner_tint
-from msb.asset.texture import Textured, linear_to_srgb, mip_levels, sample
+from msb.asset.texture import ROUNDING, Textured, linear_to_srgb, mip_levels, sample
 
 if TYPE_CHECKING:
     from msb.scenes import Camera
@@ -42,7 +42,7 @@ class Surface:
     def is_there(self, light: Reals) -> NDArray[np.bool_]:
         """Return at which samples (n,) of `light` (n, 4) there is a surface."""
         cutoff = self._textured.sampler.alpha_cutoff
-        return np.ones(len(light), bool) if cutoff is None else light[:, 3] >= cutoff
+        return np.ones(len(light), bool) if cutoff is None else light[:, 3] >= cutoff - ROUNDING
 
 
 def shown(light: Reals) -> Reals:

@@ -35,7 +35,7 @@ NEAR = 2e-4
 
 def check_near(device: Device, asset: Asset) -> None:
     frame, expected = draw(device, asset, camera()), textured_twin(asset, camera())
-    check_agreement(frame, expected)
+    check_agreement(frame, expected, median=3e-5)  # texels have 16 bits
     same = frame.face_id == expected.face_id
     assert same.any()
     assert (np.abs(frame.image - expected.image).max(axis=2)[same] > NEAR).mean() <= 1e-3
@@ -90,13 +90,12 @@ def layers(alphas: list[int], **sampler: Any) -> Asset:
     return Asset(asset.manifest, buffers)
 
 
-@pytest.mark.parametrize(("cutoff", "first"), [(None, 0), (0.0, 0), (0.25, 1), (0.75, 2), (1.0, None)])
-def test_what_is_cut_out_hides_nothing(styled: Device, cutoff: float | None, first: int | None) -> None:
+@pytest.mark.parametrize(("cutoff", "first"), [(None, 0), (0.0, 0), (0.25, 1), (0.75, 2), (1.0, 2)])
+def test_what_is_cut_out_hides_nothing(styled: Device, cutoff: float | None, first: int) -> None:
     """Of layers at one depth the lowest is seen whose alpha is not below the cut-off."""
-    frame = draw(styled, layers([20, 128, 250], alpha_cutoff=cutoff), camera())
+    frame = draw(styled, layers([20, 128, 255], alpha_cutoff=cutoff), camera())
     middle = frame.face_id[20:40, 30:50]
-    expected = [-1] if first is None else [2 * first, 2 * first + 1]
-    assert set(np.unique(middle)) <= set(expected)
+    assert set(np.unique(middle)) <= {2 * first, 2 * first + 1}
     assert np.array_equal(frame.alpha > 0, frame.face_id >= 0)
 
 
@@ -124,7 +123,7 @@ def test_textures_are_counted_and_what_does_not_fit_is_refused(fresh: Device) ->
         for texture in texture_images(asset.buffers)
         for image in mip_levels(texture)
     )
-    assert renderer.memory()["standard textures"] == 4 * texels
+    assert renderer.memory()["standard textures"] == 8 * texels
     groups = renderer.memory_groups()
     assert {groups[use] for use in ("standard textures", "standard colors")} == {"appearance"}
     renderer.close()

@@ -96,15 +96,51 @@ typedef struct {
     int all; // write all of them, not the image alone
 } Output;
 
+#if COLORS == TEXTURES
+// Look at eight pixels of a tile, and ask the memory for their texels, and for the triangles of the next eight.
+void look_ahead(const Tile *t, __constant float *view, int x, int y, Sight *sight)
+{
+    const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
+    int at = (y - t->y0) * t->stride + x - t->x0;
+    int8 hit = LOAD(t->depth + at, 0) > 0.0f, slot = LOAD_INT(t->slot + at) & hit;
+    if (x + 16 <= t->x1) {
+        int8 next = LOAD_INT(t->slot + at + 8) & (LOAD(t->depth + at + 8, 0) > 0.0f);
+        for (int l = 0; l < 8; l++)
+            PREFETCH(t->triangles + (size_t)PICK(next, l) * WORDS);
+    }
+    if (!any8(hit))
+        return;
+    float8 py = (float8)((float)y + 0.5f - view[OPTICAL + 1]);
+    look(&t->textures, view, slot, (float)x + lane + 0.5f - view[OPTICAL], py, sight);
+    for (int l = 0; l < 8; l++) {
+        PREFETCH(t->textures.texels + PICK(sight->near.upper_left, l));
+        PREFETCH(t->textures.texels + PICK(sight->near.lower_left, l));
+        if (sight->blends) {
+            PREFETCH(t->textures.texels + PICK(sight->far.upper_left, l));
+            PREFETCH(t->textures.texels + PICK(sight->far.lower_left, l));
+        }
+    }
+}
+#endif
+
 void shade(const Tile *t, __constant float *view, __global const float *colors, Output out, int width,
     float3 background)
 {
     const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
     for (int y = t->y0; y < t->y1; y++) {
         float py = (float)y + 0.5f - view[OPTICAL + 1];
+#if COLORS == TEXTURES
+        Sight sights[2];
+        look_ahead(t, view, t->x0, y, sights);
+#endif
         for (int x = t->x0; x < t->x1; x += 8) {
             int at = (y - t->y0) * t->stride + x - t->x0;
             float8 depth = LOAD(t->depth + at, 0);
+#if COLORS == TEXTURES
+            int odd = (x - t->x0) >> 3 & 1;
+            if (x + 8 < t->x1)
+                look_ahead(t, view, x + 8, y, sights + (odd ^ 1));
+#endif
             int8 hit = depth > 0.0f, face = (int8)NO_FACE, slot = LOAD_INT(t->slot + at) & hit;
             float8 red = (float8)background.x, green = (float8)background.y, blue = (float8)background.z;
             if (any8(hit)) {
@@ -112,7 +148,7 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
 #if COLORS == TEXTURES
                 face = hit ? GATHER(int8, INTEGERS(t->triangles) + FACE_WORD, slot * WORDS) : face;
                 float8 light[4];
-                surface(&t->textures, view, slot, (float)x + lane + 0.5f - view[OPTICAL], (float8)py, light);
+                show(&t->textures, slot, sights + odd, light);
                 r = encoded(light[0]);
                 g = encoded(light[1]);
                 b = encoded(light[2]);

@@ -3,7 +3,7 @@
 //
 // A record has u, v of the corners in UV_WORD and behind FACE_WORD. `tints` has, if there are any, linear light and
 // alpha of each slot's corners, `numbers` the texture of each slot if there are several, `texels` all levels of all
-// textures as RGBA8. `rows` says how to read them:
+// textures, linear light and alpha in 16 bits each. `rows` says how to read them:
 //   row 0            whether texels are not blended, whether smaller levels are read, wrap of u, wrap of v
 //   row 1            alpha below which there is nothing, as a float; whether there are tints; several textures
 //   row 2 + 16t + l  level l of texture t: its first texel, and for l = 0 width, height, and the last level
@@ -16,7 +16,8 @@
 
 typedef struct {
     __global const float *triangles, *tints;
-    __global const uint *numbers, *texels;
+    __global const uint *numbers;
+    __global const ushort4 *texels;
     __global const int *rows;
 } Textures;
 #define CUTOFF_OF(t) as_float((t)->rows[4])
@@ -24,7 +25,7 @@ typedef struct {
 #define ARE_SEVERAL(t) ((t)->rows[6])
 // The arguments of a kernel that draws, and what they are to it.
 #define TEXTURE_ARGUMENTS                                                                                       \
-    , __global const uint *numbers, __global const uint *texels, __global const int *level_rows
+    , __global const uint *numbers, __global const ushort4 *texels, __global const int *level_rows
 #define TEXTURES_OF(triangles, tints) {triangles, tints, numbers, texels, level_rows}
 
 #if LANES == 8
@@ -47,7 +48,8 @@ typedef int8 ints;
         w[6] = ROW_OF(p, words, slot, 6, i), w[7] = ROW_OF(p, words, slot, 7, i);                               \
         TRANSPOSE(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7])                                               \
     }
-#define BYTES_TO_FLOATS(b) TO_FLOAT(b)
+#define SHORTS_TO_FLOATS(b) TO_FLOAT(b)
+#define ROOT(x) sqrt8(x)
 #define LANE(v, l) PICK(v, l)
 #define LANE_F(v, l) PICK_F(v, l)
 #else
@@ -62,7 +64,8 @@ typedef int ints;
 #define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
     for (int word = 0; word < 8; word++)                                                                        \
         w[word] = (p)[(size_t)(slot) * (words) + (i) + word];
-#define BYTES_TO_FLOATS(b) convert_float8(b)
+#define SHORTS_TO_FLOATS(b) convert_float8(b)
+#define ROOT(x) sqrt(x)
 #define LANE(v, l) (v)
 #define LANE_F(v, l) (v)
 #endif
@@ -85,21 +88,16 @@ floats log2_of(floats x)
     return MAD(s, series, FLOATS_OF(exponent));
 }
 
-// Taylor's series about the nearest whole number, right to 2e-7 of itself, for -126 to 126.
-floats exp2_of(floats x)
-{
-    floats whole = floor_of(x + 0.5f), y = x - whole;
-    floats series = MAD(y, MAD(y, MAD(y, (floats)1.5403530e-4f, (floats)1.3333558e-3f), (floats)9.6181291e-3f),
-        (floats)5.5504109e-2f);
-    series = MAD(y, MAD(y, MAD(y, series, (floats)0.24022651f), (floats)0.69314718f), (floats)1.0f);
-    return series * AS_FLOATS((INTS_OF(whole) + 127) << 23);
-}
-
-// Linear light to sRGB (IEC 61966-2-1).
+// Linear light to sRGB (IEC 61966-2-1); above its straight part a polynomial in the fourth root, right to 2e-6.
 floats encoded(floats x)
 {
-    floats above = x > 0.0031308f ? x : (floats)0.0031308f;
-    floats curve = MAD((floats)1.055f, exp2_of(log2_of(above) * (1.0f / 2.4f)), (floats)(-0.055f));
+    floats root = ROOT(ROOT(x));
+    floats curve = MAD(root, (floats)0.06820814f, (floats)(-0.31841745f));
+    curve = MAD(root, curve, (floats)0.65719179f);
+    curve = MAD(root, curve, (floats)(-0.85296119f));
+    curve = MAD(root, curve, (floats)1.36592304f);
+    curve = MAD(root, curve, (floats)0.13960362f);
+    curve = MAD(root, curve, (floats)(-0.05954656f));
     floats made = x > 0.0031308f ? curve : 12.92f * x;
     return made < 1.0f ? made : (floats)1.0f;
 }
@@ -113,23 +111,6 @@ floats folded(floats u, int wrap)
     } else if (wrap != CLAMPED)
         u -= floor_of(u);
     return u > 0.0f ? (u < 1.0f ? u : (floats)1.0f) : (floats)0.0f;
-}
-
-// Linear light and alpha of two texels. Above the straight part of sRGB a polynomial in the byte, which encoded again
-// is right to 1.3e-5.
-float8 decoded(uint left, uint right)
-{
-    const float dark = 1.0f / (255.0f * 12.92f), alpha = 1.0f / 255.0f, never = 256.0f;
-    float8 x = BYTES_TO_FLOATS(as_uchar8((uint2)(left, right)));
-    float8 curve = (float8)(-3.106110508e-16f);
-    curve = MAD(curve, x, (float8)2.937843801e-13f);
-    curve = MAD(curve, x, (float8)(-1.262470524e-10f));
-    curve = MAD(curve, x, (float8)4.632120840e-08f);
-    curve = MAD(curve, x, (float8)7.675061176e-06f);
-    curve = MAD(curve, x, (float8)1.349016732e-04f);
-    curve = MAD(curve, x, (float8)8.751440910e-04f);
-    float8 line = x * (float8)(dark, dark, dark, alpha, dark, dark, dark, alpha);
-    return x > (float8)(10.5f, 10.5f, 10.5f, never, 10.5f, 10.5f, 10.5f, never) ? curve : line;
 }
 
 // Where a level is read: its four texels, the shares of the upper and the lower two, and that of the right ones in both.
@@ -160,6 +141,7 @@ Taps taps_of(const Textures *t, ints row, ints level, ints width, ints height, f
     x1 = x1 < width ? x1 : (around_x ? (ints)0 : width - 1);
     y1 = y1 < height ? y1 : (around_y ? (ints)0 : height - 1);
     taps.right = alone ? (floats)0.0f : x - left;
+    share *= 1.0f / 65535.0f;
     taps.lower = alone ? (floats)0.0f : share * (y - up);
     taps.upper = share - taps.lower;
     y0 = first + y0 * width;
@@ -172,14 +154,13 @@ Taps taps_of(const Textures *t, ints row, ints level, ints width, ints height, f
 }
 
 // What the taps of one sample show, the left texels' part and the right ones'.
-float8 blended(__global const uint *texels, const Taps *taps, int l)
+#define TWO(left, right) SHORTS_TO_FLOATS((ushort8)(texels[LANE(left, l)], texels[LANE(right, l)]))
+float8 blended(__global const ushort4 *texels, const Taps *taps, int l)
 {
-    float8 upper = decoded(texels[LANE(taps->upper_left, l)], texels[LANE(taps->upper_right, l)]);
-    float8 lower = decoded(texels[LANE(taps->lower_left, l)], texels[LANE(taps->lower_right, l)]);
     float right = LANE_F(taps->right, l);
-    float8 lower_part = lower * LANE_F(taps->lower, l);
-    return MAD(upper, (float8)LANE_F(taps->upper, l), lower_part)
-        * (float8)((float4)(1.0f - right), (float4)right);
+    float8 lower = TWO(taps->lower_left, taps->lower_right) * LANE_F(taps->lower, l);
+    float8 both = MAD(TWO(taps->upper_left, taps->upper_right), (float8)LANE_F(taps->upper, l), lower);
+    return both * (float8)((float4)(1.0f - right), (float4)right);
 }
 
 // Weights of the second and third corner at a sample, and their steps to the next pixel along x and along y: in all
@@ -253,8 +234,15 @@ void wide_weights_and_steps(__global const float *record, __constant float *view
     }
 }
 
-// Linear light and alpha of the faces in `slot` at px, py from the principal point, clamped to the faces.
-void surface(const Textures *t, __constant float *view, ints slot, floats px, floats py, floats *light)
+// Where textures are read for a sample, and the weights of the second and third corner.
+typedef struct {
+    Taps near, far;
+    int blends; // whether far counts
+    floats w0, w1;
+} Sight;
+
+// Find where the textures of the faces in `slot` are read at px, py from the principal point, clamped to the faces.
+void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Sight *sight)
 {
     floats c[16], w[6];
     EIGHT_WORDS(t->triangles, WORDS, slot, 0, c)
@@ -284,15 +272,18 @@ void surface(const Textures *t, __constant float *view, ints slot, floats px, fl
 #endif
     floats *uv = c + UV_WORD, *last_uv = c + FACE_WORD + 1;
     floats u1 = uv[2] - uv[0], v1 = last_uv[0] - uv[1], u2 = last_uv[1] - uv[0], v2 = last_uv[2] - uv[1];
-    ints row = (ints)FIRST_ROW;
-    if (ARE_SEVERAL(t))
+    ints row = (ints)FIRST_ROW, width = (ints)t->rows[4 * FIRST_ROW + 1], height = (ints)t->rows[4 * FIRST_ROW + 2];
+    ints last_level = (ints)t->rows[4 * FIRST_ROW + 3];
+    if (ARE_SEVERAL(t)) {
         row += LEVEL_ROWS * GATHER(ints, t->numbers, slot);
-    ints at = 4 * row;
-    ints width = GATHER(ints, t->rows + 1, at), height = GATHER(ints, t->rows + 2, at);
+        ints at = 4 * row;
+        width = GATHER(ints, t->rows + 1, at);
+        height = GATHER(ints, t->rows + 2, at);
+        last_level = GATHER(ints, t->rows + 3, at);
+    }
     floats lod = (floats)0.0f;
     if (t->rows[1]) {
         floats wide = FLOATS_OF(width), high = FLOATS_OF(height);
-        ints last_level = GATHER(ints, t->rows + 3, at);
         floats last = FLOATS_OF(last_level), texels = (floats)1e-30f;
         for (int axis = 0; axis < 2; axis++) {
             floats x = wide * MAD(w[2 + 2 * axis], u1, w[3 + 2 * axis] * u2);
@@ -309,15 +300,22 @@ void surface(const Textures *t, __constant float *view, ints slot, floats px, fl
     floats v = folded(MAD(w[0], v1, MAD(w[1], v2, uv[1])), t->rows[3]);
     ints level = INTS_OF(lod);
     floats share = lod - FLOATS_OF(level);
-    Taps near = taps_of(t, row, level, width, height, u, v, 1.0f - share), far;
-    int blends = ANY(share > 0.0f);
-    if (blends)
-        far = taps_of(t, row, share > 0.0f ? level + 1 : level, width, height, u, v, share);
+    sight->w0 = w[0];
+    sight->w1 = w[1];
+    sight->near = taps_of(t, row, level, width, height, u, v, 1.0f - share);
+    sight->blends = ANY(share > 0.0f);
+    if (sight->blends)
+        sight->far = taps_of(t, row, share > 0.0f ? level + 1 : level, width, height, u, v, share);
+}
+
+// Linear light and alpha that were looked for.
+void show(const Textures *t, ints slot, const Sight *sight, floats *light)
+{
     float8 seen[LANES];
     for (int l = 0; l < LANES; l++) {
-        seen[l] = blended(t->texels, &near, l);
-        if (blends)
-            seen[l] += blended(t->texels, &far, l);
+        seen[l] = blended(t->texels, &sight->near, l);
+        if (sight->blends)
+            seen[l] += blended(t->texels, &sight->far, l);
         seen[l].lo += seen[l].hi;
     }
 #if LANES == 8
@@ -336,5 +334,12 @@ void surface(const Textures *t, __constant float *view, ints slot, floats px, fl
     EIGHT_WORDS(t->tints, TINT_WORDS, slot, 0, first)
     EIGHT_WORDS(t->tints, TINT_WORDS, slot, 4, last)
     for (int k = 0; k < 4; k++)
-        light[k] *= MAD(w[0], last[k] - first[k], MAD(w[1], last[4 + k] - first[k], first[k]));
+        light[k] *= MAD(sight->w0, last[k] - first[k], MAD(sight->w1, last[4 + k] - first[k], first[k]));
+}
+
+void surface(const Textures *t, __constant float *view, ints slot, floats px, floats py, floats *light)
+{
+    Sight sight;
+    look(t, view, slot, px, py, &sight);
+    show(t, slot, &sight, light);
 }

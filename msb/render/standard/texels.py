@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import Sampler, Textured, mip_levels
+from msb.asset.texture import LINEAR, ROUNDING, Sampler, Textured, mip_levels
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -21,12 +21,16 @@ _MOST = 2**31 - 1
 """Texels that the kernels can number."""
 
 
+_LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
+"""The linear light of each byte of sRGB."""
+
+
 @dataclass(frozen=True)
 class Texels:
     """What zbuffer_texture.cl reads beside triangles and their tints."""
 
     buffers: tuple[Buffer, ...]
-    """Numbers (slots,) of textures if there are several, texels (N,) of RGBA8, and the rows (R, 4) int32."""
+    """Numbers (slots,) of textures if there are several, texels (N, 4) uint16, and the rows (R, 4) int32."""
     defines: dict[str, int]
     tinted: bool
     several: bool
@@ -50,12 +54,12 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     if count > _MOST:
         text = f"the textures have {count:,} texels with their smaller levels; a device takes {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
-    texels = device.allocate(count, np.uint32, "standard textures", "appearance")
+    texels = device.allocate((count, 4), np.uint16, "standard textures", "appearance")
     rows = np.zeros((_FIRST_ROW + _LEVEL_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
     several = textured.face_texture is not None
-    rows[1, :3] = np.float32(sampler.alpha_cutoff or 0).view(np.int32), tinted, several
+    rows[1, :3] = np.float32((sampler.alpha_cutoff or 0) - ROUNDING).view(np.int32), tinted, several
     first = 0
     for number, image in enumerate(textured.images):
         levels = mip_levels(image) if sampler.mipmaps else [image]
@@ -63,7 +67,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
             height, width = texture.shape[:2]
             row = _FIRST_ROW + _LEVEL_ROWS * number + level
             rows[row] = first, width, height, len(levels) - 1
-            texels.write(packed(texture), start=first)
+            texels.write(packed(texture), start=4 * first)
             first += height * width
     held = (
         device.allocate(slots if several else 1, np.uint32, "standard texture numbers", "appearance"),
@@ -73,11 +77,13 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     return Texels(held, {"CUTOFF": int(sampler.alpha_cutoff is not None)}, tinted, several)
 
 
-def packed(image: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Return texels (H, W, 3 | 4) as (H W,) RGBA8, one word each; what has no alpha gets 255."""
-    made = np.full((*image.shape[:2], 4), 255, np.uint8)
-    made[..., : image.shape[2]] = image
-    return made.view("<u4").reshape(-1).astype(np.uint32, copy=False)
+def packed(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """Return texels (H, W, 3 | 4) as linear light and alpha (H W, 4) in 16 bits."""
+    made = np.full((*image.shape[:2], 4), 65535, np.uint16)
+    made[..., :3] = _LINEAR[image[..., :3]]
+    if image.shape[2] == 4:
+        made[..., 3] = image[..., 3] * np.uint16(257)
+    return made.reshape(-1, 4)
 
 
 def _level_sizes(image: NDArray[np.uint8], sampler: Sampler) -> list[tuple[int, int]]:
