@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +21,10 @@ from msb.meshes.assets import asset_from_mesh
 from msb.topology import audit_arrays
 from msb_viewers.camera import FOV_Y, Pose
 from msb_viewers.model import ViewModel, build_model
+from msb_viewers.page import page
 from msb_viewers.palette import BACKGROUND
 from msb_viewers.repaired import build_repaired_model
+from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import viewed_mesh
 from msb_viewers.viewer import TopologyViewer
 from tests.viewers.test_page import parts
@@ -46,7 +49,7 @@ def model_of(asset: msb.Asset) -> ViewModel:
     return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces))
 
 
-@pytest.mark.parametrize(
+SAMPLERS = pytest.mark.parametrize(
     "sampler",
     [
         Sampler(),
@@ -55,20 +58,51 @@ def model_of(asset: msb.Asset) -> ViewModel:
         Sampler("nearest", mipmaps=False, wrap_u="repeat", wrap_v="mirror"),
     ],
 )
+
+
+def same(seen: np.ndarray, asset: msb.Asset, model: ViewModel) -> bool:
+    """Return whether a picture is that of the standard tier, but for rims, which are smoothed."""
+    eye = EYE * model.scale + model.center
+    camera = msb.Camera.look_at(eye, model.center, up=(0, 1, 0), width=240, height=200, fov_y=FOV_Y)
+    background = [value / 255 for value in BACKGROUND]
+    drawn = np.rint(255 * msb.render(asset, camera, tier="standard", background=background).image)
+    return bool((np.abs(seen.astype(int) - drawn).max(axis=2) <= 2).mean() > 0.97)
+
+
+@SAMPLERS
 def test_the_window_shows_what_the_standard_tier_draws(gl: None, sampler: Sampler) -> None:
     asset = textured(sampler, vertex_colors=np.full((6, 4), (200, 255, 90, 250), np.uint8))
     model = model_of(asset)
     with closing(TopologyViewer(model, size=(240, 200), off_screen=True)) as viewer:
         viewer.state.legend, viewer.state.message, viewer.state.visible = False, "", set()
         viewer.pose = Pose(EYE, np.zeros(3), np.array([0.0, 1.0, 0.0]))
-        seen = viewer.image().astype(int)
+        assert same(viewer.image(), asset, model)
         viewer.state.coloring = "grey"
         assert len(np.unique(viewer.image().reshape(-1, 3), axis=0)) < 200
-    eye = EYE * model.scale + model.center
-    camera = msb.Camera.look_at(eye, model.center, up=(0, 1, 0), width=240, height=200, fov_y=FOV_Y)
-    background = [value / 255 for value in BACKGROUND]
-    drawn = np.rint(255 * msb.render(asset, camera, tier="standard", background=background).image)
-    assert (np.abs(seen - drawn).max(axis=2) <= 2).mean() > 0.97  # rims are smoothed, also those of texels
+
+
+@pytest.mark.slow
+@SAMPLERS
+def test_the_page_shows_what_the_standard_tier_draws(
+    in_browser: Callable[..., Any], sampler: Sampler
+) -> None:
+    asset = textured(sampler, vertex_colors=np.full((6, 4), (200, 255, 90, 250), np.uint8))
+    model = model_of(asset)
+    state = replace(ViewState.first(model), visible=set())
+    eye = EYE.tolist()
+    script = f"""
+      const ready = () => surface && !waiting && meta.skin.textures.every((one) => one.texture);
+      while (!ready()) await new Promise(requestAnimationFrame);
+      state.legend = false;
+      Object.assign(camera, {{ direction: {eye}, up: [0, 1, 0], distance: Math.hypot(...{eye}) }});
+      draw();
+      const bytes = new Uint8Array(4 * canvas.width * canvas.height);
+      gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+      return Array.from(bytes);
+    """
+    found = in_browser(page(model, state, "+y"), script, size=(240, 200))
+    seen = np.array(found).reshape(200, 240, 4)[::-1, :, :3]
+    assert same(seen, asset, model)
 
 
 def test_the_page_holds_textures_and_the_faces_of_each_together() -> None:

@@ -397,7 +397,12 @@ async function start() {
   data = await unpack();
   programs = { surface: program(SURFACE), line: program(LINE), marker: program(MARKER) };
   surface = { places: upload(gathered(data.faces)), uvs: meta.skin && upload(data.uvs) };
-  if (meta.skin) await textures();
+  if (meta.skin) await textures().catch(() => {
+    Object.assign(meta, { colored: false, skin: null });
+    state.coloring = "grey";
+    legend();
+    say("This browser cannot hold the textures, so the mesh is grey.");
+  });
   home(); controls(); redraw();
   // #nonmanifold_edges:17 in the address opens the page there.
   const [kind, number] = location.hash.slice(1).split(":");
