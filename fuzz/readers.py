@@ -87,11 +87,11 @@ def packed(path: Path) -> None:
     """Read compressed arrays, which are decoded in this process: a child is more than a reader may start."""
     from unittest.mock import patch
 
-    with patch("msb.meshes.gltf_packed.run_apart", _run_here):
+    with patch("msb.meshes.gltf_packed.run_apart", run_here):
         mesh(path)
 
 
-def _run_here(work: Any, word: str, arrays: Any, limits: Any) -> Any:
+def run_here(work: Any, word: str, arrays: Any, limits: Any) -> Any:
     from msb.base.children import Reply
 
     try:
