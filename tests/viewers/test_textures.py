@@ -122,6 +122,12 @@ def test_the_page_holds_textures_and_the_faces_of_each_together() -> None:
         assert (image == asset.buffers[f"texture.{number}"]).all()
 
 
+def test_alpha_that_equals_the_cut_off_is_not_below_it_where_it_is_a_byte() -> None:
+    tint = np.full((6, 4), (1, 1, 1, 0.7), np.float32)
+    skin = model_of(textured(Sampler(alpha_cutoff=0.7), vertex_colors=tint)).skin
+    assert skin.tint[0, 3] / 255 >= skin.cutoff
+
+
 def test_textures_that_cannot_be_drawn_are_said_and_the_surface_is_seen() -> None:
     asset = textured(Sampler())
     uvs = asset.buffers["uv"].copy()

@@ -107,11 +107,13 @@ def textured(
     image: NDArray[np.uint8],
     sampler: Sampler,
     tint: NDArray[np.uint8] | None,
+    cutoff: float,
 ) -> Any:
     """Return an unlit actor of triangles (n, 3) that show `image` (H, W, 3 | 4) at `uvs` (n, 3, 2).
 
-    Colours `tint` (3n, 4) of the corners are multiplied with it. As on the standard tier texels are filtered,
-    and colours multiplied, in linear light; but tints are decoded at pixels, not at corners.
+    Colours `tint` (3n, 4) of the corners are multiplied with it, and nothing is drawn where alpha is below
+    `cutoff`. As on the standard tier texels are filtered, and colours multiplied, in linear light; but tints
+    are decoded at pixels, not at corners.
     """
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkRenderingCore import vtkTexture
@@ -138,7 +140,7 @@ def textured(
         folded = "".join(_FOLDED[wrap].format(c=axis, rim=0.5 / size) for axis, wrap, size in sides)
     actor.SetTexture(texture)
     actor.ForceOpaqueOn()  # alpha is looked at where there is a cut-off, and blended nowhere
-    code = _TEXEL.format(place=folded, cutoff=f"{sampler.alpha_cutoff or 0.0:.9f}")
+    code = _TEXEL.format(place=folded, cutoff=f"{cutoff:.9f}")
     actor.GetShaderProperty().AddFragmentShaderReplacement("//VTK::TCoord::Impl", True, code, False)
     return actor
 

@@ -170,7 +170,7 @@ async function textures() {
 }
 function drawTextured(to) {
   gl.uniform1i(to("textured"), 1);
-  gl.uniform1f(to("cutoff"), meta.skin.alpha_cutoff ?? 0);
+  gl.uniform1f(to("cutoff"), meta.skin.cutoff);
   let first = 0;
   for (const { texture, faces } of meta.skin.textures) {
     gl.bindTexture(gl.TEXTURE_2D, texture);

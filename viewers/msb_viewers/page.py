@@ -93,7 +93,12 @@ def _skin(model: ViewModel) -> dict[str, Any] | None:
     if model.skin is None:
         return None
     shown = [{"name": f"texture.{number}", "faces": len(rows)} for number, rows in _by_texture(model)]
-    return {**asdict(model.skin.textured.sampler), "textures": shown, "tinted": model.skin.tint is not None}
+    return {
+        **asdict(model.skin.textured.sampler),
+        "textures": shown,
+        "tinted": model.skin.tint is not None,
+        "cutoff": model.skin.cutoff,
+    }
 
 
 def _meta(model: ViewModel, state: ViewState, up: str) -> dict[str, Any]:

@@ -156,7 +156,7 @@ class Stage:
         """Return the actor of the faces `rows`, which show texture `number`."""
         tint = None if skin.tint is None else skin.tint.reshape(-1, 3, 4)[rows].reshape(-1, 4)
         held = skin.textured
-        look = (held.uvs[rows], held.images[number], held.sampler, tint)
+        look = (held.uvs[rows], held.images[number], held.sampler, tint, skin.cutoff)
         return drawing.textured(self.model.points, self.model.faces[rows], *look)
 
     def _make_stand_in(self, state: ViewState) -> Any:

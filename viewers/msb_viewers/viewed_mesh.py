@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import ROUNDING
+
 if TYPE_CHECKING:
     from msb.api.opening import StoredMesh
     from msb.asset.look import StaticColors
@@ -36,6 +38,11 @@ class Skin:
 
     textured: Textured
     tint: NDArray[np.uint8] | None
+
+    @property
+    def cutoff(self) -> float:
+        """The alpha of both together below which nothing is drawn."""
+        return (self.textured.sampler.alpha_cutoff or 0.0) - ROUNDING
 
     def by_texture(self, rows: NDArray[Any]) -> list[tuple[int, NDArray[Any]]]:
         """Return the textures that faces `rows` show, each with those that show it, in their order."""
@@ -108,7 +115,10 @@ def _skin(mesh: StoredMesh, tint: StaticColors | None) -> tuple[Skin | None, Sta
     colors = corner_colors(textured, tint, faces)
     if tint is None:
         return Skin(textured, None), colors
-    return Skin(textured, encoded(np.nan_to_num(corner_tint(tint, faces), nan=0.0), 4)), colors
+    light = np.nan_to_num(corner_tint(tint, faces), nan=0.0)
+    made = encoded(light, 4)
+    made[:, 3] = np.ceil(light[:, 3] * 255)  # what is drawn with the alpha as stored is not cut off
+    return Skin(textured, made), colors
 
 
 def color_bytes(values: NDArray[Any]) -> NDArray[np.uint8]:
