@@ -90,9 +90,7 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
     if not len(edges):
         return None
-    proper = ~names_vertex_twice(faces)
-    believed = not alike and 2 * torn_faces > np.count_nonzero(proper)
-    if not believed and np.bincount(faces[proper].reshape(-1)).max() == 1:
+    if (alike or 2 * torn_faces <= len(faces)) and _is_soup(faces[near]) and _is_soup(faces):
         return None
     ends, node = np.unique(edges.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
@@ -103,6 +101,12 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     number = (np.cumsum(is_first) - 1)[labels]
     kind: SeamKind = "texture" if {"uv", "corner_uv"} & set(attributes) else "color"
     return Seams(np.flatnonzero(is_first), number, kind)
+
+
+def _is_soup(faces: NDArray[Any]) -> bool:
+    """Return whether no two of the faces, less those that name a vertex twice, share a vertex."""
+    proper = faces[~names_vertex_twice(faces)]
+    return bool(np.bincount(proper.reshape(-1)).max(initial=0) < 2)
 
 
 def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
