@@ -278,13 +278,13 @@ def test_a_stand_in_is_drawn_while_a_slow_view_moves(opened: Any, demo: ViewMode
     viewer.refresh()
     viewer.stage.seconds = 10.0
     viewer.controls.moving(True)
-    assert not viewer.stage._surface[1].GetVisibility()
-    assert viewer.stage._stand_in[1].GetVisibility()
+    assert not viewer.stage._surface[0].GetVisibility()
+    assert viewer.stage._stand_in[0].GetVisibility()
     thin = viewer.stage._layers["boundary_edges"][2]
     assert thin[0].GetVisibility()
     assert thin[0].GetMapper().GetInput().GetNumberOfCells() < len(demo.layers["boundary_edges"])
     viewer.controls.moving(False)
-    assert viewer.stage._surface[1].GetVisibility()
+    assert viewer.stage._surface[0].GetVisibility()
     assert not thin[0].GetVisibility()
 
 
