@@ -166,9 +166,13 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 
 def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
-    """Return `part` with the transform (4, 4) applied; the identity changes nothing, not even the type."""
+    """Return `part` with the transform (4, 4) applied; the identity changes nothing, not even the type.
+
+    A mirrored part has its front where its corners go clockwise, so these are turned round.
+    """
     if np.array_equal(matrix, IDENTITY):
         return part
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = part.vertices.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    return replace(part, vertices=vertices)
+        is_mirrored = matrix[:3, 0] @ np.cross(matrix[:3, 1], matrix[:3, 2]) < 0
+    return replace(part, vertices=vertices, faces=part.faces[:, [0, 2, 1]] if is_mirrored else part.faces)

@@ -179,6 +179,22 @@ def test_transforms_multiply_from_the_root_down(read: Read) -> None:
     np.testing.assert_allclose(read(two_nodes(nodes, [0]), ".glb").vertices[1], [1, 3, 0], atol=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("node", "turned"),
+    [
+        ({"scale": [-1, 1, 1]}, True),
+        ({"scale": [-1, 2, -1]}, False),
+        ({"scale": [-1, -1, -1], "rotation": [0, HALF, 0, HALF]}, True),
+        ({"scale": [0, 1, 1]}, False),
+    ],
+)
+def test_mirrored_nodes_turn_their_faces_round(read: Read, node: dict[str, Any], turned: bool) -> None:
+    """The front of a mirrored node is where corners go clockwise."""
+    mesh = read(two_nodes([{"mesh": 0, **node}, {"mesh": 0}], [0, 1]), ".glb")
+    first = [[a, c, b] for a, b, c in SQUARE_FACES] if turned else SQUARE_FACES
+    assert mesh.faces.tolist() == first + SECOND
+
+
 def test_the_identity_keeps_float32(read: Read) -> None:
     node = {"mesh": 0, "translation": [0, 0, 0], "matrix": np.eye(4).ravel().tolist()}
     assert read(two_nodes([node], [0]), ".glb").vertices.dtype == np.float32
