@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import unquote
+from urllib.parse import unquote, unquote_to_bytes
 
 from msb.base.files import read_file
 from msb.errors import InputError, shorten
@@ -16,15 +16,18 @@ if TYPE_CHECKING:
     from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
-_EMBEDDED = re.compile(r"data:[^,]{0,200};base64,")
+_EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
 
 
 def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
-    """Return what a `uri` of glTF means: base64 data, or the first bytes of a file beside."""
+    """Return what a `uri` of glTF means: the data in it (RFC 2397), or the first bytes of a file beside."""
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
+        data = unquote_to_bytes(uri[embedded.end() :])
+        if not embedded[0].lower().endswith(";base64,"):
+            return data
         try:
-            return base64.b64decode(uri[embedded.end() :], validate=True)
+            return base64.b64decode(data, validate=True)
         except ValueError:
             raise source.error("MESH_FILE_INVALID", "the data is not base64", pointer=pointer) from None
     return read_beside(source, unquote(uri), pointer, most)

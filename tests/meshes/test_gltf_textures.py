@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -78,7 +79,11 @@ def test_kinds_of_images(read: Read, content: bytes, expected: np.ndarray) -> No
 def test_images_beside_the_file_and_in_its_text(read: Read, tmp_path: Path) -> None:
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "a b.png").write_bytes(BYTES)
-    for uri in ("maps/a%20b.png", "data:image/png;base64," + base64.b64encode(BYTES).decode()):
+    text = base64.b64encode(BYTES).decode()
+    bare = "data:image/png," + "".join(f"%{byte:02x}" for byte in BYTES)
+    quoted = "DATA:image/png;base64," + quote(text, safe="")
+    assert "%3D" in quoted or "%2B" in quoted or "%2F" in quoted
+    for uri in ("maps/a%20b.png", f"data:image/png;base64,{text}", quoted, bare):
         assert np.array_equal(read(glb_textured(uri).bytes(), ".glb").textures[0], TEXELS)
 
 
