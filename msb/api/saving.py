@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.writer import FORMS
-from msb.base.atomic import new_file
 from msb.base.paths import given_path
 from msb.errors import UsageError, about, shorten
-from msb.meshes import write_mesh
 from msb.meshes.assets import as_held, mesh_from_asset
+from msb.meshes.files import write_whole
 from msb.meshes.formats import written_suffixes
 
 if TYPE_CHECKING:
@@ -37,8 +36,9 @@ def save(
     asset : Asset
     path : path-like
         `.triasset` takes the asset as it is; `.glb`, `.ply` and the other mesh formats that are written take
-        its standard-tier mesh, as `msb convert` writes it: opaque, with static colours (STL has none); `.glb`
-        upright, as glTF says, where it is known what is up.
+        its standard-tier mesh, as `msb convert` writes it: opaque, with static colours (STL has none) and, in
+        `.glb` and `.obj`, textures; the latter with `.mtl` and images beside it. `.glb` is upright, as glTF
+        says, where it is known what is up.
     overwrite : bool
         Replace what is there. A device or pipe is written through in any case.
     form : {"packed", "folder"}
@@ -69,8 +69,8 @@ def save(
         return
     if form != "packed":
         raise UsageError("USAGE", f"form is for {ASSET_SUFFIX}; {target.name} is a mesh file", file=target)
-    with about(asset.path), new_file(target, overwrite=overwrite) as file:
-        write_mesh(as_held(mesh_from_asset(asset), suffix), file, suffix=suffix)
+    with about(asset.path):
+        write_whole(as_held(mesh_from_asset(asset), suffix), target, overwrite=overwrite)
 
 
 def output_suffix(path: Path, name: str = "the output") -> str:

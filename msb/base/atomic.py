@@ -15,7 +15,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -56,6 +56,54 @@ def new_file(
         except BaseException:
             with contextlib.suppress(OSError):
                 temporary.unlink()
+            raise
+
+
+@contextlib.contextmanager
+def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequence[BinaryIO]]:
+    """Yield a binary file for each of `paths`; all take their places when the block ends, or none does.
+
+    They belong together, the last one as that which names the others. One alone is as `new_file` has it; of
+    several none can be a device or pipe.
+    """
+    if len(paths) == 1:
+        with new_file(paths[0], overwrite=overwrite) as file:
+            yield [file]
+        return
+    targets = [_target(path) for path in paths]
+    moves = [(_beside(target), target, _beside(target)) for target in targets]
+    with contextlib.ExitStack() as stack:
+        for temporary, target, aside in moves:
+            stack.enter_context(_translated(target, None))
+            if is_stream(target):
+                text = f"it is a device or pipe, which takes one file; {len(targets)} are to be written"
+                raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
+            stack.callback(_remove, aside)
+            stack.callback(_remove, temporary)
+            _refuse_existing(target, overwrite)
+            _make_parent(target)
+            if target.is_dir():
+                raise OutputError("OUTPUT_UNWRITABLE", _IS_FOLDER, file=target)
+        files = [stack.enter_context(temporary.open("xb")) for temporary, _, _ in moves]
+        yield files
+        for file in files:
+            file.flush()
+            os.fsync(file.fileno())
+        moved = []
+        try:
+            for temporary, target, aside in moves:
+                was_there = os.path.lexists(target)
+                if was_there:
+                    _refuse_existing(target, overwrite)
+                    shutil.copy2(target, aside, follow_symlinks=False)
+                moved.append((target, aside if was_there else None))
+                temporary.replace(target)
+        except BaseException:
+            for target, old in moved:
+                if old is None:
+                    _remove(target)
+                else:
+                    old.replace(target)
             raise
 
 

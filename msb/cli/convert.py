@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,6 +11,7 @@ import typer
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import Up
 from msb.cli.command import Rule, Typed, command
+from msb.cli.delivering import Engine
 from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import EXIT_OK, MsbError, UsageError, about
 
@@ -37,15 +38,31 @@ class ConvertOptions:
         Literal["linear", "srgb"] | None,
         Option("Colours of vertices. Default: linear in .glb, as glTF says, else srgb."),
     ] = None
+    texture: Annotated[
+        Literal["png", "jpeg", "webp"] | None,
+        Option("Image files of textures. Default: png, which loses nothing; WebP is not opened everywhere."),
+    ] = None
+    engine: Annotated[
+        Engine | None,
+        Option(
+            "Write the .glb that it opens with no setting touched. For the web: compressed, with WebP, and "
+            "as coarse as 50 dB allow; for all others what is written without this.",
+            ("--for",),
+        ),
+    ] = None
     official: Annotated[bool, Option("Write what the method's own exporter would write.")] = False
 
 
 @command(
     "msb convert data_stubs/checkpoint out/upright.glb",
+    "msb convert --for web data_stubs/splat_like.triasset out/web.glb",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
     "msb convert --to triasset data_stubs/models/pebble out/assets",
-    rules=(Rule("form up color", "does not go with --official", excludes="official"),),
+    rules=(
+        Rule("form up color texture engine", "does not go with --official", excludes="official"),
+        Rule("color texture", "does not go with --for, which knows it", excludes="engine"),
+    ),
 )
 def convert(
     source: Annotated[
@@ -124,8 +141,11 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
     if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:
-        if options.up is not None or options.color is not None:
-            raise UsageError("USAGE", "--up and --color are for mesh files; a .triasset keeps what is stored")
+        if (options.up, options.color, options.texture, options.engine) != (None,) * 4:
+            raise UsageError(
+                "USAGE",
+                "--up, --color, --texture and --for are for mesh files; a .triasset keeps what is stored",
+            )
         _write_asset(source, target, options.form or "packed", output)
     else:
         if options.form is not None:
@@ -157,15 +177,17 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     from msb.adapters.locate import is_mesh_file
     from msb.api.saving import output_suffix
-    from msb.base.atomic import new_file
+    from msb.cli.delivering import Pictures, left_behind, web_style, write_held
     from msb.cli.inputs import open_asset
-    from msb.meshes import read_mesh, write_mesh
+    from msb.meshes import read_mesh
     from msb.meshes.assets import as_held, mesh_from_asset
     from msb.meshes.formats import Style
     from msb.meshes.losses import beyond_a_mesh, losses, what_is_up
     from msb.meshes.transform import turned_upright
 
-    suffix = output_suffix(target, "OUT")
+    suffix, asset = output_suffix(target, "OUT"), None
+    if options.engine and suffix != ".glb":
+        raise UsageError("USAGE", f"--for is for .glb, which every engine opens; OUT is {target.name}")
     if is_mesh_file(source):
         with output.progress(f"reading {source.name}"):
             mesh = read_mesh(source)  # itself: an asset would hold its coordinates in float32
@@ -175,13 +197,22 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
         known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = turned_upright(mesh, options.up) if options.up else mesh
+    style, said = Style(options.color, options.texture or "png"), []
+    if options.engine == "web":
+        with output.progress(f"trying how much {target.name} may lose"), about(source):
+            style, kept = web_style(Pictures.of(mesh, asset))
+        said.append(kept)
     # What is wrong with coordinates and indices is wrong in the source.
-    with output.progress(f"writing {target.name}"), about(source), new_file(target) as file:
+    with output.progress(f"writing {target.name}"), about(source):
         held = as_held(mesh, suffix)
-        write_mesh(held, file, suffix=suffix, style=Style(options.color))
+        write_held(held, target, output, style)
     turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
-    _say(target, [*_holds(held, suffix), *turned], output)
-    for text in (*losses(mesh, held, suffix, left_out), *what_is_up(mesh, suffix, known=known)):
+    _say(target, [*_holds(held, suffix), *turned, *said], output)
+    if mesh.textures and not held.textures and held.vertex_colors is not None:
+        lost = Pictures.of(mesh, asset).lost(replace(held, vertices=mesh.vertices))
+        output.note(f"{target}: {suffix} holds no textures, which are colours of vertices there{lost}")
+    behind = left_behind(held, options.engine) if options.engine else ()
+    for text in (*losses(mesh, held, suffix, left_out), *behind, *what_is_up(mesh, suffix, known=known)):
         output.note(f"{target}: {text}")
 
 
@@ -189,9 +220,14 @@ def _holds(mesh: Mesh, suffix: str) -> list[str]:
     """Return what the file has."""
     from msb.meshes.formats import FORMATS
 
+    keeps = FORMATS[suffix].keeps
     colors = [
-        key.replace("_colors", " colours") for key in FORMATS[suffix].keeps if getattr(mesh, key) is not None
+        key.replace("_colors", " colours").replace("_uvs", " UVs")
+        for key in keeps
+        if key != "textures" and getattr(mesh, key) is not None
     ]
+    if mesh.textures:
+        colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
     return [f"{len(mesh.vertices):,} vertices", f"{len(mesh.faces):,} faces", *(colors or ["no colours"])]
 
 

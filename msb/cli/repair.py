@@ -201,19 +201,14 @@ class _Repair:
 
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write a mesh file, and return the audit of what it holds."""
-        from msb.base.atomic import new_file
-        from msb.meshes import write_mesh
+        from msb.cli.delivering import write_held
         from msb.meshes.assets import as_held
         from msb.meshes.losses import losses
         from msb.topology import audit_arrays
 
-        with (
-            self.output.progress(f"writing {self.target.name}"),
-            about(self.source),
-            new_file(self.target) as file,
-        ):
+        with self.output.progress(f"writing {self.target.name}"), about(self.source):
             held = as_held(made, self.suffix)
-            write_mesh(held, file, suffix=self.suffix)
+            write_held(held, self.target, self.output)
         for text in losses(made, held, self.suffix, left_out):
             self.output.note(f"{self.target}: {text}")
         return audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0]

@@ -17,6 +17,7 @@ from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
+from msb.meshes.sampled import with_sampled_colors, without_textures
 from msb.meshes.transform import turned_upright
 from msb.meshes.writing import as_float32, check_indices
 
@@ -127,12 +128,14 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 def as_held(mesh: Mesh, suffix: str) -> Mesh:
     """Return `mesh` as a file of the format of `suffix` holds it, which is what a verdict on the file judges.
 
-    Colours and UVs are where the format has a place for them, mostly at vertices; the mesh is turned upright
-    if the format says what is up, and where that is known; faces have vertices of their own if it shares
-    none.
+    Colours and UVs are where the format has a place for them, mostly at vertices; textures are colours of
+    vertices in formats that have none; the mesh is turned upright if the format says what is up, and where
+    that is known; faces have vertices of their own if it shares none.
     """
     held = FORMATS[suffix]
     check_indices(mesh)
+    if "textures" not in held.keeps:
+        mesh = with_sampled_colors(mesh) if held.keeps else without_textures(mesh)
     made = mesh if held.is_soup or "face_colors" in held.keeps else with_vertex_colors(mesh)
     if "vertex_uvs" in held.keeps:
         made = with_vertex_uvs(made)

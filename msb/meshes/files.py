@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
 from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
@@ -126,6 +128,26 @@ def write_mesh(
     except OSError as error:
         message = f"it cannot be written: {error.strerror or error}"
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error
+
+
+def beside(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
+    """Return the files that `write_whole` writes beside `path`, with what they hold."""
+    form = _known(str(path), path.suffix)
+    files = form.beside(mesh, replace(style, stem=path.stem)) if form.beside else {}
+    return {path.with_name(name): content for name, content in files.items()}
+
+
+def write_whole(mesh: Mesh, path: Path, style: Style | None = None, *, overwrite: bool = True) -> None:
+    """Write a mesh and the files that it needs beside it, in the format of the suffix: all of them or none.
+
+    Errors are those of `write_mesh` and of `new_files`.
+    """
+    style = replace(style or Style(), stem=path.stem)
+    others = beside(mesh, path, style)
+    with new_files([*others, path], overwrite=overwrite) as files:
+        for file, content in zip(files[:-1], others.values(), strict=True):
+            file.write(content)
+        write_mesh(mesh, files[-1], suffix=path.suffix, style=style)
 
 
 def _known(name: str, suffix: str) -> Format:

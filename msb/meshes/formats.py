@@ -45,11 +45,14 @@ class Style:
         What the textures are packed as.
     web : Web, optional
         Of a GLB: compressed for the web, with rows in another order; None: as every program opens it.
+    stem : str, optional
+        What the files beside it are called, without their endings; None: there are none.
     """
 
     color: Color | None = None
     texture: Picture = "png"
     web: Web | None = None
+    stem: str | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,10 @@ class Format:
     begins : compiled pattern of bytes, optional
         How every file of the format begins, if no file of another format begins so. A file with a wrong
         suffix is then recognised by it.
-    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs"}
+    beside : callable, optional
+        A function that returns the files which a mesh needs beside its own, name -> content; they are called
+        after the `stem` of the style.
+    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures"}
         What the format can hold of a mesh beside its surface.
     is_soup : bool
         True if the format writes the vertices of every face anew, so that no two faces share one.
@@ -87,7 +93,8 @@ class Format:
     read: Callable[[Source], Mesh]
     write: Callable[[Mesh, BinaryIO, Style], None] | None = None
     begins: re.Pattern[bytes] | None = None
-    keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs"], ...] = ()
+    beside: Callable[[Mesh, Style], dict[str, bytes]] | None = None
+    keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs", "textures"], ...] = ()
     is_soup: bool = False
     is_single: bool = False
     is_linear: bool = False

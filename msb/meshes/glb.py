@@ -26,7 +26,7 @@ FORMAT = Format(
     read,
     write,
     begins=re.compile(rb"glTF"),
-    keeps=("vertex_colors", "vertex_uvs"),
+    keeps=("vertex_colors", "vertex_uvs", "textures"),
     is_single=True,
     is_linear=True,
     up="+y",

@@ -20,6 +20,9 @@ _OPTIONS: dict[Picture, dict[str, Any]] = {
 """How little is lost: what it costs in bytes is less than what blocks and bled colours cost in dB."""
 
 
+ENDINGS: dict[Picture, str] = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}
+
+
 def packed(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
     """Return an image file of `image` (H, W, 3 | 4), and its kind: PNG where JPEG would lose alpha.
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.asset.texture import Sampler
+
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.meshes.mesh import Mesh
@@ -58,12 +60,20 @@ def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> I
             f"{suffix} holds no colours of faces: vertices are doubled where these differ; "
             f"{_keeping_face_colors()} keep them"
         )
+    if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
+        yield f"how its textures are filtered and repeated, {suffix} cannot say"
     # UVs that no texture needs are no part of a look, but a GLB has them all the same.
-    lost = [each for each in left_out if each != "UVs" or written.vertex_uvs is None]
-    if not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):
+    lost = [each for each in left_out if each != "UVs" or not _has_uvs(written)]
+    if not form.keeps and mesh.textures:
+        lost.append(f"textures, which {suffix} has no place for")
+    elif not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):
         lost.append(f"colours, which {suffix} has no place for")
     if lost:
         yield f"left out: {', '.join(lost)}"
+
+
+def _has_uvs(mesh: Mesh) -> bool:
+    return mesh.vertex_uvs is not None or mesh.corner_uvs is not None
 
 
 def what_is_up(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:

@@ -12,7 +12,7 @@ from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format
 from msb.meshes.mesh import Mesh
 from msb.meshes.obj_materials import names_materials, with_coordinates, with_materials
-from msb.meshes.obj_write import write
+from msb.meshes.obj_write import beside, write
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
 from msb.meshes.text import Words, first_not_whole, word_blocks
 
@@ -153,4 +153,4 @@ def _line_of(is_face: NDArray[np.bool_], counts: NDArray[np.int64], corner: int)
     return int(np.flatnonzero(is_face)[face])
 
 
-FORMAT = Format("OBJ", (".obj",), read, write, keeps=("vertex_colors",))
+FORMAT = Format("OBJ", (".obj",), read, write, beside=beside, keeps=("vertex_colors", "textures"))

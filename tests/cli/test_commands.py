@@ -297,6 +297,26 @@ def test_convert_linear_colours(msb: Msb, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_convert_for_an_engine(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    plain, web = tmp_path / "plain.glb", tmp_path / "web.glb"
+    assert msb("convert", demo_asset, plain, "--for", "unreal").status == 0
+    made = msb("convert", demo_asset, web, "--for", "web")
+    assert made.status == 0
+    assert float(re.search(r"([\d.]+) dB of ", made.stdout)[1]) >= 50
+    assert "another order" in made.stderr
+    assert web.stat().st_size < plain.stat().st_size / 2
+    assert b"extensionsRequired" not in plain.read_bytes()
+    assert b"extensionsRequired" in web.read_bytes()
+
+
+def test_for_is_for_glb_and_knows_colours_and_images_itself(
+    msb: Msb, demo_asset: Path, tmp_path: Path
+) -> None:
+    assert msb("convert", demo_asset, tmp_path / "x.ply", "--for", "web").status == 2
+    assert msb("convert", demo_asset, tmp_path / "x.glb", "--for", "web", "--color", "srgb").status == 2
+
+
+@pytest.mark.slow
 def test_convert_refuses_what_makes_no_sense(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     msb("convert", demo_asset, tmp_path / "x.xyz", status=2)
     msb("convert", demo_asset, tmp_path / "x.glb", "--form", "folder", status=2)

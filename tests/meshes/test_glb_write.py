@@ -152,4 +152,4 @@ def test_a_vertex_takes_20_bytes() -> None:
         root = opened(file(mesh))[0]
         numbers = root["meshes"][0]["primitives"][0]["attributes"].values()
         views = [root["bufferViews"][root["accessors"][number]["bufferView"]] for number in numbers]
-        assert sum(view["byteStride"] for view in views) == 20
+        assert sum(view["byteLength"] for view in views) == 20 * root["accessors"][0]["count"]

@@ -1,0 +1,84 @@
+"""Textures in formats that have them beside the file, or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset.texture import Sampler
+from msb.errors import OutputError, UsageError
+from msb.meshes import Mesh, read_mesh
+from msb.meshes.assets import as_held, asset_from_mesh
+from msb.meshes.files import write_whole
+
+from .checks import equal
+from .test_glb_write import CORNERS, FACES, IMAGES, UVS, textured
+
+FLAT = np.full((4, 8, 3), (200, 100, 50), np.uint8)
+
+
+def two_textures() -> Mesh:
+    shown = np.array([1, 0, 1], np.uint32)
+    return textured(textures=IMAGES, face_textures=shown, sampler=Sampler(alpha_cutoff=0.5))
+
+
+def test_an_obj_with_its_materials_reads_back(tmp_path: Path) -> None:
+    for mesh, names in (
+        (textured(), {"a b.obj", "a_b.mtl", "a_b.png"}),
+        (two_textures(), {"a b.obj", "a_b.mtl", "a_b_0.png", "a_b_1.png"}),
+    ):
+        folder = tmp_path / str(len(names))
+        folder.mkdir()
+        write_whole(as_held(mesh, ".obj"), folder / "a b.obj")
+        assert {path.name for path in folder.iterdir()} == names
+        again = read_mesh(folder / "a b.obj")
+        assert equal(again.vertices, mesh.vertices.astype(np.float64))
+        assert equal(again.faces, mesh.faces)
+        own = again.vertex_uvs[again.faces].reshape(-1, 2) if again.corner_uvs is None else again.corner_uvs
+        np.testing.assert_allclose(own, UVS, rtol=0, atol=1e-7)
+        for face in range(len(FACES)):
+            texture = 0 if mesh.face_textures is None else mesh.face_textures[face]
+            shown = 0 if again.face_textures is None else again.face_textures[face]
+            image = mesh.textures[texture]
+            assert equal(again.textures[shown][..., :3].copy(), image[..., :3].copy())
+
+
+def test_an_obj_and_what_lies_beside_it_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    asset = asset_from_mesh(textured())
+    (tmp_path / "a.png").write_bytes(b"somebody's")
+    with pytest.raises(UsageError, match=r"OUTPUT_EXISTS: .*a\.png"):
+        msb.save(asset, tmp_path / "a.obj")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    (tmp_path / "a.obj").mkdir()
+    with pytest.raises(OutputError, match="it is a folder"):
+        msb.save(asset, tmp_path / "a.obj", overwrite=True)
+    assert (tmp_path / "a.png").read_bytes() == b"somebody's"
+    (tmp_path / "a.obj").rmdir()
+    msb.save(asset, tmp_path / "a.obj", overwrite=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"a.obj", "a.mtl", "a.png"}
+    assert msb.open(tmp_path / "a.obj").manifest.appearance["kind"] == "texture"
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".off"])
+def test_without_a_place_textures_are_colours_of_vertices(suffix: str, tmp_path: Path) -> None:
+    tinted = textured(textures=(FLAT,), vertex_colors=np.full((6, 3), 188, np.uint8))
+    held = as_held(tinted, suffix)
+    assert not held.textures
+    assert equal(held.faces, FACES)
+    # Half the light, in sRGB; vertex 4, which no face uses, keeps its own colour.
+    assert np.abs(held.vertex_colors[[0, 1, 2, 3, 5]] - np.array([146, 71, 34])).max() <= 1
+    write_whole(held, tmp_path / f"a{suffix}")
+    assert equal(read_mesh(tmp_path / f"a{suffix}").vertex_colors, held.vertex_colors)
+    assert as_held(replace(tinted, vertex_colors=None), ".stl").vertex_colors is None
+
+
+def test_a_vertex_sees_the_texture_at_the_size_of_its_faces() -> None:
+    checks = (np.indices((64, 64)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None].repeat(3, 2)
+    uvs = CORNERS[FACES].reshape(-1, 3)[:, :2] / 2
+    mesh = Mesh(CORNERS, FACES, corner_uvs=uvs.astype(np.float32), textures=(checks,))
+    colors = as_held(mesh, ".ply").vertex_colors[[0, 1, 2, 3, 5]]
+    assert np.abs(colors.astype(int) - 188).max() <= 2  # the sRGB of half the light, neither black nor white
