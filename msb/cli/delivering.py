@@ -53,15 +53,15 @@ class Pictures:
         chosen = choose_views(asset or asset_from_mesh(mesh), count=4, size=(480, 360))
         return cls(mesh, chosen.cameras[:4], chosen.said)
 
-    def loss(self, other: Mesh) -> float:
-        """Return the PSNR in dB of `other`."""
+    def loss(self, other: Mesh, samples: int = _SAMPLES) -> float:
+        """Return the PSNR in dB of `other`, with so many samples a pixel each way."""
         from msb.meshes.assets import asset_from_mesh
         from msb.render import Renderer
         from msb.why.views import difference
 
         frames = []
         for each in (self.mesh, other):
-            with Renderer(asset_from_mesh(each), "standard", supersample=_SAMPLES) as renderer:
+            with Renderer(asset_from_mesh(each), "standard", supersample=samples) as renderer:
                 frames.append([renderer.render(camera) for camera in self.cameras])
         return difference(*frames)
 
@@ -87,7 +87,7 @@ def web_style(pictures: Pictures) -> tuple[Style, str]:
 def _coarsest(pictures: Pictures) -> tuple[Style, str]:
 
     def loss(web: Web) -> float:
-        return pictures.loss(_written(pictures.mesh, Style(texture="webp", web=web)))
+        return pictures.loss(written(pictures.mesh, Style(texture="webp", web=web)))
 
     fine = loss(Web(_FINEST, False)) < LEAST + 2
     low, high = _COARSEST, _FINEST
@@ -107,7 +107,7 @@ def write_held(held: Mesh, target: Path, output: Output, style: Style | None = N
     write_whole(held, target, style)
 
 
-def _written(mesh: Mesh, style: Style) -> Mesh:
+def written(mesh: Mesh, style: Style) -> Mesh:
     """Return what is read of `mesh` once it is written so."""
     from msb.meshes import write_mesh
     from msb.meshes.assets import as_held
