@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     Frame = Callable[[], NDArray[Any] | None]
 
 NEAR, FAR = 0.01, 100.0
+TEXELS = 2048
+"""Of the texture, along each side."""
 
 
 def _asset(scene: Scene) -> Asset:
@@ -33,6 +35,27 @@ def _asset(scene: Scene) -> Asset:
 
     buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
     return build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
+
+
+def _textured_asset(scene: Scene) -> Asset:
+    """Return the scene with noise as texture, about four texels a face at a million, laid on by direction."""
+    from msb.asset import Description, build_asset
+    from msb.asset.texture import Sampler
+
+    corners = scene.positions[scene.indices].astype(np.float64)
+    corners /= np.linalg.norm(corners, axis=2, keepdims=True)
+    u = np.arctan2(corners[..., 2], corners[..., 0]) / (2 * np.pi)
+    u -= np.rint(u - u[:, :1])  # no face goes around the back
+    uvs = np.stack([u, np.arccos(corners[..., 1]) / np.pi], axis=-1)
+    random = np.random.default_rng(1)
+    buffers = {
+        "positions": scene.positions,
+        "indices": scene.indices,
+        "uv": uvs.reshape(-1, 2).astype(np.float32),
+        "texture.0": random.integers(0, 256, (TEXELS, TEXELS, 3), dtype=np.uint8),
+    }
+    domains = {"uv": "corner", "texture.0": "global"}
+    return build_asset(buffers, domains, Description(appearance=Sampler().appearance))
 
 
 def _camera() -> Camera:
@@ -48,6 +71,19 @@ def msb(scene: Scene) -> Frame:
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
     image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     return lambda: renderer.render_image(camera, out=image)
+
+
+def msb_textured(scene: Scene) -> Frame:
+    """Prepare ours with a texture in place of colours: the image alone, which no other has."""
+    from msb.render.standard.renderer import StandardRenderer
+
+    renderer, camera = StandardRenderer(_textured_asset(scene)), _camera()
+    image = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+
+    def frame() -> None:
+        renderer.render_image(camera, out=image)
+
+    return frame
 
 
 def msb_frame(scene: Scene) -> Frame:
@@ -256,6 +292,7 @@ def embree(scene: Scene) -> Frame:
 
 PEERS: dict[str, tuple[str, Callable[[Scene], Frame]]] = {
     "msb": ("the image, float32 RGB", msb),
+    "msb textured": (f"the image, with a texture of {TEXELS} x {TEXELS} in place of colours", msb_textured),
     "msb frame": ("image, coverage, depth, face ids", msb_frame),
     "c direct": ("plain C, OpenMP, 64-bit keys and atomics", c_direct),
     "c bands": ("plain C, OpenMP, triangles listed by bands of 16 rows", c_bands),

@@ -21,6 +21,8 @@ from msb.render.splat.pipeline import SplattingPipeline
 from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import KERNELS, WITHOUT_ATOMICS, open_styled
 from tests.reference.soups import SPLATTING, front_camera, random_triangles, soup
+from tests.render.standard_scenes import scattered, unshared
+from tests.render.textured_scenes import CASES, textured_asset
 
 pytestmark = pytest.mark.skipif(
     "OCLGRIND_DATA_RACES" not in os.environ, reason="python -m tests.machines oclgrind runs this"
@@ -168,4 +170,10 @@ def test_standard(device: Device, watch: Watch) -> None:
     """Small triangles, those of a work-group, and those of many."""
     sizes = [random_triangles(*given) for given in ((1, 40, 0.3), (2, 10, 2.0), (3, 2, 40))]
     StandardRenderer(soup("two_dts", np.concatenate(sizes)), device=device).render(front_camera(), BACKGROUND)
+    assert watch.findings() == []
+
+
+def test_textures(device: Device, watch: Watch) -> None:
+    asset = textured_asset(unshared(scattered(4, 20, 0.8, 1, 4)), 5, **CASES["cut out"])
+    StandardRenderer(asset, device=device).render(front_camera(16, 12), BACKGROUND)
     assert watch.findings() == []
