@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import subprocess
 import sys
 from math import inf, log10
 from pathlib import Path
@@ -25,9 +26,10 @@ from benchmarks.measure import keep, machine
 from benchmarks.opened_in.engines import ENTRIES, NOT_RUN
 from benchmarks.opened_in.scenes import SCENES
 from msb.engines.agreement import interior
-from msb.errors import MsbError
+from msb.errors import MsbError, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import mesh_from_asset
+from msb.meshes.formats import Style, Web
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
     from msb.render import Frame
 
 BLACK = (0.0, 0.0, 0.0)
+FILES = {"portable": Style(), "web": Style(texture="webp", web=Web())}
+"""What every program opens, and what is compressed for the web."""
 
 
 def compare(theirs: NDArray[np.uint8], ours: Frame) -> dict[str, float]:
@@ -62,8 +66,8 @@ def opened(name: str, glb: bytes, scene: Scene, ours: Frame, pictures: Path | No
     for kind in ("as_it_comes", "mended") if entry.setting else ("as_it_comes",):
         try:
             shown = entry.engine.draw(glb, scene, mended=kind == "mended")
-        except (MsbError, OSError, RuntimeError, ValueError) as error:
-            return {"engine": name, "not_run": f"it failed: {error}"}
+        except (MsbError, OSError, RuntimeError, ValueError, subprocess.TimeoutExpired) as error:
+            return {"engine": name, "not_run": f"it fails: {shorten(str(error), 120)}"}
         row["by"] = shown.by
         row[kind] = compare(shown.image, ours)
         if pictures:
@@ -97,6 +101,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
     parser.add_argument("--engines", nargs="+", choices=list(ENTRIES), default=list(ENTRIES))
+    parser.add_argument("--files", nargs="+", choices=list(FILES), default=list(FILES))
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--pictures", type=Path, help="also write the pictures into this folder")
     options = parser.parse_args()
@@ -107,18 +112,22 @@ def main() -> None:
         title, make = SCENES[name]
         scene = make()
         ours = msb.render(scene.asset, scene.camera, tier="standard", background=BLACK)
-        file = io.BytesIO()
-        write_mesh(mesh_from_asset(scene.asset), file, suffix=".glb")
-        folder = options.pictures and options.pictures / name
-        if folder:
-            folder.mkdir(parents=True, exist_ok=True)
-            (folder / "model.glb").write_bytes(file.getvalue())
-            Image.fromarray(np.round(255 * ours.image).astype(np.uint8)).save(folder / "ours.png")
-        rows = [opened(engine, file.getvalue(), scene, ours, folder) for engine in options.engines]
-        rows += [{"engine": engine, "not_run": why} for engine, why in NOT_RUN.items()]
-        print_scene(title, rows, int(interior(ours.face_id).sum()))
-        record["scenes"][name] = rows
-        versions |= {row["engine"]: row["by"] for row in rows if "by" in row}
+        for kind in options.files:
+            file = io.BytesIO()
+            write_mesh(mesh_from_asset(scene.asset), file, suffix=".glb", style=FILES[kind])
+            glb = file.getvalue()
+            folder = options.pictures and options.pictures / f"{name}-{kind}"
+            if folder:
+                folder.mkdir(parents=True, exist_ok=True)
+                (folder / "model.glb").write_bytes(glb)
+                Image.fromarray(np.round(255 * ours.image).astype(np.uint8)).save(folder / "ours.png")
+            rows = [opened(engine, glb, scene, ours, folder) for engine in options.engines]
+            rows += [{"engine": engine, "not_run": why} for engine, why in NOT_RUN.items()]
+            print_scene(
+                f"{title}, {kind} file of {len(glb):,} bytes", rows, int(interior(ours.face_id).sum())
+            )
+            record["scenes"][f"{name}, {kind}"] = rows
+            versions |= {row["engine"]: row["by"] for row in rows if "by" in row}
     print()
     for name, by in versions.items():
         print(f"{name}: {by}")

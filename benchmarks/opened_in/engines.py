@@ -45,6 +45,7 @@ ENTRIES = {
             ("@google/model-viewer/dist/model-viewer.min.js",),
             modules={},
         ),
+        "filters textures anisotropically (4)",
     ),
     "Galacean": Entry(
         WebEngine("galacean.js", "@galacean/engine", ("@galacean/engine/dist/browser.min.js",)),
@@ -77,7 +78,7 @@ ENTRIES = {
     "wgpu": Entry(Ours()),
     "pygfx": Entry(
         PythonEngine("in_pygfx.py", "pygfx"),
-        "draws twice as large and filters down",
+        "draws twice as large and filters down; makes no mip maps",
         "WgpuRenderer(canvas, pixel_ratio=1)",
     ),
     "VTK": Entry(
@@ -91,12 +92,12 @@ ENTRIES = {
     ),
     "Godot 3": Entry(
         Godot(),
-        "its importer knows no unlit material, and nothing gives light: black",
+        "knows no unlit material, and nothing gives light: black; vertex colours of 16 bits are white",
         "flags_unshaded and vertex_color_use_as_albedo of the material",
     ),
     "Blender": Entry(
         Blender(),
-        "AgX maps tones, and a pixel shows what lies within 1.5 pixels of it",
+        "AgX maps tones; a pixel shows what lies within 1.5 pixels of it; filters textures anisotropically",
         "Color Management, View Transform: Standard; Film, Filter Size 0.01 px",
     ),
 }

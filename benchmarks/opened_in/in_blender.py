@@ -9,6 +9,7 @@ import json
 import os
 import sys
 from math import radians
+from pathlib import Path
 
 import bpy
 from mathutils import Vector
@@ -47,7 +48,7 @@ camera.data.clip_start, camera.data.clip_end = wanted["near"], wanted["far"]
 eye, target = turned(*wanted["eye"]), turned(*wanted["target"])
 camera.location = eye
 camera.rotation_euler = (target - eye).to_track_quat("-Z", "Y").to_euler()
-render.filepath = picture
+render.filepath = str(Path(picture).absolute())
 bpy.ops.render.render(write_still=True)
 device = "CPU" if render.engine == "CYCLES" else __import__("gpu").platform.renderer_get()
 answers.write(json.dumps({"version": bpy.app.version_string, "device": f"{render.engine}, {device}"}) + "\n")

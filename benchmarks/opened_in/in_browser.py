@@ -43,6 +43,7 @@ class WebEngine:
         assert browser is not None
         content = {name: (MODULES / name).read_bytes() for name in (*self.scripts, *self.files)}
         content |= {"page.html": self._html(), "model.glb": glb}
+        content["meshopt_decoder.js"] = _decoder()
         content |= {name: (_WEB / name).read_bytes() for name in ("page.js", self.script)}
         query = f"width={WIDTH}&height={HEIGHT}" + "&mended" * mended
         page = Page(browser, content, query, software=True)
@@ -62,3 +63,9 @@ class WebEngine:
         kind = "" if self.modules is None else ' type="module"'
         lines += [f'<script{kind} src="{name}"></script>' for name in (*self.scripts, self.script)]
         return "\n".join(lines).encode()
+
+
+def _decoder() -> bytes:
+    """Return the decoder of meshopt as a plain script, which some engines would fetch from a network."""
+    module = MODULES / "three/examples/jsm/libs/meshopt_decoder.module.js"
+    return module.read_bytes().replace(b"export { MeshoptDecoder };", b"") if module.exists() else b""

@@ -27,7 +27,7 @@ from msb.render.backend import what_is_missing
 
 _HERE = Path(__file__).parent
 _PYTHON = ENGINES / "python"
-_LONGEST_SECONDS = 900
+_LONGEST_SECONDS = 600
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Godot:
             (folder / "view.json").write_text(json.dumps({**scene.view, "mended": mended}))
             command = ["godot3", "--path", made, "--audio-driver", "Dummy"]
             for more in (["--editor", "--quit"], []):
-                done = _output([*command, *more], {"HOME": made, **display})
+                done = _output([*command, *more], {"HOME": made, **display}, made)
             image = np.asarray(Image.open(folder / "picture.png").convert("RGB"))
         number = done.partition("Godot Engine v")[2].partition(".stable")[0]
         return Shown(image, f"{number}, {done.partition('drawn by ')[2].splitlines()[0]}")
@@ -113,15 +113,16 @@ def _run(
         file, picture = Path(folder, "model.glb"), Path(folder, "picture.png")
         file.write_bytes(glb)
         wanted = json.dumps({**scene.view, "size": [WIDTH, HEIGHT], "mended": mended})
-        command = [python, str(_HERE / script), str(file), str(picture), wanted]
-        about: dict[str, Any] = json.loads(_output(command, variables).splitlines()[-1])
+        command = [python, str(_HERE / script), file.name, picture.name, wanted]
+        about: dict[str, Any] = json.loads(_output(command, variables, folder).splitlines()[-1])
         image = np.asarray(Image.open(picture).convert("RGB"))
     return Shown(image, f"{about['version']}, {about['device']}")
 
 
-def _output(command: list[str], variables: Mapping[str, str]) -> str:
+def _output(command: list[str], variables: Mapping[str, str], folder: str) -> str:
     done = subprocess.run(
         command,
+        cwd=folder,
         env={**os.environ, **variables},
         capture_output=True,
         text=True,
@@ -129,7 +130,8 @@ def _output(command: list[str], variables: Mapping[str, str]) -> str:
         check=False,
     )
     if done.returncode:
-        raise RuntimeError(f"{command[0]} ended with status {done.returncode}: {done.stderr.strip()[-300:]}")
+        last = [line for line in done.stderr.splitlines() if line.strip()][-1:]
+        raise RuntimeError(f"its process ends with status {done.returncode}: {''.join(last)}")
     return done.stdout
 
 

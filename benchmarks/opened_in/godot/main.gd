@@ -5,7 +5,12 @@ func _ready():
 	var file = File.new()
 	file.open("res://view.json", File.READ)
 	var view = JSON.parse(file.get_as_text()).result
-	var model = load("res://model.glb").instance()
+	var scene = load("res://model.glb")
+	if scene == null:
+		OS.exit_code = 1
+		get_tree().quit()
+		return
+	var model = scene.instance()
 	add_child(model)
 	if view.mended:
 		unlight(model)

@@ -2,6 +2,7 @@
 "use strict";
 obey(async (canvas, file) => {
   const engine = new BABYLON.Engine(canvas, true, { useExactSrgbConversions: mended });
+  BABYLON.MeshoptCompression.Configuration = { decoder: { url: "meshopt_decoder.js" } };
   const scene = new BABYLON.Scene(engine);
   scene.useRightHandedSystem = true;
   scene.clearColor = new BABYLON.Color4(0, 0, 0, 1);

@@ -1,6 +1,7 @@
 // <model-viewer>: the element, its file, a camera on an orbit.
 obey(async (canvas, file) => async (view) => {
   customElements.get("model-viewer").minimumRenderScale = 1;  // however slow the machine is
+  customElements.get("model-viewer").meshoptDecoderLocation = "meshopt_decoder.js";
   const viewer = document.createElement("model-viewer");
   // It draws what is in the window.
   const place = { position: "absolute", top: 0, left: 0, background: "black" };
