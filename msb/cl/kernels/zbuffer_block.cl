@@ -94,7 +94,7 @@ float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, _
         return depth;
     float8 light[4], px = TO_FLOAT(x) + 0.5f - view[OPTICAL], py = TO_FLOAT(y) + 0.5f - view[OPTICAL + 1];
     surface(&t->textures, view, slot, px, py, light);
-    return nearer & (light[3] < CUTOFF_OF(&t->textures)) ? (float8)MASKED : depth;
+    return (nearer & (light[3] < CUTOFF_OF(&t->textures))) ? (float8)MASKED : depth;
 }
 #define CUT(depth, slot, x, y, old) depth = cut(t, (int8)(slot), (int8)(x), (int8)(y), depth, old, view);
 #else
