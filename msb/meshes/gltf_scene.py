@@ -43,6 +43,8 @@ _ATTRIBUTES = {
     "WEIGHTS": "a skin",
 }
 """Attribute without its number -> what it is."""
+_INSTANCES = "EXT_mesh_gpu_instancing"
+"""Says that a node is drawn at several places; a file that does not require it is read as if it did not."""
 MAX_BYTES_PER_BYTE = 64
 MAX_EXTRA_BYTES = 1 << 28
 """The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
@@ -240,6 +242,9 @@ def _left_out(document: Document, meshes: Iterable[int], looks: list[Look]) -> I
     if len({each.sampler for each in shown}) > 1:
         parts["further samplers"] = None
     parts.update(dict.fromkeys(beyond(document, primitives)))
+    nodes = _objects(document.root.get("nodes"))
+    if any(_INSTANCES in _keys(node.get("extensions")) for node in nodes):
+        parts[f"further copies of meshes ({_INSTANCES})"] = None
     animations = document.root.get("animations")
     if isinstance(animations, list) and animations:
         parts[f"{len(animations)} animation{'' if len(animations) == 1 else 's'}"] = None

@@ -173,6 +173,9 @@ def test_what_is_not_read_is_named(read: Read) -> None:
     mesh = read(made.bytes(), ".glb")
     assert mesh.textures == ()
     assert mesh.left_out == ("UVs", "textures that are no PNG, JPEG or WebP or have no UVs")
+    made = glb_textured()
+    made.root["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {}}
+    assert read(made.bytes(), ".glb").left_out == ("further copies of meshes (EXT_mesh_gpu_instancing)",)
 
 
 def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
