@@ -11,12 +11,13 @@ import typer
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import Up
 from msb.cli.command import Rule, Typed, command
-from msb.cli.delivering import Engine
 from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import EXIT_OK, MsbError, UsageError, about
 
 if TYPE_CHECKING:
     from msb.meshes import Mesh
+
+Engine = Literal["unreal", "unity", "godot", "blender", "three", "web"]
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from msb.errors import DeviceError
 from msb.meshes.formats import FORMATS, Style, Web
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.asset import Asset
+    from msb.cli.convert import Engine
     from msb.cli.output import Output
     from msb.meshes import Mesh
     from msb.scenes import Camera
 
-Engine = Literal["unreal", "unity", "godot", "blender", "three", "web"]
 LEAST = 50.0
 """dB to the asset that a file for the web keeps, in pictures of four samples a pixel each way."""
 _SAMPLES = 4
