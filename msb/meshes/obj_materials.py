@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -63,6 +64,9 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         else:
             for name in _LIBRARY.findall(words) or [words]:
                 _read_library(text, name, found, left_out)
+    if not any(each.startswith("materials (") for each in left_out):
+        if unknown := next((name for _, name in uses[1:] if name not in found), ""):
+            left_out[f"material {shorten(unknown, 60)} (no file of materials has it)"] = None
     shown = {name: found.get(name, _Material()) for _, name in uses}
     images = _images(text, shown, left_out)
     textures = {name: each.image if each.image in images else each.color for name, each in shown.items()}
@@ -198,7 +202,7 @@ def _read_library(text: Source, name: str, found: dict[str, _Material], left_out
         left_out[f"materials ({shorten(error.message, 200)})"] = None
         return
     material = _Material()
-    for line in data[:_MAX_LIBRARY].splitlines():
+    for line in data[:_MAX_LIBRARY].removeprefix(codecs.BOM_UTF8).splitlines():
         word, _, rest = _decoded(line).partition(" ")
         rest = rest.strip()
         if word == "newmtl":

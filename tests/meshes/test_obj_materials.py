@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def test_an_image_is_read_by_corner_and_v_is_turned_down(
 ) -> None:
     for block in (1, text.BLOCK_BYTES):
         monkeypatch.setattr(text, "BLOCK_BYTES", block)
-        mesh = read(folder, OBJ_TEXTURED)
+        mesh = read(folder, OBJ_TEXTURED, codecs.BOM_UTF8 + ONE)
         assert np.array_equal(mesh.textures[0], TEXELS)
         assert mesh.face_textures is None
         assert mesh.corner_uvs is not None
@@ -86,6 +87,7 @@ def test_options_of_maps(folder: Path, mtl: bytes, left_out: tuple[str, ...]) ->
         (ONE.replace(b"map.png", b"C:\\maps\\a.png"), "names a scheme, a host or a drive"),
         (ONE.replace(b"map.png", b"/etc/passwd"), "is not a relative path"),
         (ONE.replace(b"map.png", b"a.mtl"), "image a.mtl (it is no PNG, JPEG or WebP image"),
+        (ONE.replace(b"one", b"One"), "material one (no file of materials has it)"),
     ],
 )
 def test_what_cannot_be_read_is_left_out_and_the_mesh_is_there(
