@@ -64,9 +64,9 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         else:
             for name in _LIBRARY.findall(words) or [words]:
                 _read_library(text, name, found, left_out)
-    if not any(each.startswith("materials (") for each in left_out):
-        if unknown := next((name for _, name in uses[1:] if name not in found), ""):
-            left_out[f"material {shorten(unknown, 60)} (no file of materials has it)"] = None
+    unknown = next((name for _, name in uses[1:] if name not in found), "")
+    if unknown and not any(each.startswith("materials (") for each in left_out):
+        left_out[f"material {shorten(unknown, 60)} (no file of materials has it)"] = None
     shown = {name: found.get(name, _Material()) for _, name in uses}
     images = _images(text, shown, left_out)
     textures = {name: each.image if each.image in images else each.color for name, each in shown.items()}
