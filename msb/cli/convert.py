@@ -83,11 +83,12 @@ def convert(
 ) -> None:
     """Convert between .triasset and mesh files, keeping rows, order and vertex colours.
 
-    Mesh files are {mesh_suffixes}. What OUT has no place for, or what was not read of IN (textures, UVs,
-    normals), is named.
+    Mesh files are {mesh_suffixes} (.gltf is only read). What OUT has no place for, or what was not read of IN
+    (normals, lights, bones), is named.
 
-    An asset becomes its standard-tier mesh: opaque, unlit, with static colours. With --official it becomes
-    what the method's own exporter makes of it, which may differ: alpha, doubled faces, merged vertices.
+    An asset becomes its standard-tier mesh: opaque, unlit, with its textures or static colours. With
+    --official it becomes what the method's own exporter makes of it, which may differ: alpha, doubled faces,
+    merged vertices.
     """
     from msb.api.inputs import expand
     from msb.cli.output import report_error

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset import Asset, Description, build_asset
+from msb.asset.drawable import first_bad
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame
 from msb.asset.texture import Sampler, is_textured, texture_images
@@ -59,6 +60,10 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
         by_vertex = mesh.corner_uvs is None
         buffers["uv"] = mesh.vertex_uvs if by_vertex else mesh.corner_uvs  # type: ignore[assignment]
         domains["uv"] = "vertex" if by_vertex else "corner"
+        if (at := first_bad(buffers["uv"])) is not None:
+            values = buffers["uv"][at[0]].tolist()
+            text = f"texture coordinate {at[0]} is {values}; texture coordinates must be finite"
+            raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"uv[{at[0]}]")
         for number, image in enumerate(mesh.textures):
             buffers[f"texture.{number}"], domains[f"texture.{number}"] = image, "global"
         if len(mesh.textures) > 1:
