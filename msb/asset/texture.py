@@ -98,7 +98,7 @@ class Textured:
 
 def is_textured(asset: Asset) -> bool:
     """Return whether `asset` has textures."""
-    return bool(asset.manifest.appearance["kind"] == KIND)
+    return bool(asset.manifest.appearance.get("kind") == KIND)
 
 
 def textures_of(asset: Asset) -> Textured | None:
