@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.drawable import first_bad
 from msb.errors import AssetError
 
 if TYPE_CHECKING:
@@ -122,8 +123,8 @@ def textures_in(
     """Return the textures that `buffers` hold, with the errors of `textures_of`; `domain` is that of `uv`."""
     images = texture_images(buffers)
     uvs = buffers["uv"]
-    if not np.isfinite(uvs).all():
-        row = int(np.argmin(np.isfinite(uvs).all(axis=1)))
+    if (at := first_bad(uvs)) is not None:
+        row = at[0]
         text = f"buffer uv holds {uvs[row].tolist()} in row {row}; a renderer needs finite values"
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=path, pointer=f"uv[{row}]")
     if domain == "vertex":
@@ -183,15 +184,28 @@ def mip_levels(image: NDArray[np.uint8]) -> list[NDArray[np.uint8]]:
     rounded to bytes as a graphics card stores it.
     """
     levels = [image]
-    while max(levels[-1].shape[:2]) > 1:
-        levels.append(_halved(levels[-1]))
+    for size in level_sizes(*image.shape[:2])[1:]:
+        levels.append(_halved(levels[-1], size))
     return levels
 
 
-def _halved(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def levels_read(image: NDArray[np.uint8], sampler: Sampler) -> list[NDArray[np.uint8]]:
+    """Return the levels of `image` that a sampler reads: one, or with mip maps all `mip_levels`."""
+    return mip_levels(image) if sampler.mipmaps else [image]
+
+
+def level_sizes(height: int, width: int) -> list[tuple[int, int]]:
+    """Return height and width of each mip level of an image, the largest first."""
+    sizes = [(height, width)]
+    while max(sizes[-1]) > 1:
+        sizes.append((max(1, sizes[-1][0] // 2), max(1, sizes[-1][1] // 2)))
+    return sizes
+
+
+def _halved(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
     """Return the next mip level, made in pieces: in floats a level takes sixteen times as much memory."""
     height, width, channels = image.shape
-    made = np.zeros((max(1, height // 2), max(1, width // 2), channels), np.uint8)
+    made = np.zeros((*size, channels), np.uint8)
     step = max(1, _ROWS // width)
     for start in range(0, len(made), step):
         rows = np.arange(start, min(start + step, len(made)))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 from msb.errors import DeviceError
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from msb.cli.convert import Engine
     from msb.cli.output import Output
     from msb.meshes import Mesh
+    from msb.render import Frame
     from msb.scenes import Camera
 
 LEAST = 50.0
@@ -43,6 +45,8 @@ class Pictures:
     mesh: Mesh
     cameras: list[Camera]
     said: str
+    _own: dict[int, list[Frame]] = field(default_factory=dict, repr=False)
+    """Samples a pixel each way -> the pictures of `mesh`."""
 
     @classmethod
     def of(cls, mesh: Mesh, asset: Asset | None) -> Pictures:
@@ -55,15 +59,18 @@ class Pictures:
 
     def loss(self, other: Mesh, samples: int = _SAMPLES) -> float:
         """Return the PSNR in dB of `other`, with so many samples a pixel each way."""
-        from msb.meshes.assets import asset_from_mesh
-        from msb.render import Renderer
         from msb.why.views import difference
 
-        frames = []
-        for each in (self.mesh, other):
-            with Renderer(asset_from_mesh(each), "standard", supersample=samples) as renderer:
-                frames.append([renderer.render(camera) for camera in self.cameras])
-        return difference(*frames)
+        if samples not in self._own:  # a search asks often
+            self._own[samples] = self._drawn(self.mesh, samples)
+        return difference(self._own[samples], self._drawn(other, samples))
+
+    def _drawn(self, mesh: Mesh, samples: int) -> list[Frame]:
+        from msb.meshes.assets import asset_from_mesh
+        from msb.render import Renderer
+
+        with Renderer(asset_from_mesh(mesh), "standard", supersample=samples) as renderer:
+            return [renderer.render(camera) for camera in self.cameras]
 
     def lost(self, other: Mesh) -> str:
         """Return the same in words that follow a sentence; nothing where there is no device to draw on."""
@@ -85,7 +92,7 @@ def web_style(pictures: Pictures) -> tuple[Style, str]:
 
 
 def _coarsest(pictures: Pictures) -> tuple[Style, str]:
-
+    @cache
     def loss(web: Web) -> float:
         return pictures.loss(written(pictures.mesh, Style(texture="webp", web=web)))
 

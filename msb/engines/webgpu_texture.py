@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import StaticColors, corner_tint
-from msb.asset.texture import ROUNDING, Textured, mip_levels
+from msb.asset.texture import ROUNDING, Textured, levels_read
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Skin:
         gpu.buffer("texture coordinates", 0, "vertex", data=textured.uvs)
         gpu.buffer("tints", 0, "vertex", data=corner_tint(colors, mesh.indices))
         for number, image in enumerate(textured.images):
-            self._upload(f"texture {number}", mip_levels(image) if sampler.mipmaps else [image])
+            self._upload(f"texture {number}", levels_read(image, sampler))
         self._sampler = gpu.device.create_sampler(
             address_mode_u=_WRAPS[sampler.wrap_u],
             address_mode_v=_WRAPS[sampler.wrap_v],

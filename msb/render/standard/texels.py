@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import LINEAR, ROUNDING, Sampler, Textured, mip_levels
+from msb.asset.texture import LINEAR, ROUNDING, Textured, level_sizes, levels_read
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
         DEVICE_MEMORY: they do not fit.
     """
     sampler = textured.sampler
-    sizes = [_level_sizes(image, sampler) for image in textured.images]
+    sizes = [level_sizes(*image.shape[:2])[: None if sampler.mipmaps else 1] for image in textured.images]
     count = sum(height * width for levels in sizes for height, width in levels)
     if count > _MOST:
         text = f"the textures have {count:,} texels with their smaller levels; a device takes {_MOST:,}"
@@ -62,7 +62,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     rows[1, :3] = np.float32((sampler.alpha_cutoff or 0) - ROUNDING).view(np.int32), tinted, several
     first = 0
     for number, image in enumerate(textured.images):
-        levels = mip_levels(image) if sampler.mipmaps else [image]
+        levels = levels_read(image, sampler)
         for level, texture in enumerate(levels):
             height, width = texture.shape[:2]
             row = _FIRST_ROW + _LEVEL_ROWS * number + level
@@ -84,12 +84,3 @@ def packed(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
     if image.shape[2] == 4:
         made[..., 3] = image[..., 3] * np.uint16(257)
     return made.reshape(-1, 4)
-
-
-def _level_sizes(image: NDArray[np.uint8], sampler: Sampler) -> list[tuple[int, int]]:
-    """Return height and width of the levels that are kept."""
-    sizes = [(image.shape[0], image.shape[1])]
-    while sampler.mipmaps and max(sizes[-1]) > 1:
-        height, width = sizes[-1]
-        sizes.append((max(1, height // 2), max(1, width // 2)))
-    return sizes
