@@ -69,6 +69,8 @@ ALLOWED: dict[str, set[str]] = {
     "repair": GROUND | {"api", "meshes", "topology", "metrics", "render"},
     # A trial can be of the repaired mesh.
     "trial": GROUND | {"api", "meshes", "topology", "metrics", "render", "repair", "views"},
+    "bake": GROUND
+    | {"adapters", "api", "cl", "meshes", "metrics", "render", "repair", "topology", "trial", "views"},
     # What shows is below the commands that open it.
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
 }

@@ -1,0 +1,61 @@
+"""The pictures that a plain asset is taught by: each is drawn once, and kept in a file, not in memory."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from msb.scenes import Camera
+    from msb.scenes.colors import Color
+
+Draw = Callable[["Camera"], NDArray[np.float32]]
+"""From a camera to what it should see, (H, W, 3) float32 RGB in the asset's colour space, over the background."""
+_STEPS = 65535
+"""Pictures are kept in 16 bits a channel: 50 times finer than what is measured of them."""
+
+
+class Lessons:
+    """Cameras and what each should see, over one background.
+
+    A picture is drawn when it is first asked for, and kept in a temporary file that has no name, so that
+    memory does not grow with the number of views.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], background: Color, draw: Draw) -> None:
+        self.cameras = tuple(cameras)
+        self.background = background
+        self._draw = draw
+        self._places: dict[int, int] = {}
+        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def image(self, number: int) -> NDArray[np.float32]:
+        """Return what camera `number` should see, (H, W, 3) float32 in [0, 1]."""
+        camera = self.cameras[number]
+        if number not in self._places:
+            image = np.clip(np.nan_to_num(self._draw(camera)), 0, 1)
+            self._file.seek(0, 2)
+            self._places[number] = self._file.tell()
+            np.rint(image * _STEPS).astype(np.uint16).tofile(self._file)
+            self._file.flush()
+        self._file.seek(self._places[number])
+        count = camera.height * camera.width * 3
+        stored = np.frombuffer(self._file.read(2 * count), np.uint16)
+        return stored.reshape(camera.height, camera.width, 3) * np.float32(1 / _STEPS)
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
