@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from msb.scenes.colors import Color
 
 Draw = Callable[["Camera"], NDArray[np.float32]]
-"""From a camera to what it should see, (H, W, 3) float32 RGB in the asset's colour space, over the background."""
+"""From a camera to what it should see: (H, W, 3) float32 RGB in the asset's colour space."""
 _STEPS = 65535
 """Pictures are kept in 16 bits a channel: 50 times finer than what is measured of them."""
 
