@@ -41,7 +41,8 @@ ALLOWED: dict[str, set[str]] = {
     "adapters": GROUND | {"meshes"},
     "cl": {"errors", "base"},
     "topology": {"errors", "base", "cl"},
-    "metrics": {"errors", "base", "meshes"},
+    # Of scenes, how photographs are compared.
+    "metrics": {"errors", "base", "meshes", "scenes"},
     "render": GROUND | {"cl", "api"},
     "reference": GROUND,
     "engines": GROUND | {"render", "meshes"},

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.bench.ground_truth import ground_truth
 from msb.errors import MsbError
+from msb.metrics.ground_truth import ground_truth
 from msb.scenes import read_points
 from msb.scenes.datasets.read import dataset_of, scene_at
 

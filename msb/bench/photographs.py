@@ -18,9 +18,9 @@ from msb.base.files import file_sha256
 from msb.bench.checked import read_json
 from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
-from msb.bench.ground_truth import ground_truth
 from msb.bench.records import Setup
 from msb.errors import MsbError, UsageError
+from msb.metrics.ground_truth import ground_truth
 from msb.render.images import image_names, write_image
 
 if TYPE_CHECKING:

@@ -17,12 +17,12 @@ import msb
 from msb import metrics
 from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
-from msb.bench.ground_truth import ground_truth
 from msb.bench.protocol import ProtocolFile
 from msb.bench.protocol_tables import MethodTable
 from msb.bench.records import CONDITIONS, read_result
 from msb.bench.run import run_protocol
 from msb.errors import MsbError
+from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
 from msb.views import choose_views
 from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, images, planned, protocol, records

@@ -16,7 +16,7 @@ from data_stubs.made_models import TRAINED as MADE
 from data_stubs.make import WORLD
 from data_stubs.photographs import photograph, to_bytes
 from msb import metrics
-from msb.bench.ground_truth import ground_truth
+from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
 from msb.scenes.datasets.read import scene_at
 from tests.conftest import ROOT

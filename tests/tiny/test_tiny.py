@@ -16,7 +16,7 @@ from data_stubs.captures import Y_DOWN
 from data_stubs.photographs import averaged, to_bytes
 from data_stubs.surface import GLOSS, LIGHT, icosphere, pebble, walled
 from msb import metrics
-from msb.bench.ground_truth import ground_truth
+from msb.metrics.ground_truth import ground_truth
 from msb.scenes import read_points
 from msb.scenes.datasets import read_scene
 from tests.tiny import MODELS, SCENES

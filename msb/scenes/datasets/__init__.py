@@ -1,6 +1,6 @@
 """Datasets: scenes in their official layouts, split, sized and composited by one set of rules.
 
-It decodes no photograph; `msb.bench.ground_truth`
+It decodes no photograph; `msb.metrics.ground_truth`
 does. docs/datasets.md describes layouts and rules.
 """
 

@@ -19,7 +19,7 @@ MaskSource = Literal["png_alpha", "mask_folder"]
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One scene of a dataset under one set of rules. `msb.bench.ground_truth` makes its photographs.
+    """One scene of a dataset under one set of rules. `msb.metrics.ground_truth` makes its photographs.
 
     Attributes
     ----------

@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from msb import metrics
-from msb.bench.ground_truth import ground_truth
 from msb.errors import InputError, MetricError
+from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import Scene, read_scene
 from tests.conftest import ROOT
 
