@@ -110,40 +110,57 @@ def choose_views(
         if not chosen:
             raise UsageError("USAGE", "cameras is empty; it must hold at least one, or be None")
         return Views(chosen, "given", f"{len(chosen)} camera{'' if len(chosen) == 1 else 's'} given")
-    outside = Views(around(asset, count, *size), "turntable", f"{count} views round it")
+    outside = around(asset, count, *size)
     try:
-        return _of_training(asset, size, device) or _inside(asset, outside, device) or outside
+        found = training_views(asset, device, most=MOST, longest=max(size))
+        return found or made_views(asset, outside, device)
     except DeviceError:  # whoever draws says so
-        return outside
+        return _round_it(outside)
 
 
-def _of_training(asset: Asset, size: tuple[int, int], device: str | None) -> Views | None:
+def training_views(
+    asset: Asset, device: str | None = None, *, most: int | None = None, longest: int | None = None
+) -> Views | None:
+    """Return the cameras of an asset's training, looked for where it was opened from, if one sees it.
+
+    They are all, or `most` of them, evenly spread; in their own size, or with sides of at most `longest`.
+    """
     from msb.adapters.training_cameras import training_cameras
 
     if asset.opened_from is None:
         return None
     for cameras, found in training_cameras(asset.opened_from, asset.manifest.method):
-        few = spread(cameras, MOST)
-        few = [one.scaled(min(1.0, max(size) / max(one.width, one.height))) for one in few]
+        few = spread(cameras, most or len(cameras))
+        if longest is not None:
+            few = [one.scaled(min(1.0, longest / max(one.width, one.height))) for one in few]
         of = f"{len(few)} of {len(cameras)}" if len(few) < len(cameras) else f"{len(few)}"
         if _that_see(asset, few, device, 1) != set():
             return Views(few, "training", f"{of} cameras of the training ({found.name})", found)
     return None
 
 
-def _inside(asset: Asset, outside: Views, device: str | None) -> Views | None:
-    first = outside.cameras[0]
+def made_views(
+    asset: Asset, outside: list[Camera], device: str | None = None, up: str | None = None
+) -> Views:
+    """Return the views from `outside` of an asset, or as many from inside, where it is an interior.
+
+    Their upright axis is `up`, that of the asset if not given.
+    """
     bulk = bulk_of(asset)
-    within = inside(asset, bulk, len(outside.cameras), first.width, first.height)
+    within = inside(asset, bulk, outside, up)
     if not within:
-        return None
+        return _round_it(outside)
     if surrounded(bulk):
         why = "large faces surround most of it"
-    elif _is_interior(asset, outside.cameras, within, device):
+    elif _is_interior(asset, outside, within, device):
         why = "most of its faces are hidden from outside, or seen from behind"
     else:
-        return None
+        return _round_it(outside)
     return Views(within, "inside", f"{len(within)} views from inside: {why}; --cameras gives others")
+
+
+def _round_it(outside: list[Camera]) -> Views:
+    return Views(outside, "turntable", f"{len(outside)} views round it")
 
 
 def spread(cameras: Sequence[Camera], count: int) -> list[Camera]:

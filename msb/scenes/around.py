@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -80,22 +81,23 @@ def bulk_of(asset: Asset) -> Bulk:
     return Bulk(corners, low, middle, high)
 
 
-def inside(asset: Asset, bulk: Bulk, count: int, width: int, height: int) -> list[Camera]:
+def inside(asset: Asset, bulk: Bulk, outside: Iterable[Camera], up: str | None = None) -> list[Camera]:
     """Return cameras within an asset that look across its middle, half-way out to what encloses it.
 
-    There is no camera where most of it has no extent.
+    There is one for each that looks at it from `outside`, on the same side and of the same size; none where
+    most of the asset has no extent.
     """
     low, middle, high = bulk.low, bulk.middle, bulk.high
     if not (low < middle).all() or not (middle < high).all():
         return []
-    up = _vector(up_axis(asset))
+    vector = _vector(up or up_axis(asset))
     cameras = []
-    for camera in around(asset, count, width, height):
+    for camera in outside:
         away = camera.center - asset.manifest.bounding_sphere.center
         reach = np.where(away > 0, high - middle, middle - low) / np.maximum(np.abs(away), 1e-300)
         eye = middle + 0.5 * reach.min() * away
-        pose = look_at_pose(eye, middle, up)
-        lens = Camera.from_fov(width, height, pose, fov_y=_FOV_INSIDE, name=camera.name)
+        pose = look_at_pose(eye, middle, vector)
+        lens = Camera.from_fov(camera.width, camera.height, pose, fov_y=_FOV_INSIDE, name=camera.name)
         cameras.append(replace(lens, unit=unit_at(math.dist(eye, middle))))
     return cameras
 

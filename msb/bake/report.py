@@ -1,0 +1,221 @@
+"""What a bake says of what it made: measured on what is written, from views that no choice was made by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+from msb.topology.verdict import judge
+
+if TYPE_CHECKING:
+    from msb.scenes.colors import Color
+    from msb.topology import Audit
+
+SCHEMA = "msb.bake/1"
+Geometry = Literal["kept", "fitted"]
+Look = Literal["texture", "vertex"]
+
+
+@dataclass(frozen=True)
+class Psnr:
+    """Means over the views held back, in dB, of images of 8 bits; None where there is nothing to compare.
+
+    Attributes
+    ----------
+    dedicated : float or None
+        Of the model's own look; None where that is what the others are compared with.
+    before : float or None
+        Of the model's standard tier; None of a model without one.
+    after, after_16 : float
+        Of what was made, on the standard tier, with one sample a pixel and with 16.
+    """
+
+    dedicated: float | None
+    before: float | None
+    after: float
+    after_16: float
+
+    def to_dict(self, *, own: bool) -> dict[str, float | None]:
+        """Return it as JSON data; its `own` look has no number of its own."""
+        values = asdict(self)
+        if own:
+            del values["dedicated"]
+        return values
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The verdict on a mesh: its level, a sentence, and in a few words what stands in the way."""
+
+    level: str
+    sentence: str
+    reason: str
+
+    @classmethod
+    def of(cls, audit: Audit) -> Verdict:
+        """Return the verdict on an audited mesh."""
+        verdict = judge(audit)
+        return cls(verdict.level, verdict.sentence, verdict.reason)
+
+    def to_dict(self) -> dict[str, str]:
+        """Return it as an audit's JSON has it."""
+        return {"level": self.level, "sentence": self.sentence}
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was made of a model, by what, and what it lost.
+
+    Attributes
+    ----------
+    geometry, color : str
+        What was made: "kept" or "fitted" faces with a "texture" or colours of vertices.
+    vertices, faces : int
+    texture : (int, int) or None
+        Its width and height.
+    bytes : int or None
+        Of the first file; None before one is written.
+    seconds : float
+        From the model in memory to what is written.
+    taught, held_back : int
+        Numbers of views.
+    views, teacher : str
+        Where the views are from, and what taught.
+    unseen_area : float
+        The share of the model's area that no view saw which teaches.
+    own, photographs : Psnr or None
+        Against the model's own look, and against photographs; None where no view is held back, or no
+        photograph is there.
+    before, after : Verdict
+        On the model's mesh, and on what was made.
+    model_faces : int
+        The faces of the model.
+    background : (float, float, float)
+    seed : int
+    device : str
+        What drew.
+    tried : dict of str to float
+        Geometry -> dB on the views kept aside, with 16 samples a pixel, where there was a choice.
+    notes : tuple of str
+        What else should be known.
+    path, output : str or None
+        The model and the first file.
+    """
+
+    geometry: Geometry
+    color: Look
+    vertices: int
+    faces: int
+    texture: tuple[int, int] | None
+    seconds: float
+    taught: int
+    held_back: int
+    views: str
+    teacher: str
+    unseen_area: float
+    own: Psnr | None
+    photographs: Psnr | None
+    before: Verdict
+    after: Verdict
+    model_faces: int
+    background: Color
+    seed: int
+    device: str
+    tried: dict[str, float]
+    notes: tuple[str, ...] = ()
+    bytes: int | None = None
+    path: str | None = None
+    output: str | None = None
+
+    def written(self, output: object, size: int, seconds: float) -> Report:
+        """Return the report on a file of so many bytes, which took so many seconds in all."""
+        return replace(self, output=str(output), bytes=size, seconds=seconds)
+
+    @property
+    def sentence(self) -> str:
+        """What was lost, and what is there now, in a line."""
+        return f"{self.loss}; {'; '.join((self._made, self._verdict))}"
+
+    @property
+    def loss(self) -> str:
+        """The numbers of the views held back."""
+        shown, of = self.photographs, ""
+        if shown is None:
+            shown, of = self.own, " to its own look"
+        if shown is None:
+            return "no dB, as no view is held back: that takes two or more"
+        parts = [] if shown.dedicated is None else [f"own look {shown.dedicated:.1f} dB"]
+        unit = "" if parts else " dB"
+        if shown.before is not None:
+            parts.append(f"plain mesh before {shown.before:.1f}{unit}")
+            unit = ""
+        parts.append(f"baked {shown.after:.1f}{unit} ({shown.after_16:.1f} with 16 samples){of}")
+        views = "1 view" if self.held_back == 1 else f"{self.held_back} views"
+        return f"{', '.join(parts)}, on {views} it never used"
+
+    @property
+    def _made(self) -> str:
+        parts = [f"{self.faces:,} triangle{'' if self.faces == 1 else 's'}"]
+        if self.texture is not None:
+            parts.append(f"texture {self.texture[0]}")
+        if self.bytes is not None:
+            parts.append(f"{self.bytes / 1e6:.2f} MB")
+        parts.append(f"{self.seconds:.0f} s")
+        return ", ".join(parts)
+
+    @property
+    def _verdict(self) -> str:
+        word = self.after.level.upper()
+        was = " as before" if self.before.level == self.after.level else f", was {self.before.level.upper()}"
+        return f"{word}{was}" + (f": {self.after.reason}" if self.after.reason else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON data (schema msb.bake/1)."""
+        psnr = {
+            "own": None if self.own is None else self.own.to_dict(own=True),
+            "photographs": None if self.photographs is None else self.photographs.to_dict(own=False),
+        }
+        return {
+            "schema": SCHEMA,
+            "path": self.path,
+            "output": self.output,
+            "geometry": self.geometry,
+            "color": self.color,
+            "vertices": self.vertices,
+            "faces": self.faces,
+            "texture": None if self.texture is None else list(self.texture),
+            "bytes": self.bytes,
+            "seconds": self.seconds,
+            "views": {"taught": self.taught, "held_back": self.held_back, "from": self.views},
+            "unseen_area": self.unseen_area,
+            "psnr": psnr,
+            "verdict_before": self.before.to_dict(),
+            "verdict_after": self.after.to_dict(),
+            "lods": [],
+            "collision": None,
+            "teacher": self.teacher,
+            "model_faces": self.model_faces,
+            "background": list(self.background),
+            "seed": self.seed,
+            "device": self.device,
+            "tried": self.tried,
+            "notes": list(self.notes),
+            "sentence": self.sentence,
+        }
+
+    def extras(self) -> dict[str, Any]:
+        """Return the main numbers, which a file of the mesh carries: no paths, nothing of the machine.
+
+        They are the same whenever the same is made.
+        """
+        kept = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr", "teacher")
+        data = self.to_dict()
+        return {key: data[key] for key in kept}
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean of dB, in which an infinite one counts as the metric's cap."""
+    from msb.metrics.images import PSNR_CAP
+
+    return sum(min(value, PSNR_CAP) for value in values) / len(values)

@@ -1,0 +1,84 @@
+"""What teaches a bake: the model as its method draws it, or the photographs that it was trained on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset.tiers import why_not
+from msb.bake.lessons import Lessons
+from msb.errors import AssetError, UsageError
+from msb.metrics.ground_truth import ground_truth
+from msb.render import Renderer
+from msb.render.backend import check_supported, lean_options
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from msb.asset import Asset
+    from msb.bake.views import BakeViews
+    from msb.scenes import Camera
+
+Source = Literal["dedicated", "photographs"]
+SAMPLES = 4
+"""Samples along each side of a pixel where a plain mesh teaches, and in the finer of the two numbers."""
+
+
+class Teacher:
+    """Draws what the views of a bake should show: the asset as its method does, on the device.
+
+    A plain mesh has no other look than the standard tier, which is then drawn with 16 samples a pixel.
+    With `source` "photographs" those of the scene teach, and the look is there for numbers alone.
+    """
+
+    def __init__(
+        self, asset: Asset, views: BakeViews, source: Source = "dedicated", device: str | None = None
+    ) -> None:
+        if source == "photographs" and views.scene is None:
+            raise UsageError("USAGE", "photographs teach with a scene, which says how they are compared")
+        self._asset, self._views, self.source = asset, views, source
+        manifest = asset.manifest
+        plain = why_not(manifest, "dedicated") is not None and why_not(manifest, "standard") is None
+        if plain:
+            self._renderer = Renderer(asset, "standard", device, supersample=SAMPLES)
+        else:
+            check_supported(asset, "dedicated")
+            self._renderer = Renderer(asset, "dedicated", device, **lean_options("dedicated", None))
+
+    def lessons(self, cameras: Sequence[Camera], scale: int = 1) -> Lessons:
+        """Return what cameras should show, drawn when asked for, in pictures `scale` times as large.
+
+        Photographs have no more pixels than they have: they are not scaled.
+        """
+        draw = self.look
+        if self.source == "photographs":
+            scale, draw = 1, self.photograph
+        larger = [camera.scaled(scale) if scale > 1 else camera for camera in cameras]
+        return Lessons(larger, self._views.background, draw)
+
+    def look(self, camera: Camera) -> NDArray[np.float32]:
+        """Return what a camera sees by the model's own renderer, (H, W, 3) float32."""
+        image = self._renderer.render(camera, self._views.background).image
+        if not np.isfinite(image).all():
+            text = (
+                f"its own look has no number at some pixels of view {camera.name}: its colours must be finite"
+            )
+            raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=self._asset.path)
+        return image
+
+    def photograph(self, camera: Camera) -> NDArray[np.float32]:
+        """Return the photograph of a camera of the scene, (H, W, 3) float32."""
+        assert self._views.scene is not None
+        return ground_truth(self._views.scene, camera)
+
+    def close(self) -> None:
+        """Release everything on the device."""
+        self._renderer.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

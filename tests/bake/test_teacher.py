@@ -1,0 +1,72 @@
+"""What teaches is what the method draws, or the photographs as they are compared."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset import build_asset
+from msb.bake.teacher import SAMPLES, Teacher
+from msb.bake.views import bake_views
+from msb.errors import AssetError, Unsupported, UsageError
+from msb.meshes import Mesh
+from msb.meshes.assets import asset_from_mesh
+from msb.metrics.ground_truth import ground_truth
+from tests.bake.test_views import MODELS, SCENE, ring
+from tests.conftest import TETRAHEDRON
+
+STEP = 1 / 65535
+
+
+def mesh_asset() -> msb.Asset:
+    points, faces = TETRAHEDRON
+    colors = np.linspace(0.1, 0.9, 12, dtype=np.float32).reshape(4, 3)
+    return asset_from_mesh(Mesh(points, faces.astype(np.int64), vertex_colors=colors))
+
+
+def test_a_model_is_taught_by_its_dedicated_tier_at_both_sizes() -> None:
+    asset = msb.open(MODELS / "pebble" / "triangle_splatting")
+    views = bake_views(asset, SCENE)
+    with Teacher(asset, views) as teacher:
+        for scale in (1, 2):
+            with teacher.lessons(views.held_back[:1], scale) as lessons:
+                image = lessons.image(0)
+            camera = views.held_back[0].scaled(scale)
+            frame = msb.render(asset, camera, tier="dedicated", background=views.background, outputs=())
+            assert np.abs(image - frame.image.clip(0, 1)).max() <= STEP
+
+
+def test_a_plain_mesh_is_taught_by_itself_with_samples() -> None:
+    asset = mesh_asset()
+    views = bake_views(asset, cameras=ring(3))
+    with Teacher(asset, views) as teacher, teacher.lessons(views.taught) as lessons:
+        drawn = msb.render(asset, views.taught[1], supersample=SAMPLES).image
+        assert np.abs(lessons.image(1) - drawn).max() <= STEP
+
+
+def test_photographs_teach_as_they_are_compared_and_never_larger() -> None:
+    asset = msb.open(MODELS / "pebble" / "triangle_splatting")
+    views = bake_views(asset, SCENE, photographs=True)
+    with Teacher(asset, views, "photographs") as teacher, teacher.lessons(views.taught[:1], 2) as lessons:
+        assert np.abs(lessons.image(0) - ground_truth(views.scene, views.taught[0])).max() <= STEP
+
+
+def test_what_cannot_teach_is_refused_in_a_line() -> None:
+    asset = mesh_asset()
+    views = bake_views(asset, cameras=ring(3))
+    with pytest.raises(UsageError, match="photographs teach with a scene"):
+        Teacher(asset, views, "photographs")
+    buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
+    buffers["color"] = np.full((4, 3), np.nan, np.float32)
+    with pytest.raises(AssetError, match="color") as caught:
+        Teacher(build_asset(buffers, {"color": "vertex"}), views)
+    assert caught.value.code == "TRIASSET_VALUE_NONFINITE"
+
+
+def test_a_method_that_nothing_draws_cannot_teach(monkeypatch: pytest.MonkeyPatch) -> None:
+    asset = mesh_asset()
+    views = bake_views(asset, cameras=ring(3))
+    monkeypatch.setattr("msb.bake.teacher.why_not", lambda _, tier: f"there is no {tier}")
+    with pytest.raises(Unsupported, match="mesh on tier dedicated"):
+        Teacher(asset, views)
