@@ -47,7 +47,8 @@ ELSEWHERE_ALIKE = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "
 # The slow ones are the same kernels on larger and random scenes.
 QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in ELSEWHERE_ALIKE)
 PICTURES = tuple(
-    f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard", "work_groups")
+    f"tests/render/test_{name}.py"
+    for name in ("diffsoup", "splat_shares", "splatting_golden", "standard", "work_groups")
 )
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {

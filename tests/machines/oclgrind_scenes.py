@@ -144,6 +144,18 @@ def test_splatting_in_drawing_order_with_more_faces_a_tile_than_are_staged_at_on
     assert watch.findings() == []
 
 
+@pytest.mark.parametrize("method", SPLATTING)
+def test_splatting_shares(method: str, gpu: Device, watch: Watch) -> None:
+    asset, camera = soup(method, random_triangles(1, 100, 2.0)), front_camera(16, 12)
+    settings = {"supersample": 2} if method == "mesh_splatting" else {}
+    with gpu:
+        pipeline = SplattingPipeline(asset, device=gpu, settings=settings)
+        found = pipeline.shares(camera, np.ones((12, 16, 3), np.float32))
+    wanted = render_reference(asset, camera, settings=settings).contribution / pipeline._model.scale**2
+    np.testing.assert_allclose(found, np.stack([wanted] * 4, axis=1), rtol=1e-4, atol=1e-2)
+    assert watch.findings() == []
+
+
 @pytest.mark.parametrize("sampling", ["official", "engine"])
 @pytest.mark.parametrize("method", SPLATTING)
 def test_projection_decides_by_nothing_that_was_not_set(

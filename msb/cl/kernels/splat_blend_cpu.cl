@@ -7,10 +7,13 @@
 #define ALL_PAIRS 0xffu
 
 typedef struct {
-    real t, red, green, blue, z;
+    real t;
+#if !SHARES
+    real red, green, blue, z;
 #if EXTRAS
     real nx, ny, nz, median;
     mask id;
+#endif
 #endif
 } State;
 
@@ -23,16 +26,42 @@ typedef struct {
 #define RUNNING(t) ((t) > 0.0f)
 #endif
 
-void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s)
+// Lets a face take its part of the transmittance; returns where it is blended.
+mask attenuate(real *t, mask hit, real alpha)
 {
-    real before = p->t, after = before * (1.0f - s->alpha);
+    real before = *t, after = before * (1.0f - alpha);
 #if BLENDS_CROSSING
     mask blended = hit & (before > MIN_TRANSMITTANCE);
-    p->t = blended ? after : before;
+    *t = blended ? after : before;
 #else
     mask blended = hit & (after >= MIN_TRANSMITTANCE);
-    p->t = blended ? after : (hit ? -magnitude(before) : before);
+    *t = blended ? after : (hit ? -magnitude(before) : before);
 #endif
+    return blended;
+}
+
+#if SHARES
+// `spread` points at the eight samples in the first of four planes.
+void share_row(State *p, mask hit, const Sample *s, __global const float *spread, size_t plane, real *sum)
+{
+    real before = p->t;
+    mask blended = attenuate(&p->t, hit, s->alpha);
+    real weight = blended ? s->alpha * before : (real)0.0f;
+    for (int i = 0; i < 4; i++)
+        sum[i] = MAD(weight, LOAD(spread + i * plane, 0), sum[i]);
+}
+
+float sum_of(real v)
+{
+    float4 four = v.lo + v.hi;
+    float2 two = four.lo + four.hi;
+    return two.x + two.y;
+}
+#else
+void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s)
+{
+    real before = p->t;
+    mask blended = attenuate(&p->t, hit, s->alpha);
     real weight = blended ? s->alpha * before : (real)0.0f;
     real rgb[3], depth;
     shade(f, c, y, s, rgb, &depth);
@@ -51,9 +80,11 @@ void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, co
     p->id = half_seen ? (mask)f->number : p->id;
 #endif
 }
+#endif
 
-__kernel void blend(__constant View *view, __global const ulong *starts, __global const uint *list,
-                    __global const Face *faces, __global float *planes, uint first_tile_row, uint tile_rows)
+__kernel void BLEND(__constant View *view, __global const ulong *starts, __global const uint *list,
+                    __global const Face *faces, __global float *planes, uint first_tile_row,
+                    uint tile_rows SUMS)
 {
     uint column = get_global_id(0) % view->columns, band_row = get_global_id(0) / view->columns;
     if (band_row >= tile_rows)
@@ -61,6 +92,10 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
     uint tile = (first_tile_row + band_row) * view->columns + column;
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
+#if SHARES
+    uint stride = view->columns * TILE;
+    size_t plane = (size_t)stride * tile_rows * TILE;
+#endif
     State state[HALVES][TILE];
     uint alive[HALVES]; // bit p: rows 2p and 2p + 1 of this half have a sample that has not stopped
     for (int h = 0; h < HALVES; h++) {
@@ -72,10 +107,12 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
         for (int r = 0; r < TILE; r++) {
             State *p = &state[h][r];
             p->t = top + r < (int)view->height ? start : (real)-1.0f;
+#if !SHARES
             p->red = p->green = p->blue = p->z = (real)0.0f;
 #if EXTRAS
             p->nx = p->ny = p->nz = p->median = (real)0.0f;
             p->id = (mask)-1;
+#endif
 #endif
         }
     }
@@ -91,6 +128,9 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
         if (f->y1 < top || y0 > y1)
             continue;
         uint pairs = (ALL_PAIRS >> (PAIRS - 1 - y1)) & (ALL_PAIRS << y0);
+#if SHARES
+        real sum[4] = {(real)0.0f, (real)0.0f, (real)0.0f, (real)0.0f};
+#endif
         for (int h = 0; h < HALVES; h++) {
             int from = left + 8 * h;
             if (!(alive[h] & pairs) || f->x1 < from || f->x0 > from + 7)
@@ -112,20 +152,31 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
                 if (!ANY(m | n))
                     continue;
                 State *p = &state[h][2 * k];
+#if SHARES
+                __global const float *spread = planes + (size_t)(band_row * TILE + 2 * k) * stride + from;
+                share_row(p, m, &s, spread, plane, sum);
+                share_row(p + 1, n, &u, spread + stride, plane, sum);
+#else
                 blend_row(p, f, &c, y, m, &s);
                 blend_row(p + 1, f, &c, y + 1.0f, n, &u);
+#endif
 #if EARLY_STOP
                 if (!ANY(RUNNING(p[0].t) | RUNNING(p[1].t)))
                     alive[h] &= ~(1u << k);
 #endif
             }
         }
+#if SHARES
+        for (int i = 0; i < 4; i++)
+            sums[4 * e + i] = sum_of(sum[i]);
+#endif
 #if EARLY_STOP
         if (!(alive[0] | alive[1]))
             break;
 #endif
     }
 
+#if !SHARES
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
     for (int r = 0; r < TILE; r++)
@@ -144,4 +195,5 @@ __kernel void blend(__constant View *view, __global const ulong *starts, __globa
             vstore8(state[h][r].id, 0, (__global int *)(out + 9 * plane));
 #endif
         }
+#endif
 }

@@ -1,7 +1,11 @@
 // Front-to-back blending, GPU style: a work-group of 16 x 16 a tile, one sample a work-item, faces staged in
 // local memory BATCH at a time; a group leaves when all its samples have stopped.
 
+#if SHARES
+#define BATCH 16 // whose weights at all samples fit into local memory
+#else
 #define BATCH 64
+#endif
 #define GROUP (TILE * TILE)
 
 // Through mere pointers to words a compiler need not see that faces were stored.
@@ -11,8 +15,8 @@ typedef union {
 } FaceAsWords;
 
 __kernel __attribute__((reqd_work_group_size(TILE, TILE, 1))) void
-blend(__constant View *view, __global const ulong *starts, __global const uint *list,
-      __global const Face *faces, __global float *planes, uint first_tile_row, uint tile_rows)
+BLEND(__constant View *view, __global const ulong *starts, __global const uint *list,
+      __global const Face *faces, __global float *planes, uint first_tile_row, uint tile_rows SUMS)
 {
     __local FaceAsWords staged[BATCH];
     __local uint numbers[BATCH];
@@ -23,7 +27,18 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
     bool running = column < view->width && row < view->height;
     float x = (float)column, y = (float)row;
 
-    float t = 1.0f, rgb_sum[3] = {0.0f, 0.0f, 0.0f}, z = 0.0f;
+    uint stride = view->columns * TILE;
+    size_t plane = (size_t)stride * tile_rows * TILE;
+    planes += (size_t)get_global_id(1) * stride + column;
+
+    float t = 1.0f;
+#if SHARES
+    __local float spread[4][GROUP], weights[BATCH][GROUP], of_columns[BATCH][4][TILE];
+    for (int i = 0; i < 4; i++)
+        spread[i][me] = planes[i * plane];
+#else
+    float rgb_sum[3] = {0.0f, 0.0f, 0.0f}, z = 0.0f;
+#endif
 #if EXTRAS
     float3 normal = (float3)(0.0f);
     float median = 0.0f;
@@ -50,6 +65,10 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 
+#if SHARES
+        for (uint k = 0; k < BATCH; k++)
+            weights[k][me] = 0.0f;
+#endif
         for (uint k = 0; k < here && running; k++) {
             FACE_POINTER f = &staged[k].face;
             if ((int)column < f->x0 || (int)column > f->x1 || (int)row < f->y0 || (int)row > f->y1)
@@ -66,11 +85,16 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
                 break;
             }
 #endif
-            float weight = s.alpha * t, rgb[3], depth;
+            float weight = s.alpha * t;
+#if SHARES
+            weights[k][me] = weight;
+#else
+            float rgb[3], depth;
             shade(f, &c, y, &s, rgb, &depth);
             for (int i = 0; i < 3; i++)
                 rgb_sum[i] = MAD(rgb[i], weight, rgb_sum[i]);
             z = MAD(depth, weight, z);
+#endif
 #if EXTRAS
             normal = normal + normal_of(f) * weight;
             if (t > 0.5f) {
@@ -84,20 +108,36 @@ blend(__constant View *view, __global const ulong *starts, __global const uint *
                 running = false;
 #endif
         }
+#if SHARES
+        // Of each face a column of samples a work-item, then what the columns make together.
+        barrier(CLK_LOCAL_MEM_FENCE);
+        float sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
+        for (uint k = me % TILE; k < GROUP; k += TILE)
+            for (int i = 0; i < 4; i++)
+                sum[i] = MAD(weights[me / TILE][k], spread[i][k], sum[i]);
+        for (int i = 0; i < 4; i++)
+            of_columns[me / TILE][i][me % TILE] = sum[i];
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (me < 4 * here) {
+            float all = 0.0f;
+            for (int k = 0; k < TILE; k++)
+                all += of_columns[me / 4][me % 4][k];
+            sums[4 * base + me] = all;
+        }
+#endif
     }
 
-    uint stride = view->columns * TILE;
-    size_t plane = (size_t)stride * tile_rows * TILE;
-    __global float *out = planes + (size_t)get_global_id(1) * stride + column;
+#if !SHARES
     for (int i = 0; i < 3; i++)
-        out[i * plane] = rgb_sum[i];
-    out[3 * plane] = t;
-    out[4 * plane] = z;
+        planes[i * plane] = rgb_sum[i];
+    planes[3 * plane] = t;
+    planes[4 * plane] = z;
 #if EXTRAS
-    out[5 * plane] = normal.x;
-    out[6 * plane] = normal.y;
-    out[7 * plane] = normal.z;
-    out[8 * plane] = median;
-    ((__global int *)out)[9 * plane] = id;
+    planes[5 * plane] = normal.x;
+    planes[6 * plane] = normal.y;
+    planes[7 * plane] = normal.z;
+    planes[8 * plane] = median;
+    ((__global int *)planes)[9 * plane] = id;
+#endif
 #endif
 }

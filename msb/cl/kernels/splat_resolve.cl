@@ -13,6 +13,11 @@ typedef struct {
     uint first_row;    // of the band, pixels
 } Band;
 
+Band band_of(__global const uint *b)
+{
+    return (Band){b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]};
+}
+
 float mean_of(__global const float *plane, Band b, uint x, uint y)
 {
     plane += (size_t)(y * b.scale + b.first) * b.stride + x * b.scale + b.first;
@@ -36,7 +41,7 @@ float mean_of(__global const float *plane, Band b, uint x, uint y)
 __kernel void resolve(__global const float *planes, __global const uint *band, __global float *image,
                       __global float *alpha, __global float *depth, float red, float green, float blue)
 {
-    Band b = {band[0], band[1], band[2], band[3], band[4], band[5], band[6], band[7]};
+    Band b = band_of(band);
     uint x = get_global_id(0), y = get_global_id(1);
     if (x >= b.width || y >= b.rows)
         return;
@@ -54,7 +59,7 @@ __kernel void resolve(__global const float *planes, __global const uint *band, _
 __kernel void resolve_extras(__global const float *planes, __global const uint *band, __global float *normal,
                              __global float *median, __global int *face)
 {
-    Band b = {band[0], band[1], band[2], band[3], band[4], band[5], band[6], band[7]};
+    Band b = band_of(band);
     uint x = get_global_id(0), y = get_global_id(1);
     if (x >= b.width || y >= b.rows)
         return;
@@ -66,4 +71,25 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
     uint middle = b.scale / 2;
     __global const int *faces = (__global const int *)(planes + 9 * plane);
     face[out] = faces[(size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle];
+}
+
+// The transpose of `resolve`, from a picture to what each sample of the raster is of it: planes 0..2 are colours times,
+// and plane 3 is, the sample's share in its pixel; 0 where it has none, which is all around the picture, too.
+__kernel void spread(__global const float *picture, __global const uint *band, __global float *planes)
+{
+    Band b = band_of(band);
+    uint column = get_global_id(0), row = get_global_id(1);
+    if (column >= b.stride || row >= b.plane_rows)
+        return;
+    uint x = column / b.scale, y = row / b.scale, u = column % b.scale, v = row % b.scale;
+    uint side = b.last - b.first + 1;
+    bool counts = x < b.width && y < b.rows && u >= b.first && u <= b.last && v >= b.first && v <= b.last;
+    float share = counts ? 1.0f / (float)(side * side) : 0.0f;
+    float3 color = counts ? vload3((size_t)(b.first_row + y) * b.width + x, picture) * share : (float3)(0.0f);
+    size_t plane = (size_t)b.stride * b.plane_rows;
+    planes += (size_t)row * b.stride + column;
+    planes[0] = color.x;
+    planes[plane] = color.y;
+    planes[2 * plane] = color.z;
+    planes[3 * plane] = share;
 }

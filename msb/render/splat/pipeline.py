@@ -6,9 +6,9 @@ docs/dedicated.md describes the stages and their cost, `msb.render.splat.model` 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from msb.base.version import __version__
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
-from msb.render.splat.bins import LANES, WORK_GROUP, DepthSort, Projected, bin_faces
+from msb.render.splat.bins import LANES, WORK_GROUP, DepthSort, Projected, TileLists, bin_faces
 from msb.render.splat.model import make_model, sh_buffers
 from msb.render.splat.order import Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Buffer, Device, Program
     from msb.cl.kernel_text import Define
+    from msb.cl.programs import Kernel
     from msb.registry import Order, Sampling
     from msb.scenes import Camera
 
@@ -41,6 +42,27 @@ _TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
 """Values of `tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
 _EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
+_SPREAD_PLANES = ("red", "green", "blue", "share")
+
+
+class _Listed(NamedTuple):
+    """What a camera sees: its `View`, the projected faces, and their lists by columns and rows of tiles."""
+
+    view: Buffer
+    projected: Projected
+    lists: TileLists
+    columns: int
+    rows: int
+
+
+class _Band(NamedTuple):
+    """Planes of the samples of some rows of tiles, which are whole rows of pixels."""
+
+    samples: Buffer
+    first_tile_row: int
+    tile_rows: int
+    first_row: int
+    rows: int
 
 
 class SplattingPipeline(OnDevice):
@@ -109,7 +131,7 @@ class SplattingPipeline(OnDevice):
         self._scratch = self._scope.scratch
         self._chunk = _CHUNK[self._device.style]
         with self._scope.setting_up():
-            defines: dict[str, Define] = {
+            self._defines: dict[str, Define] = {
                 **model.defines,
                 **own_members(model.own),
                 "LANES": LANES[self._device.style],
@@ -119,7 +141,7 @@ class SplattingPipeline(OnDevice):
                 "FACE_WORDS": self.record_words,
                 "COVERAGE": model.coverage.shape[1],
             }
-            self._program: Program = self._device.program(model.program, defines, model.package)
+            self._program: Program = self._device.program(model.program, self._defines, model.package)
             arrays = {
                 "positions": model.positions.reshape(self._count, 9) if soup else model.positions,
                 "indices": None if soup else asset.buffers["indices"],
@@ -162,18 +184,8 @@ class SplattingPipeline(OnDevice):
 
     def _run(self, camera: Camera, background: tuple[float, float, float]) -> None:
         """Queue everything from the projection to the pixels of the frame."""
-        model, device = self._model, self._device
-        record = make_view(
-            camera, model.near, model.far, model.scale, self._fields, model.own, self._culling, self._extent
-        )
-        with device.stage("project"):
-            view = self._scratch("view", record.nbytes, np.uint8)
-            view.write(np.frombuffer(record.tobytes(), np.uint8))
-            projected = self._project(view)
-        columns, rows = int(record["columns"]), int(record["rows"])
-        lists = bin_faces(device, projected, self._chunk, columns, rows, self._sort)
+        device, seen = self._device, self._list(camera)
         planes = _EXTRA_PLANES if self._outputs else _PLANES
-        band_rows = self._band_rows(columns, rows, len(planes))
         width, height = camera.width, camera.height
         pixels: dict[str, Buffer] = {
             "image": self._scratch("image", (height, width, 3), group="targets"),
@@ -184,15 +196,66 @@ class SplattingPipeline(OnDevice):
             pixels["normal"] = self._scratch("normal", (height, width, 3), group="targets")
             pixels["depth_median"] = self._scratch("median", (height, width), group="targets")
             pixels["face_id"] = self._scratch("face id", (height, width), np.int32, group="targets")
-        samples = self._scratch("planes", (len(planes), band_rows * TILE, columns * TILE))
-        for first in range(0, rows, band_rows):
-            here = min(band_rows, rows - first)
+        for band in self._bands(camera, seen, len(planes), whole="raw" in self._outputs):
             with device.stage("blend"):
-                self._blend(view, lists.starts, lists.list, projected.faces, samples, columns, first, here)
+                self._blend(self._program.blend, seen, band)
             with device.stage("resolve"):
-                self._resolve(samples, pixels, camera, (first, here, columns), background)
-        self._pixels, self._samples, self._visible = pixels, samples, projected.visible
-        self.counts = {"listed": lists.listed, "pairs": lists.pairs}
+                self._resolve(band, pixels, width, background)
+        self._pixels, self._samples, self._visible = pixels, band.samples, seen.projected.visible
+        self.counts = {"listed": seen.lists.listed, "pairs": seen.lists.pairs}
+
+    @in_turn
+    def shares(self, camera: Camera, picture: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return what each face adds to the image that `camera` sees, and what `picture` shows there.
+
+        Parameters
+        ----------
+        camera : Camera
+        picture : (H, W, 3) float32
+            Finite.
+
+        Returns
+        -------
+        (F, 4) float64
+            Red, green and blue of the picture, each weighted by alpha times transmittance of the face in that
+            pixel and summed over all pixels; and the sum of these weights. A pixel of several samples has
+            the mean of theirs, so that the weights of all faces add up to the alpha of the frame.
+        """
+        self._order_faces()
+        device, seen = self._device, self._list(camera)
+        summing = {**self._defines, "EXTRAS": False, "SHARES": True}
+        program = device.program(self._model.program, summing, self._model.package)
+        shown = self._scratch("picture", picture.shape)
+        shown.write(np.ascontiguousarray(picture, np.float32))
+        pairs = seen.lists.pairs
+        sums = self._scratch("share sums", (max(pairs, 1), 4))
+        sums.fill(0)
+        for band in self._bands(camera, seen, len(_SPREAD_PLANES)):
+            _, height, width = band.samples.shape
+            record = self._band_record(band, camera.width)
+            spread = device.program("splat_resolve").spread
+            spread((width, height), (WORK_GROUP, 1), shown, record, band.samples)
+            self._blend(program.share, seen, band, sums)
+        numbers = self._scratch("share numbers", max(pairs, 1), np.uint32)
+        arguments = seen.lists.list, seen.projected.faces, numbers, np.uint32(pairs)
+        self._program.numbers_of(pairs, WORK_GROUP, *arguments)
+        # Entries are added in their order, in double precision.
+        faces, columns = numbers.read()[:pairs], sums.read()[:pairs].T
+        return np.stack([np.bincount(faces, column, minlength=self._count) for column in columns], axis=1)
+
+    def _list(self, camera: Camera) -> _Listed:
+        """Project the faces and list them by tile; waits for the two counts of the lists."""
+        model, device = self._model, self._device
+        record = make_view(
+            camera, model.near, model.far, model.scale, self._fields, model.own, self._culling, self._extent
+        )
+        with device.stage("project"):
+            view = self._scratch("view", record.nbytes, np.uint8)
+            view.write(np.frombuffer(record.tobytes(), np.uint8))
+            projected = self._project(view)
+        columns, rows = int(record["columns"]), int(record["rows"])
+        lists = bin_faces(device, projected, self._chunk, columns, rows, self._sort)
+        return _Listed(view, projected, lists, columns, rows)
 
     def _project(self, view: Buffer) -> Projected:
         count, static, device = self._count, self._static, self._device
@@ -222,49 +285,55 @@ class SplattingPipeline(OnDevice):
         self._program.project(chunks, 1 if cpu else WORK_GROUP, view, *sources, *projected, *sizes)
         return projected
 
-    def _band_rows(self, columns: int, rows: int, planes: int) -> int:
-        """Return how many rows of tiles are blended before they are resolved: all, or of whole pixels."""
-        if "raw" in self._outputs:
-            return rows
-        whole = math.lcm(TILE, self._model.scale) // TILE
+    def _bands(self, camera: Camera, seen: _Listed, planes: int, *, whole: bool = False) -> Iterator[_Band]:
+        """Yield one band of samples after the other, all in the same memory, or the `whole` raster."""
+        columns, rows, scale = seen.columns, seen.rows, self._model.scale
+        step = math.lcm(TILE, scale) // TILE
         room = _BAND_BYTES[self._device.style]
         if self._device.style == "cpu":
             room *= self._device.record.compute_units
         fit = room // (planes * 4 * columns * TILE * TILE)
-        return min(max(fit // whole, 1), -(-rows // whole)) * whole
+        at_once = rows if whole else min(max(fit // step, 1), -(-rows // step)) * step
+        samples = self._scratch("planes", (planes, at_once * TILE, columns * TILE))
+        for first in range(0, rows, at_once):
+            here = min(at_once, rows - first)
+            first_row = first * TILE // scale
+            last_row = min((first + here) * TILE // scale, camera.height)
+            part = samples.view((planes, here * TILE, columns * TILE), samples.dtype)
+            yield _Band(part, first, here, first_row, last_row - first_row)
 
-    def _blend(
-        self, view: Buffer, starts: Buffer, lists: Buffer, faces: Buffer, samples: Buffer, *tiles: int
-    ) -> None:
-        columns, first, here = tiles
-        arguments = view, starts, lists, faces, samples, np.uint32(first), np.uint32(here)
+    def _blend(self, kernel: Kernel, seen: _Listed, band: _Band, *more: Buffer) -> None:
+        """Queue `blend`, or `share` with the buffer of its sums, for a band."""
+        lists = seen.view, seen.lists.starts, seen.lists.list, seen.projected.faces
+        first, here = band.first_tile_row, band.tile_rows
+        arguments = *lists, band.samples, np.uint32(first), np.uint32(here), *more
         if self._device.style == "cpu":
-            self._program.blend(columns * here, 1, *arguments)
+            kernel(seen.columns * here, 1, *arguments)
         else:
-            self._program.blend((columns * TILE, here * TILE), (TILE, TILE), *arguments)
+            kernel((seen.columns * TILE, here * TILE), (TILE, TILE), *arguments)
+
+    def _band_record(self, band: _Band, width: int) -> Buffer:
+        """Return the `Band` of splat_resolve.cl, of pixels in rows of `width`."""
+        model, (_, plane_rows, stride) = self._model, band.samples.shape
+        values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
+        record = self._scratch("band", len(values), np.uint32)
+        record.write(np.array(values, np.uint32))
+        return record
 
     def _resolve(
         self,
-        samples: Buffer,
+        band: _Band,
         pixels: Mapping[str, Buffer],
-        camera: Camera,
-        tiles: tuple[int, int, int],
+        width: int,
         background: tuple[float, float, float],
     ) -> None:
-        first, here, columns = tiles
-        model = self._model
-        program = self._device.program("splat_resolve")
-        first_row = first * TILE // model.scale
-        rows = min((first + here) * TILE // model.scale, camera.height) - first_row
-        values = camera.width, rows, model.scale, *model.pixel_samples, columns * TILE, here * TILE, first_row
-        band = self._scratch("band", len(values), np.uint32)
-        band.write(np.array(values, np.uint32))
-        size, group = (camera.width, rows), (WORK_GROUP, 1)
-        rgb = (np.float32(value) for value in background)
-        program.resolve(size, group, samples, band, pixels["image"], pixels["alpha"], pixels["depth"], *rgb)
+        program, record = self._device.program("splat_resolve"), self._band_record(band, width)
+        size, group = (width, band.rows), (WORK_GROUP, 1)
+        targets = pixels["image"], pixels["alpha"], pixels["depth"]
+        program.resolve(size, group, band.samples, record, *targets, *map(np.float32, background))
         if self._outputs:
             extras = pixels["normal"], pixels["depth_median"], pixels["face_id"]
-            program.resolve_extras(size, group, samples, band, *extras)
+            program.resolve_extras(size, group, band.samples, record, *extras)
 
     def _read(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
         pixels = self._pixels

@@ -1,0 +1,87 @@
+"""What each face adds to an image: the weights of the NumPy reference, and the transpose of drawing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msb.asset.sh import SH_C0
+from msb.cl import Device
+from msb.render.splat import pipeline as splatting
+from msb.render.splat.pipeline import SplattingPipeline
+from msb.scenes import Camera
+from tests.reference.golden import View, exported, golden_views, names
+from tests.reference.soups import front_camera, random_triangles, soup
+from tests.render.test_splatting import model, variants
+
+GOLDEN = [
+    pytest.param(view, id=names(view), marks=() if first else pytest.mark.slow)
+    for method in ("two_dts", "triangle_splatting", "mesh_splatting")
+    for first, view in [(k == 0, view) for k, view in enumerate(golden_views(method))]
+    if view.name.endswith("/0")
+]
+BLACK = (0.0, 0.0, 0.0)
+
+
+def picture_for(camera: Camera) -> np.ndarray:
+    return np.random.default_rng(0).random((camera.height, camera.width, 3), np.float32)
+
+
+@pytest.mark.parametrize("view", GOLDEN)
+def test_weights_are_those_of_the_reference(view: View, device: Device) -> None:
+    pipeline = SplattingPipeline(
+        exported(view.folder / "checkpoint"), device=device, settings=view.settings, outputs=()
+    )
+    weight = pipeline.shares(view.camera, picture_for(view.camera))[:, 3]
+    alpha = pipeline.render(view.camera, BLACK).alpha
+    pipeline.close()
+    assert view.frame.contribution is not None
+    wanted = view.frame.contribution / pipeline._model.scale**2
+    # The sum of 256 float32 numbers is off by 1e-5 at the most. A face differs by more where rounding decides
+    # whether alpha reaches 1/255 in a sample, or whether that lies in the face at all: of 1,000 one may.
+    assert (np.abs(weight - wanted) > 1e-5 * wanted + 1e-4).mean() <= 1e-3
+    assert weight.sum() == pytest.approx(alpha.sum(dtype=np.float64), rel=1e-6)
+
+
+@pytest.mark.slow
+@variants
+def test_summing_is_the_transpose_of_drawing(method: str, settings: dict[str, Any], device: Device) -> None:
+    """The image of faces of colours c is A c, what is summed of a picture p is A^T p: p (A c) = c (A^T p)."""
+    asset, camera = model(method, 3, degree=0), front_camera(61, 45)
+    f_dc = np.random.default_rng(1).uniform(-1.5, 1.5, (asset.manifest.face_count, 3)).astype(np.float32)
+    rows = f_dc.repeat(3, axis=0) if method == "mesh_splatting" else f_dc
+    asset = replace(asset, buffers={**asset.buffers, "f_dc": rows})
+    settings = {name: value for name, value in settings.items() if name != "sh_degree"}
+    pipeline = SplattingPipeline(asset, device=device, settings=settings, outputs=())
+    picture = picture_for(camera)
+    frame, sums = pipeline.render(camera, BLACK), pipeline.shares(camera, picture)
+    pipeline.close()
+    drawn = np.einsum("yxp,yxc->pc", picture, frame.image, dtype=np.float64)
+    np.testing.assert_allclose(sums[:, :3].T @ (0.5 + SH_C0 * f_dc), drawn, rtol=1e-5)
+    assert sums[:, 3].sum() == pytest.approx(frame.alpha.sum(dtype=np.float64), rel=1e-5)
+
+
+def test_neither_bands_nor_the_order_in_which_faces_lie_changes_a_bit(
+    cpu: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = front_camera(61, 90)
+    pipeline = SplattingPipeline(model("mesh_splatting", 2), device=cpu, settings={"supersample": 3})
+    first = pipeline.shares(camera, picture_for(camera))
+    monkeypatch.setitem(splatting._BAND_BYTES, cpu.style, 1)
+    pipeline._order_faces(at_frame=1)
+    assert not pipeline._sort.by_rows
+    np.testing.assert_array_equal(pipeline.shares(camera, picture_for(camera)), first)
+    assert (first[:, 3] > 0).sum() > 30
+    pipeline.close()
+
+
+def test_a_view_that_sees_nothing(device: Device) -> None:
+    away = Camera(37, 23, 40, 40, 18.5, 11.5, np.diag([-1.0, 1, -1, 1]))
+    pipeline = SplattingPipeline(soup("two_dts", random_triangles(2)), device=device)
+    sums = pipeline.shares(away, picture_for(away))
+    pipeline.close()
+    assert sums.shape == (60, 4)
+    assert not sums.any()
