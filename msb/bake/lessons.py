@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 Draw = Callable[["Camera"], NDArray[np.float32]]
 """From a camera to what it should see: (H, W, 3) float32 RGB in the asset's colour space."""
-_STEPS = 65535
+STEPS = 65535
 """Pictures are kept in 16 bits a channel: 50 times finer than what is measured of them."""
 
 
@@ -38,17 +38,38 @@ class Lessons:
 
     def image(self, number: int) -> NDArray[np.float32]:
         """Return what camera `number` should see, (H, W, 3) float32 in [0, 1]."""
+        return self.stored(number) * np.float32(1 / STEPS)
+
+    def stored(self, number: int) -> NDArray[np.uint16]:
+        """Return the same as whole numbers of `STEPS`."""
         camera = self.cameras[number]
         if number not in self._places:
             image = np.clip(np.nan_to_num(self._draw(camera)), 0, 1)
             self._file.seek(0, 2)
             self._places[number] = self._file.tell()
-            np.rint(image * _STEPS).astype(np.uint16).tofile(self._file)
+            np.rint(image * STEPS).astype(np.uint16).tofile(self._file)
             self._file.flush()
         self._file.seek(self._places[number])
         count = camera.height * camera.width * 3
-        stored = np.frombuffer(self._file.read(2 * count), np.uint16)
-        return stored.reshape(camera.height, camera.width, 3) * np.float32(1 / _STEPS)
+        return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
+
+    def within(self, pixels: int) -> Lessons:
+        """Return these lessons, or coarser ones: their pictures halved until the largest has so many pixels.
+
+        A pixel of a halved picture is the mean of four. What is returned keeps its own file.
+        """
+        largest = max(camera.width * camera.height for camera in self.cameras)
+        if largest <= pixels:
+            return self
+        halves = [camera.resized(camera.width // 2, camera.height // 2) for camera in self.cameras]
+        numbers = {id(camera): number for number, camera in enumerate(halves)}
+
+        def halved(camera: Camera) -> NDArray[np.float32]:
+            image = self.image(numbers[id(camera)])[: 2 * camera.height, : 2 * camera.width]
+            means: NDArray[np.float32] = image.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3))
+            return means
+
+        return Lessons(halves, self.background, halved).within(pixels)
 
     def close(self) -> None:
         """Give the file back."""

@@ -458,3 +458,14 @@ int wide_weights(__global const float *record, __constant float *view, real px, 
     weights[nearest > 0 ? nearest - 1 : 2] = sum > 0.0f ? (float)(v / sum) : 0.0f;
     return 1;
 }
+
+// Whether a triangle may reach so far that weights of its corners need double precision.
+int is_long(__global const float *corners)
+{
+    float size = 0.0f;
+    for (int axis = 0; axis < 3; axis++) {
+        float a = corners[3 + axis] - corners[axis], b = corners[6 + axis] - corners[axis];
+        size = MAX(size, MAX(LENGTH(a), LENGTH(b)));
+    }
+    return size > FAR / 2;
+}

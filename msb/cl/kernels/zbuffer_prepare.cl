@@ -51,17 +51,6 @@ int before(const float *a, const float *b)
     return 0;
 }
 
-// Whether a triangle may reach so far that weights of its corners need double precision.
-int is_long(__global const float *corners)
-{
-    float size = 0.0f;
-    for (int axis = 0; axis < 3; axis++) {
-        float a = corners[3 + axis] - corners[axis], b = corners[6 + axis] - corners[axis];
-        size = MAX(size, MAX(LENGTH(a), LENGTH(b)));
-    }
-    return size > FAR / 2;
-}
-
 // Write the records. Corners are put in an order that depends on their places alone, so that faces in the same
 // place have equal depths to the last bit, whatever corner each starts with. Slots from `count` on, up to a whole
 // block, get triangles without area. With textures `colors` has u, v of each corner, `tint` linear light and alpha

@@ -51,6 +51,8 @@ class StandardRenderer(OnDevice):
 
     name = "msb-standard"
     version = __version__
+    moves = False
+    """Whether the triangles can be given other places and colours between frames."""
 
     def __init__(
         self,
@@ -66,7 +68,7 @@ class StandardRenderer(OnDevice):
         self._scope = DeviceScope(device, "standard")
         self._device, self._scratch = self._scope.device, self._scope.scratch
         with self._scope.setting_up():
-            self._triangles = make_triangles(self._device, asset, values)
+            self._triangles = make_triangles(self._device, asset, values, moving=self.moves)
             self._scope.kept |= self._triangles.buffers
             defines: dict[str, Any] = dict(self._triangles.defines)
             if self._device.style == "cpu":
@@ -130,7 +132,7 @@ class StandardRenderer(OnDevice):
         """Queue all commands of a frame; return what `Frame` calls its arrays."""
         scale = samples or self._supersample
         width, height = camera.width * scale, camera.height * scale
-        record = _view_record(enlarged(camera, scale))
+        record = view_record(enlarged(camera, scale))
         view = self._scratch("view", record.shape)
         view.write(record)
         size = (height, width) if everything else (1, 1)
@@ -229,7 +231,7 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
     return _TILES[-1]
 
 
-def _view_record(camera: Camera) -> NDArray[np.float32]:
+def view_record(camera: Camera) -> NDArray[np.float32]:
     """Return the record of a camera as zbuffer_math.cl has it, (51,) float32, computed in float64.
 
     The centre of the camera is split into its nearest float32 and a rest, so that a camera far from the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +52,10 @@ class Triangles:
     clusters: int
     stride: int
     texels: Texels | None
+    fill: Callable[[], None]
+    """Queues what makes records, colours and boxes of the sources; of use as long as these are there."""
+    sources: dict[str, Buffer]
+    """Positions and colours as the asset holds them, if they are to be written anew; else none."""
 
     @property
     def buffers(self) -> dict[str, Buffer]:
@@ -70,8 +74,14 @@ class Triangles:
         return {"COLORS": self.kind, **(self.texels.defines if self.texels else {})}
 
 
-def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) -> Triangles:
-    """Put the triangles of `asset` on `device`, in drawing order."""
+def make_triangles(
+    device: Device, asset: Asset, settings: Mapping[str, Any], *, moving: bool = False
+) -> Triangles:
+    """Put the triangles of `asset` on `device`, in drawing order.
+
+    If they are `moving`, their sources stay: whoever writes them queues `fill`. The drawing order stays that
+    of their first places, which is right wherever they go, and fast as long as that is near.
+    """
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     listed = shown_faces(asset, settings.get("ste_threshold"))
     count = len(indices) if listed is None else len(listed)
@@ -93,7 +103,7 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
     if textured is not None:
         arrays.append(none.view(np.float32) if tint is None else corner_tint(tint, indices))
         arrays.append(none if textured.face_texture is None else textured.face_texture)
-    source = [device.upload(array, "standard source") for array in arrays]
+    source = [_put(device, array) if moving else device.upload(array, "standard source") for array in arrays]
     vertices, faces, chosen, color, *more = source
     head = vertices, faces, chosen, np.int32(listed is None)
     order, ordered = chosen, device.style == "cpu" and count > 0
@@ -106,30 +116,35 @@ def make_triangles(device: Device, asset: Asset, settings: Mapping[str, Any]) ->
     corner_colors = device.allocate(
         (slots, wide) if wide else (1,), np.float32, "standard colors", "appearance"
     )
-    program.records(
-        slots,
-        _GROUP_SIZE,
-        *head,
-        order,
-        np.int32(ordered),
-        color,
-        np.int32(domain == "corner"),
-        records,
-        corner_colors,
-        np.uint32(count),
-        np.uint32(slots),
-        *([] if texels is None else texels.preparation(*more)),
-    )
     clusters = -(-slots // CLUSTER)
     stride = -(-clusters // BLOCK) * BLOCK
     boxes = device.allocate((6, stride), np.float32, "standard boxes", "geometry")
-    sizes = (np.int32(value) for value in (CLUSTER, slots, clusters, stride))
-    program.bound(clusters, _GROUP_SIZE, records, boxes, *sizes)
+    sizes = tuple(np.int32(value) for value in (CLUSTER, slots, clusters, stride))
+    made = (np.int32(ordered), color, np.int32(domain == "corner"), records, corner_colors)
+    ends = np.uint32(count), np.uint32(slots), *([] if texels is None else texels.preparation(*more))
+
+    def fill() -> None:
+        program.records(slots, _GROUP_SIZE, *head, order, *made, *ends)
+        program.bound(clusters, _GROUP_SIZE, records, boxes, *sizes)
+
+    fill()
     device.finish()
+    shape = kind, slots, clusters, stride, texels
+    if moving:
+        return Triangles(
+            records, corner_colors, boxes, *shape, fill, {"positions": vertices, "colors": color}
+        )
     for buffer in source:
         buffer.release()
     device.release_scratch(_PREPARATION)
-    return Triangles(records, corner_colors, boxes, kind, slots, clusters, stride, texels)
+    return Triangles(records, corner_colors, boxes, *shape, fill, {})
+
+
+def _put(device: Device, array: NDArray[Any]) -> Buffer:
+    """Return a copy of an array on the device, which may be written there: `upload` may share memory."""
+    buffer = device.allocate(array.shape, array.dtype, "standard source", "geometry")
+    buffer.write(np.ascontiguousarray(array))
+    return buffer
 
 
 def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:

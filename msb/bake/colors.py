@@ -1,0 +1,142 @@
+"""Static colours by least squares: those with which the faces, drawn opaque, are nearest to the lessons.
+
+With w the weights of a face's corners at a pixel and t what the lesson shows there, its colours c minimise
+the sum of (w . c - t)^2 over the pixels that show it: a system of 3 x 3 for each face that shares no
+vertex, and a sparse one for all vertices of a mesh. Both also weigh differences along edges and the
+distance to the colours that the faces have, so that what few pixels show, or none, stays near what it was.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.raster import Seen
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+SMOOTH = 0.3
+"""The weight of differences along edges, in pixels."""
+PRIOR = 0.05
+"""The weight of the colours there are, in pixels."""
+_ROUNDS = 4
+"""How often colours that leave the bounds are held there and the others solved again."""
+_STEPS, _TOLERANCE = 400, 1e-6
+
+
+def products(seen: Seen) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (F, 3, 3) sums of products of weights, and (F, 3, 3) of weights (rows) times colours."""
+    sums = seen.sums.astype(np.float64)
+    squares = sums[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    return squares, sums[:, 6:].reshape(-1, 3, 3)
+
+
+def pixels(seen: Seen) -> NDArray[np.float64]:
+    """Return (F,) how many pixels show each face: the weights of one are 1 in all."""
+    squares, _ = products(seen)
+    found: NDArray[np.float64] = squares.sum(axis=(1, 2))
+    return found
+
+
+def both(one: Seen, other: Seen) -> Seen:
+    """Return what two sets of views saw."""
+    return Seen(one.sums + other.sums, np.maximum(one.most, other.most), one.slopes + other.slopes)
+
+
+def of_soup(seen: Seen, colors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the best colours (F, 3, 3) in [0, 1] of faces that share no vertices and have `colors`.
+
+    A face of which nothing was seen keeps its own.
+    """
+    squares, sides = products(seen)
+    system = squares + SMOOTH * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
+    sides = sides + PRIOR * colors
+    found = np.clip(np.linalg.solve(system, sides), -1, 2)
+    for channel in range(3):
+        x = found[..., channel]
+        rows = np.flatnonzero(((x < 0) | (x > 1)).any(axis=1))
+        found[rows, :, channel] = _held(system[rows], sides[rows, :, channel], x[rows])
+    shown = squares[:, :, :1].any(axis=1, keepdims=True)
+    return np.where(shown, np.clip(found, 0, 1), colors).astype(np.float32)
+
+
+def _held(
+    system: NDArray[np.float64], side: NDArray[np.float64], x: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return x (n, 3) with what leaves [0, 1] held at the bound, and the others solved again."""
+    held = np.zeros(x.shape, bool)
+    for _ in range(_ROUNDS):
+        held |= (x < 0) | (x > 1)
+        x = np.clip(x, 0, 1)
+        free = ~held
+        rest = side - np.einsum("nij,nj->ni", system, np.where(held, x, 0.0))
+        own = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + held[:, :, None] * np.eye(3)
+        solved = np.linalg.solve(own, np.where(free, rest, 0.0)[..., None])[..., 0]
+        x = np.where(held, x, solved)
+    return x
+
+
+def of_mesh(seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the best colours (V, 3) in [0, 1] of vertices that `faces` (F, 3) share and that have
+    `colors`."""
+    import scipy.sparse as sparse
+
+    count = len(colors)
+    squares, sides = products(seen)
+    rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
+    system = sparse.coo_matrix((squares.reshape(-1), (rows, columns)), shape=(count, count)).tocsr()
+    system = system + SMOOTH * _edges(faces, count) + PRIOR * sparse.identity(count, format="csr")
+    right = PRIOR * colors.astype(np.float64)
+    for corner in range(3):
+        for channel in range(3):
+            right[:, channel] += np.bincount(faces[:, corner], sides[:, corner, channel], minlength=count)
+    x = _solved(system, right, colors.astype(np.float64))
+    for channel in range(3):
+        held = np.zeros(count, bool)
+        for _ in range(_ROUNDS):
+            out = (x[:, channel] < 0) | (x[:, channel] > 1)
+            x[:, channel] = np.clip(x[:, channel], 0, 1)
+            if not (out & ~held).any():
+                break
+            held |= out
+            free = np.flatnonzero(~held)
+            rest = right[:, channel] - system @ np.where(held, x[:, channel], 0.0)
+            part = system[free][:, free].tocsr()
+            x[free, channel] = _solved(part, rest[free, None], x[free, channel, None])[:, 0]
+    return np.clip(x, 0, 1).astype(np.float32)
+
+
+def _edges(faces: NDArray[np.int64], count: int) -> csr_matrix:
+    """Return the Laplacian of the edges: each edge once."""
+    import scipy.sparse as sparse
+
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    ends = np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0)
+    one = np.ones(len(ends))
+    both = sparse.coo_matrix((one, (ends[:, 0], ends[:, 1])), shape=(count, count))
+    both = (both + both.T).tocsr()
+    return sparse.diags(np.asarray(both.sum(axis=1)).ravel()).tocsr() - both
+
+
+def _solved(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x of system @ x = right for all columns at once: conjugate gradients, Jacobi's
+    preconditioner."""
+    scale = 1 / system.diagonal()[:, None]
+    rest = right - system @ x
+    step = scale * rest
+    size = (rest * step).sum(axis=0)
+    stop = _TOLERANCE**2 * np.maximum((right * scale * right).sum(axis=0), 1e-30)
+    for _ in range(_STEPS):
+        if (size <= stop).all():
+            break
+        moved = system @ step
+        share = size / np.maximum((step * moved).sum(axis=0), 1e-300)
+        x = x + share * step
+        rest = rest - share * moved
+        turned = scale * rest
+        before, size = size, (rest * turned).sum(axis=0)
+        step = turned + size / np.maximum(before, 1e-300) * step
+    return x

@@ -1,0 +1,76 @@
+"""Where the faces of an opaque soup should be: gradient descent on the squared error of its pictures.
+
+An opaque picture changes where borders between faces move. How the error rises with each corner is summed
+over the pixels at these borders (the kernel `sums` of bake.cl), for some views at a time; corners move
+against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinates of a face), and colours
+follow by least squares over what the last steps saw. Between steps faces are hidden or shown where that
+pays (`msb.bake.search`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.search import some_views, try_faces
+
+if TYPE_CHECKING:
+    from msb.bake.raster import Raster
+    from msb.bake.soup import Soup
+
+_MOMENTUM, _SCALE = 0.9, 0.99
+_MEMORY = 0.9
+"""What a step leaves of the sums of the steps before it."""
+_RECOLOR, _TRY = 5, 40
+"""Steps after which colours are solved, and after which faces are hidden and shown."""
+_FARTHEST = 3.0
+"""How many times the rate a corner moves at most in a step."""
+
+
+def descend(
+    soup: Soup,
+    raster: Raster,
+    random: np.random.Generator,
+    *,
+    rates: tuple[float, float],
+    most: int | None,
+    done: Callable[[int], float],
+) -> None:
+    """Move the corners of the faces that are shown, by steps that shrink from the first rate to the last.
+
+    A rate is relative to the size of a face. No more than `most` are shown. ``done(step)`` is called after
+    each step and says how much of all is done, from 0 to 1, where it ends."""
+    slope = np.zeros(soup.corners.shape)
+    scale = np.zeros(len(soup.corners))
+    memory = None
+    step, share = 0, 0.0
+    while share < 1:
+        step += 1
+        soup.put_on(raster)
+        seen = raster.seen(some_views(raster, random))
+        new = seen.slopes.astype(np.float64)
+        slope = _MOMENTUM * slope + (1 - _MOMENTUM) * new
+        scale = _SCALE * scale + (1 - _SCALE) * np.square(new).mean(axis=(1, 2))
+        size = np.sqrt(scale / (1 - _SCALE**step)) + 1e-30
+        move = slope / (1 - _MOMENTUM**step) / size[:, None, None]
+        length = np.linalg.norm(move, axis=2, keepdims=True)
+        move *= np.minimum(1, _FARTHEST / np.maximum(length, 1e-30))
+        first, last = rates
+        rate = first + (last - first) * share
+        soup.corners -= (rate * _sizes(soup)[:, None, None] * move).astype(np.float32)
+        memory = seen.sums if memory is None else _MEMORY * memory + seen.sums
+        if step % _RECOLOR == 0:
+            soup.recolor(seen._replace(sums=memory))
+        if step % _TRY == 0:
+            try_faces(soup, raster, random, show=False)
+            try_faces(soup, raster, random, show=True, most=most)
+        share = done(step)
+
+
+def _sizes(soup: Soup) -> NDArray[np.float64]:
+    """Return (F,) square roots of twice the areas."""
+    sides = soup.corners[:, 1:].astype(np.float64) - soup.corners[:, :1]
+    found: NDArray[np.float64] = np.sqrt(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))
+    return found

@@ -1,0 +1,91 @@
+"""Triangles that make the opaque picture right: chosen, moved and coloured until it no longer gets better."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.asset.tiers import why_not
+from msb.bake.descent import descend
+from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE
+from msb.bake.search import hide_least, try_faces
+from msb.bake.soup import Soup
+from msb.bake.start import Best, Watch, choose, color, nobody, plain_mesh, rasters
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.bake.lessons import Lessons
+    from msb.cl import Device
+    from msb.meshes.mesh import Mesh
+
+_HIDDEN_FIRST = 12
+"""Rounds in which faces are hidden before any moves."""
+_STEPS, _LOOK = 400, 20
+_RATES = 0.015, 0.0005
+"""In sizes of a face, how far a step moves its corners: at first, and at last."""
+PIXELS_TO_MOVE = 1 << 18
+"""Of the largest picture by which faces are moved."""
+_COARSE = 20_000
+"""Faces up to which those of a method without static colours, which has its look within each face, are cut
+in four."""
+
+
+def fitted(
+    asset: Asset,
+    lessons: Lessons,
+    aside: Lessons,
+    *,
+    seconds: float = 40.0,
+    faces: int | None = None,
+    seed: int = 0,
+    device: str | Device | None = None,
+    watch: Watch = nobody,
+) -> Mesh:
+    """Return an opaque soup made of the triangles of `asset`, at most so many `faces`, with colours at
+    corners.
+
+    Triangles are chosen by their share in the model's look, then moved, hidden and shown as the lessons
+    ask. What is best by pictures that teach nothing (`aside`) is returned, in colours that are fitted to
+    these as well. It ends after so many `seconds` where it has not before; a result that was not cut short
+    is the same each time on one device.
+
+    Raises
+    ------
+    DeviceError, and as `kept`.
+    """
+    began = time.monotonic()
+    random = np.random.default_rng(seed)
+    soup = Soup.of(plain_mesh(asset), shares=False)
+    coarse, fine = ((lessons.within(most), aside.within(most)) for most in (PIXELS_TO_CHOOSE, PIXELS_TO_MOVE))
+    with rasters(soup, *coarse, device) as (raster, judge):
+        watch("colours", 0, 1)
+        best = Best(judge)
+        choose(soup, asset, raster, best, device)
+        soup = best.soup
+    if why_not(asset.manifest, "standard") is not None and 4 * soup.keep.sum() <= _COARSE:
+        soup = soup.cut()
+    with rasters(soup, *fine, device) as (raster, judge):
+        soup.refit(raster)
+        for _ in range(_HIDDEN_FIRST):
+            try_faces(soup, raster, random, show=False)
+        if faces is not None:
+            hide_least(soup, raster, random, faces)
+        soup.refit(raster)
+        best = Best(judge)
+        best.look(soup)
+
+        def done(step: int) -> float:
+            watch("moving faces", step, _STEPS)
+            if step % _LOOK == 0:
+                best.look(soup)
+            return max(step / _STEPS, (time.monotonic() - began) / seconds)
+
+        if raster.pixels_a_face(soup.keep) >= FEWEST:
+            descend(soup, raster, random, rates=_RATES, most=faces, done=done)
+            soup.refit(raster)
+            best.look(soup)
+        soup = best.soup
+    color(soup, lessons, aside, device)
+    return soup.mesh()

@@ -1,0 +1,74 @@
+"""The model's own triangles: those with which an opaque picture is best, in the best static colours."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.bake.search import try_faces
+from msb.bake.soup import Soup
+from msb.bake.start import Best, Watch, choose, color, nobody, plain_mesh, rasters
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.bake.lessons import Lessons
+    from msb.bake.raster import Raster
+    from msb.cl import Device
+    from msb.meshes.mesh import Mesh
+
+_ROUNDS, _REFIT, _PATIENCE = 60, 5, 4
+"""Rounds in which faces are hidden and shown, after how many colours are fitted and views aside looked at,
+and how many looks without a gain end it."""
+PIXELS_TO_CHOOSE = 1 << 17
+"""Of the largest picture by which faces are chosen; colours are fitted to larger ones."""
+FEWEST = 2.0
+"""Pixels of a face in a view, in the mean, below which a search would follow noise."""
+
+
+def kept(
+    asset: Asset,
+    lessons: Lessons,
+    aside: Lessons,
+    *,
+    seed: int = 0,
+    device: str | Device | None = None,
+    watch: Watch = nobody,
+) -> Mesh:
+    """Return the triangles of `asset` that are shown, with the static colours that the lessons ask for.
+
+    Which triangles are left out, pictures say that teach nothing (`aside`); the colours are then fitted to
+    these as well. Vertices that triangles share stay shared, and have one colour. A triangle that no view
+    sees keeps its colour.
+
+    Raises
+    ------
+    DeviceError, and as `mesh_from_asset` where the asset has no triangles to show.
+    """
+    mesh = plain_mesh(asset)
+    soup = Soup.of(mesh, shares=True)
+    with rasters(soup, lessons.within(PIXELS_TO_CHOOSE), aside.within(PIXELS_TO_CHOOSE), device) as (
+        raster,
+        judge,
+    ):
+        watch("choosing faces", 0, _ROUNDS)
+        best = Best(judge)
+        choose(soup, asset, raster, best, device)
+        if raster.pixels_a_face(soup.keep) >= FEWEST:
+            search(best.soup, raster, best, np.random.default_rng(seed), watch)
+        soup = best.soup
+    color(soup, lessons, aside, device)
+    return soup.mesh() if soup.shared is None else soup.on(mesh)
+
+
+def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, watch: Watch) -> None:
+    """Hide faces, and show those that are hidden, as long as views aside look better for it."""
+    for step in range(1, _ROUNDS + 1):
+        try_faces(soup, raster, random, show=False)
+        try_faces(soup, raster, random, show=True)
+        watch("choosing faces", step, _ROUNDS)
+        if step % _REFIT == 0:
+            soup.refit(raster)
+            best.look(soup)
+            if best.since >= _PATIENCE:
+                return

@@ -1,0 +1,210 @@
+"""A soup that changes between drawings, on the standard tier, and what is summed there of its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.cl import sort_pairs
+from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.render.device_scope import in_turn
+from msb.render.standard.renderer import StandardRenderer, view_record
+
+if TYPE_CHECKING:
+    from msb.bake.lessons import Lessons
+    from msb.cl import Buffer, Device
+
+SUMS = 15
+"""Sums a face: six of products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and
+c."""
+_GROUP = 64
+_KEPT = 1 << 28
+"""Bytes of the teacher's pictures that stay on the device; where there are more, each is sent when it
+counts."""
+
+
+class Seen(NamedTuple):
+    """What drawings say of each face, summed over them."""
+
+    sums: NDArray[np.float32]
+    """(F, 15), `SUMS`."""
+    most: NDArray[np.uint32]
+    """(F,) the most pixels that one view shows of it."""
+    slopes: NDArray[np.float32]
+    """(F, 3, 3) how the squared error rises as a corner moves, per unit of the scene."""
+
+
+class Raster(StandardRenderer):
+    """Draws a soup as the lessons' cameras see it, and compares it with their pictures.
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float32
+    colors : (F, 3, 3) float32
+        RGB of each corner.
+    lessons : Lessons
+    device : str or Device, optional
+    """
+
+    moves = True
+
+    def __init__(
+        self,
+        corners: NDArray[np.float32],
+        colors: NDArray[np.float32],
+        lessons: Lessons,
+        device: str | Device | None = None,
+    ) -> None:
+        count = len(corners)
+        soup = Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors.reshape(-1, 3))
+        super().__init__(asset_from_mesh(soup), device=device)
+        self.lessons, self._count = lessons, count
+        wide = self._device.record.int64_atomics
+        self._total = np.int64 if wide else np.int32
+        self._own = self._device.program("bake", {"WIDE": wide})
+        pixels = sum(camera.width * camera.height for camera in lessons.cameras)
+        self._keeps = 6 * pixels <= _KEPT
+        self._targets: dict[int, Buffer] = {}
+
+    @in_turn
+    def change(
+        self, corners: NDArray[np.float32], colors: NDArray[np.float32], keep: NDArray[np.bool_]
+    ) -> None:
+        """Give the faces these corners and colours; those that are not kept have no area, and so no pixel."""
+        placed = np.where(keep[:, None, None], corners, corners[:, :1])
+        self._triangles.sources["positions"].write(np.ascontiguousarray(placed.reshape(-1, 3), np.float32))
+        self._triangles.sources["colors"].write(np.ascontiguousarray(colors.reshape(-1, 3), np.float32))
+        self._triangles.fill()
+
+    @in_turn
+    def seen(self, numbers: Iterable[int]) -> Seen:
+        """Return what the drawings of these views, held against the lessons' pictures, say of each face.
+
+        The sums of a face are taken along its pixels in their order, and view by view: the same bits each
+        time."""
+        count = self._count
+        found = [
+            self._scratch(f"sum of {name}", shape)
+            for name, shape in (("products", (count, SUMS)), ("slopes", (count, 3, 3)))
+        ]
+        most = self._scratch("most", count, np.uint32)
+        starts = self._scratch("starts", count + 1, np.uint32)
+        for buffer in (*found, most):
+            buffer.fill(0)
+        for number in numbers:
+            planes, view, pixels = self._drawn(number)
+            places = self._runs(planes, pixels, starts)
+            camera = self.lessons.cameras[number]
+            drawn = planes["image"], planes["depth"], planes["face_id"]
+            size = np.int32(camera.width), np.int32(camera.height)
+            lists = self._triangles.sources["positions"], view, starts, places
+            self._own.sums(
+                count, _GROUP, *lists, self._target(number), *drawn, *size, *found, most, np.uint32(count)
+            )
+        return Seen(found[0].read(), most.read(), found[1].read())
+
+    def _runs(self, planes: dict[str, Buffer], pixels: int, starts: Buffer) -> Buffer:
+        """Queue the pixels of each face in their order, and where those of each begin."""
+        keys = self._scratch("owners", pixels, np.uint32)
+        sizes = np.uint32(self._count), np.uint32(pixels)
+        self._own.owners(pixels, _GROUP, planes["face_id"], keys, *sizes)
+        bits = max(1, self._count.bit_length())
+        faces, places = sort_pairs(self._device, keys, bits=bits, name="bake owners")
+        self._own.runs(pixels + 1, _GROUP, faces, starts, *sizes)
+        return places
+
+    @in_turn
+    def remember(self, numbers: Sequence[int]) -> None:
+        """Draw these views and keep which face each pixel shows, and its error, for `judge`."""
+        self._numbers = numbers
+        pixels = [self._pixels(number) for number in numbers]
+        self._starts = np.concatenate([[0], np.cumsum(pixels)])
+        total = int(self._starts[-1])
+        self._old = self._scratch("old faces", total, np.int32), self._scratch("old errors", total)
+        for place, number in enumerate(numbers):
+            planes, _, count = self._drawn(number)
+            start = np.uint32(self._starts[place])
+            target = self._target(number)
+            self._own.remember(
+                count, _GROUP, planes["image"], planes["face_id"], target, *self._old, start, np.uint32(count)
+            )
+
+    @in_turn
+    def judge(self, owner: NDArray[np.int32], proposals: int) -> NDArray[np.float64]:
+        """Return by how much the squared error of each remembered view rises by each proposal.
+
+        `owner` (F,) is the proposal that a face belongs to, or -1. A pixel counts for the proposal whose face
+        it shows or showed; where these are two, each gets a half. Returns (views, proposals), in squares of
+        colours from 0 to 1, summed over channels and pixels.
+        """
+        views = len(self._numbers)
+        mine = self._scratch("owner", self._count, np.int32)
+        mine.write(owner)
+        totals = self._scratch("totals", (views, proposals), self._total)
+        totals.fill(0)
+        # Integers, since their sums do not depend on the order; so fine that the largest sum just fits.
+        bits = 62 if self._total is np.int64 else 30
+        largest = 6.0 * float(np.diff(self._starts).max())
+        unit = np.float32(2.0 ** min(32, bits - int(np.ceil(np.log2(largest)))))
+        for place, number in enumerate(self._numbers):
+            planes, _, count = self._drawn(number)
+            start, row = np.uint32(self._starts[place]), np.uint32(place * proposals)
+            target = self._target(number)
+            self._own.judge(
+                count,
+                _GROUP,
+                planes["image"],
+                planes["face_id"],
+                target,
+                *self._old,
+                mine,
+                totals,
+                unit,
+                start,
+                row,
+                np.uint32(count),
+            )
+        return totals.read() / np.float64(unit)
+
+    @in_turn
+    def error(self) -> float:
+        """Return the mean squared error over all views, pixels and channels."""
+        total = pixels = 0.0
+        for number, _camera in enumerate(self.lessons.cameras):
+            planes, _, count = self._drawn(number)
+            difference = planes["image"].read() - self.lessons.image(number)
+            total += float(np.square(difference, dtype=np.float64).sum())
+            pixels += 3 * count
+        return total / pixels
+
+    def pixels_a_face(self, keep: NDArray[np.bool_]) -> float:
+        """Return how many pixels of a view there are for each face that is shown."""
+        pixels = sum(camera.width * camera.height for camera in self.lessons.cameras)
+        return pixels / max(1, len(self.lessons)) / max(1, int(keep.sum()))
+
+    def _pixels(self, number: int) -> int:
+        camera = self.lessons.cameras[number]
+        return camera.width * camera.height
+
+    def _drawn(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
+        """Queue a drawing; return its planes, the camera's record, and the number of pixels."""
+        camera = self.lessons.cameras[number]
+        planes = self._run(camera, self.lessons.background, everything=True)
+        view = self._scratch("view", len(view_record(camera)))
+        return planes, view, camera.width * camera.height
+
+    def _target(self, number: int) -> Buffer:
+        if number in self._targets:
+            return self._targets[number]
+        image = self.lessons.stored(number)
+        if self._keeps:
+            buffer = self._device.allocate(image.shape, image.dtype, "bake lessons")
+            self._targets[number] = buffer
+        else:
+            buffer = self._scratch("lesson", image.shape, image.dtype)
+        buffer.write(image)
+        return buffer

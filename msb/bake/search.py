@@ -1,0 +1,83 @@
+"""Which faces of an opaque soup to show: many are tried at once, and each change is kept only if it pays.
+
+A round hides a part of the faces, or shows some that are hidden, draws some views before and after, and
+books what each pixel's squared error gains or loses to the face that it shows or showed
+(`msb.bake.raster`). A change is taken if its gain stands out of its own spread over the views, so that
+faces of few pixels do not follow noise."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from msb.bake.raster import Raster
+    from msb.bake.soup import Soup
+
+SHARE = 0.08
+"""Part of the faces that a round tries: so few that neighbours rarely change together."""
+BATCH = 8
+"""Views that judge a round."""
+SURE = 0.5
+"""Standard errors by which a gain must exceed 0."""
+_LEAST = 1e-4
+"""The squared error that any gain must exceed, in all views of a round."""
+
+
+def try_faces(
+    soup: Soup, raster: Raster, random: np.random.Generator, *, show: bool, most: int | None = None
+) -> int:
+    """Hide some of the faces that are shown, or `show` some that are not, where that pays; return how many.
+
+    No more are shown than make `most` in all.
+    """
+    chosen = _some(soup, random, soup.keep != show)
+    if show and most is not None:
+        chosen = chosen[: max(0, most - int(soup.keep.sum()))]
+    if not len(chosen):
+        return 0
+    rise = _rise(soup, raster, random, chosen, show=show)
+    views, total = len(rise), rise.sum(axis=0)
+    squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
+    spread = np.sqrt(views * squares / max(views - 1, 1))
+    pays = total < -SURE * spread - _LEAST
+    soup.keep[chosen[pays]] = show
+    return int(pays.sum())
+
+
+def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:
+    """Hide faces until `most` are shown: of some at a time the half by which the error rises least."""
+    while (over := int(soup.keep.sum()) - most) > 0:
+        chosen = _some(soup, random, soup.keep)
+        total = _rise(soup, raster, random, chosen, show=False).sum(axis=0)
+        worst = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // 2))]
+        soup.keep[chosen[worst]] = False
+
+
+def _some(soup: Soup, random: np.random.Generator, pool: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return a part of all faces, at random, of those in `pool` (F,)."""
+    numbers = np.flatnonzero(pool)
+    count = min(len(numbers), max(1, int(SHARE * len(soup.keep))))
+    return random.choice(numbers, count, replace=False)
+
+
+def _rise(
+    soup: Soup, raster: Raster, random: np.random.Generator, chosen: NDArray[np.int64], *, show: bool
+) -> NDArray[np.float64]:
+    """Return by how much the error of each of some views rises if each face is shown, or hidden."""
+    owner = np.full(len(soup.keep), -1, np.int32)
+    owner[chosen] = np.arange(len(chosen), dtype=np.int32)
+    soup.put_on(raster)
+    raster.remember(some_views(raster, random))
+    keep = soup.keep.copy()
+    keep[chosen] = show
+    raster.change(soup.corners, soup.colors, keep)
+    return raster.judge(owner, len(chosen))
+
+
+def some_views(raster: Raster, random: np.random.Generator) -> list[int]:
+    """Return a batch of views, in their order."""
+    count = len(raster.lessons)
+    return sorted(random.choice(count, min(BATCH, count), replace=False).tolist())

@@ -1,0 +1,112 @@
+"""The opaque soup that is being taught: its faces, which of them are shown, and in which colours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake import colors as fit
+from msb.meshes.assets import with_faces
+from msb.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from msb.bake.raster import Raster, Seen
+
+
+@dataclass
+class Soup:
+    """Faces that change while they are taught.
+
+    Attributes
+    ----------
+    corners : (F, 3, 3) float32
+    colors : (F, 3, 3) float32
+        RGB of each corner, in [0, 1].
+    keep : (F,) bool
+        Which faces are shown.
+    shared : (F, 3) int64, optional
+        The vertices of the corners, where these share colours; None: every corner has its own.
+    """
+
+    corners: NDArray[np.float32]
+    colors: NDArray[np.float32]
+    keep: NDArray[np.bool_]
+    shared: NDArray[np.int64] | None = None
+
+    @classmethod
+    def of(cls, mesh: Mesh, *, shares: bool) -> Self:
+        """Return the faces of `mesh`, whose corners share colours if `shares`; without colours they are
+        grey."""
+        corners = np.ascontiguousarray(mesh.vertices[mesh.faces], np.float32)
+        colors = np.full(corners.shape, 0.5, np.float32)
+        if mesh.vertex_colors is not None:
+            held = mesh.vertex_colors[:, :3]
+            scale = np.float32(255 if held.dtype == np.uint8 else 1)
+            colors = np.ascontiguousarray(held[mesh.faces] / scale, np.float32)
+        is_soup = len(mesh.vertices) == 3 * len(mesh.faces)
+        return cls(
+            corners, colors, np.ones(len(corners), bool), mesh.faces if shares and not is_soup else None
+        )
+
+    def copy(self) -> Self:
+        """Return one that changes by itself."""
+        return replace(self, corners=self.corners.copy(), colors=self.colors.copy(), keep=self.keep.copy())
+
+    def put_on(self, raster: Raster) -> None:
+        """Have `raster` draw it."""
+        raster.change(self.corners, self.colors, self.keep)
+
+    def recolor(self, seen: Seen) -> None:
+        """Give the faces that are shown the colours that fit best to what was seen of them."""
+        if self.shared is None:
+            fitted = fit.of_soup(seen, self.colors)
+        else:
+            count = int(self.shared.max()) + 1
+            now = np.full((count, 3), 0.5, np.float32)
+            now[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
+            fitted = fit.of_mesh(seen, self.shared, now)[self.shared]
+        self.colors[self.keep] = fitted[self.keep]
+
+    def refit(self, raster: Raster) -> Seen:
+        """Give the faces the colours that fit best over all views of `raster`; return what was seen."""
+        self.put_on(raster)
+        seen = raster.seen(range(len(raster.lessons)))
+        self.recolor(seen)
+        return seen
+
+    def error(self, raster: Raster) -> float:
+        """Return its mean squared error in the views of `raster`."""
+        self.put_on(raster)
+        return raster.error()
+
+    def on(self, mesh: Mesh) -> Mesh:
+        """Return the faces of `mesh` that are shown, whose vertices it shares, in its colours."""
+        assert self.shared is not None
+        colors = np.full((len(mesh.vertices), 3), 0.5, np.float32)
+        colors[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
+        return with_faces(replace(mesh, vertex_colors=colors), self.keep)
+
+    def cut(self) -> Self:
+        """Return it with every face cut into four by the middles of its sides."""
+        corners, colors = _quartered(self.corners[self.keep]), _quartered(self.colors[self.keep])
+        return type(self)(corners, colors, np.ones(len(corners), bool))
+
+    def mesh(self) -> Mesh:
+        """Return the faces that are shown, with vertices of their own."""
+        count = int(self.keep.sum())
+        faces = np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
+        return Mesh(
+            self.corners[self.keep].reshape(-1, 3), faces, vertex_colors=self.colors[self.keep].reshape(-1, 3)
+        )
+
+
+def _quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return values at corners (F, 3, 3) at those of the quarters, (4 F, 3, 3); the quarters of a face
+    follow it."""
+    a, b, c = corners.transpose(1, 0, 2)
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(each, axis=1) for each in quarters], axis=1).reshape(-1, 3, 3)

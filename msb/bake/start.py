@@ -1,0 +1,108 @@
+"""Where teaching starts: the model's triangles as an opaque soup, and the best of it that was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.asset.look import stored_threshold, visible_faces
+from msb.asset.tiers import why_not
+from msb.bake.colors import both, pixels
+from msb.bake.raster import Raster
+from msb.bake.shares import blending_shares
+from msb.meshes.assets import mesh_from_asset, with_vertex_colors
+from msb.meshes.mesh import Mesh
+from msb.meshes.sampled import with_sampled_colors
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.bake.lessons import Lessons
+    from msb.bake.soup import Soup
+    from msb.cl import Device
+
+Watch = Callable[[str, int, int], None]
+"""Is told the stage, how much of it is done, and how much there is."""
+LIMITS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
+"""Shares of the pixels that a face owns, below which it is dropped, the worst faces first: what these hide
+may deserve to be seen. At which it ends, views aside say."""
+
+
+def nobody(_stage: str, _done: int, _total: int) -> None:
+    """Watch nothing."""
+
+
+class Best:
+    """The best state of a soup so far, by its error in views that teach nothing."""
+
+    def __init__(self, judge: Raster) -> None:
+        self._judge = judge
+        self.error = np.inf
+        self.since = 0
+        """Looks since the best one."""
+        self._soup: Soup | None = None
+
+    @property
+    def soup(self) -> Soup:
+        """A copy of the best state."""
+        assert self._soup is not None, "nothing was looked at"
+        return self._soup.copy()
+
+    def look(self, soup: Soup) -> bool:
+        """Look at `soup` as it is now; return whether it is the best so far."""
+        error = soup.error(self._judge)
+        self.since += 1
+        if error < self.error:
+            self.error, self._soup, self.since = error, soup.copy(), 0
+        return self.since == 0
+
+
+@contextmanager
+def rasters(
+    soup: Soup, lessons: Lessons, aside: Lessons, device: str | Device | None
+) -> Iterator[tuple[Raster, Raster]]:
+    """Yield what draws a soup as the lessons see it, and as what is aside does."""
+    with (
+        closing(Raster(soup.corners, soup.colors, lessons, device)) as raster,
+        closing(Raster(soup.corners, soup.colors, aside, device)) as judge,
+    ):
+        yield raster, judge
+
+
+def color(soup: Soup, lessons: Lessons, aside: Lessons, device: str | Device | None) -> None:
+    """Give `soup` the colours that fit best over all views, those aside as well: its faces are decided."""
+    with rasters(soup, lessons, aside, device) as both_sets:
+        parts = []
+        for raster in both_sets:
+            soup.put_on(raster)
+            parts.append(raster.seen(range(len(raster.lessons))))
+        soup.recolor(both(*parts))
+
+
+def plain_mesh(asset: Asset) -> Mesh:
+    """Return the triangles of `asset` with colours at vertices, grey where its method has no static ones."""
+    if why_not(asset.manifest, "standard") is not None:
+        faces = asset.buffers["indices"].astype(np.int64)
+        return Mesh(np.array(asset.buffers["positions"]), faces)
+    return with_vertex_colors(with_sampled_colors(mesh_from_asset(asset)))
+
+
+def choose(soup: Soup, asset: Asset, raster: Raster, best: Best, device: str | Device | None) -> None:
+    """Leave out the faces that own far more pixels than they deserve, if views aside look better for it.
+
+    What a face deserves is its share in the blending of the model's own look; its colour, until it is
+    fitted, is what the lessons show in its place."""
+    shares = None if why_not(asset.manifest, "dedicated") else blending_shares(asset, raster.lessons, device)
+    if shares is not None:
+        shown = visible_faces(asset, stored_threshold(asset))
+        weight, color = (each if shown is None else each[shown] for each in (shares.weight, shares.color))
+        if soup.shared is None:
+            soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
+    seen = soup.refit(raster)
+    best.look(soup)
+    for limit in LIMITS if shares is not None else ():
+        soup.keep &= weight >= limit * pixels(seen)
+        seen = soup.refit(raster)
+        best.look(soup)

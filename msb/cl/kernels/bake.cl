@@ -1,0 +1,148 @@
+// What a bake sums over pictures of the standard tier: colours that fit a face best, and what a change is worth.
+// Sums are the same on every run: those of a face go along its pixels in their order, all others are integers.
+#define LANES 1
+#include "zbuffer_math.cl"
+
+#if WIDE
+#pragma OPENCL EXTENSION cl_khr_int64_base_atomics : enable
+typedef long whole;
+#define ADD(place, value) atom_add(place, value)
+#else
+typedef int whole;
+#define ADD(place, value) atomic_add(place, value)
+#endif
+#define SUMS 15
+// What a lesson shows, of whole numbers of 16 bits.
+#define SHOWN(target, place) ((float)(target)[place] * (1.0f / 65535.0f))
+
+// The face of each pixel as a key to sort by; pixels without one come last.
+__kernel void owners(__global const int *faces, __global uint *keys, uint none, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i < count)
+        keys[i] = faces[i] < 0 ? none : (uint)faces[i];
+}
+
+// Where the pixels of each face begin among sorted ones; `starts` has a row more than there are faces.
+__kernel void runs(__global const uint *sorted, __global uint *starts, uint faces, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i > count)
+        return;
+    uint first = i == 0 ? 0 : sorted[i - 1] + 1;
+    uint last = i == count ? faces : MIN(sorted[i], faces);
+    for (uint face = first; face <= last; face++)
+        starts[face] = (uint)i;
+}
+
+// Add to the sums of each face: products of the weights of its corners, and weights times the lesson's colours; and
+// how the squared error rises as its corners move, x, y, z of each. Where two neighbouring pixels show two faces, the
+// border between them is an edge of the nearer one. If that moves outward by a pixel, the pixel beyond shows its
+// colour; if it moves inward, its own pixel shows the other's: the slope is the mean of what these two change, and a
+// corner moves the border by its weight there. `positions` has three corners a face.
+__kernel void sums(__global const float *positions, __constant float *view, __global const uint *starts,
+    __global const uint *pixels, __global const ushort *target, __global const float *image,
+    __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
+    __global float *slopes, __global uint *most, uint faces)
+{
+    size_t face = get_global_id(0);
+    if (face >= faces)
+        return;
+    uint start = starts[face], end = starts[face + 1];
+    if (start == end)
+        return;
+    __global const float *c = positions + 9 * face;
+    int reaches_far = is_long(c);
+    float all[SUMS], rise[9];
+    for (int k = 0; k < SUMS; k++)
+        all[k] = 0.0f;
+    for (int k = 0; k < 9; k++)
+        rise[k] = 0.0f;
+    for (uint i = start; i < end; i++) {
+        int pixel = (int)pixels[i], x = pixel % width, y = pixel / width;
+        float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
+        WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
+        float w[3] = {w0, w1, w2};
+        if (reaches_far)
+            wide_weights(c, view, px, py, w);
+        for (int k = 0, row = 0; row < 3; row++)
+            for (int column = row; column < 3; column++, k++)
+                all[k] += w[row] * w[column];
+        for (int k = 0; k < 9; k++)
+            all[6 + k] += w[k / 3] * SHOWN(target, 3 * (size_t)pixel + k % 3);
+
+        float z = depth[pixel], along[2] = {0.0f, 0.0f};
+        for (int side = 0; side < 4; side++) {
+            int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
+            if (there < 0 || there >= (is_down ? height : width))
+                continue;
+            int next = pixel + (is_down ? step * width : step);
+            if (owners[next] == (int)face || (owners[next] >= 0 && depth[next] <= z))
+                continue;
+            float outward = 0.0f, inward = 0.0f;
+            for (int channel = 0; channel < 3; channel++) {
+                float mine = image[3 * (size_t)pixel + channel], other = image[3 * (size_t)next + channel];
+                float here = SHOWN(target, 3 * (size_t)pixel + channel), beyond = SHOWN(target, 3 * (size_t)next + channel);
+                outward += (mine - beyond) * (mine - beyond) - (other - beyond) * (other - beyond);
+                inward += (other - here) * (other - here) - (mine - here) * (mine - here);
+            }
+            along[is_down] += 0.5f * (float)step * (outward - inward);
+        }
+        if (along[0] == 0.0f && along[1] == 0.0f)
+            continue;
+        for (int axis = 0; axis < 3; axis++) {
+            float right = view[ROTATION + axis] * (1.0f / UNIT) - px * view[ROTATION + 6 + axis];
+            float down = view[ROTATION + 3 + axis] * (1.0f / UNIT) - py * view[ROTATION + 6 + axis];
+            float slope = (along[0] * right + along[1] * down) / z;
+            for (int k = 0; k < 3; k++)
+                rise[3 * k + axis] += w[k] * slope;
+        }
+    }
+    for (int k = 0; k < SUMS; k++)
+        sums[SUMS * face + k] += all[k];
+    for (int k = 0; k < 9; k++)
+        slopes[9 * face + k] += rise[k];
+    most[face] = MAX(most[face], end - start);
+}
+
+float error_of(__global const float *image, __global const ushort *target, size_t pixel)
+{
+    float sum = 0.0f;
+    for (int channel = 0; channel < 3; channel++) {
+        float seen = image[3 * pixel + channel], off = seen - SHOWN(target, 3 * pixel + channel);
+        sum += off * off;
+    }
+    return sum;
+}
+
+// Keep what each pixel of a view shows, and its squared error, from row `start` on.
+__kernel void remember(__global const float *image, __global const int *faces, __global const ushort *target,
+    __global int *old_faces, __global float *old_errors, uint start, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i >= count)
+        return;
+    old_faces[start + i] = faces[i];
+    old_errors[start + i] = error_of(image, target, i);
+}
+
+// Book the change of each pixel's error to the proposal whose face it shows or showed, or half to each of two.
+__kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
+    __global const int *old_faces, __global const float *old_errors, __global const int *owner,
+    __global whole *totals, float unit, uint start, uint row, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i >= count)
+        return;
+    int was = old_faces[start + i], is = faces[i];
+    int a = was < 0 ? -1 : owner[was], b = is < 0 ? -1 : owner[is];
+    if (a < 0 && b < 0)
+        return;
+    float change = error_of(image, target, i) - old_errors[start + i];
+    if (a >= 0 && b >= 0 && a != b) {
+        whole part = (whole)rint(0.5f * unit * change);
+        ADD(totals + row + a, part);
+        ADD(totals + row + b, part);
+    } else
+        ADD(totals + row + (a >= 0 ? a : b), (whole)rint(unit * change));
+}

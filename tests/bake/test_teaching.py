@@ -1,0 +1,118 @@
+"""Colours, choice and descent on soups whose best form is known."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from msb.bake.descent import descend
+from msb.bake.raster import Raster
+from msb.bake.search import hide_least, try_faces
+from msb.bake.soup import Soup
+from msb.meshes.mesh import Mesh
+from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
+
+
+def db(error: float) -> float:
+    return float(-10 * np.log10(error))
+
+
+def test_colours_are_found_again() -> None:
+    corners, colors = tiles()
+    with lessons_of(corners, colors, cameras(4)) as lessons:
+        soup = Soup.of(mesh_of(corners, np.full_like(colors, 0.5)), shares=True)
+        with closing(Raster(soup.corners, soup.colors, lessons)) as raster:
+            before = soup.error(raster)
+            soup.refit(raster)
+            assert db(soup.error(raster)) > db(before) + 15
+
+
+def test_colours_of_shared_vertices_stay_shared() -> None:
+    corners, _ = tiles()
+    points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = numbers.reshape(-1, 3)
+    truth = np.random.default_rng(3).uniform(0.1, 0.9, size=points.shape).astype(np.float32)
+    mesh = Mesh(points, faces, vertex_colors=np.full_like(truth, 0.5))
+    with lessons_of(corners, truth[faces], cameras(4)) as lessons:
+        soup = Soup.of(mesh, shares=True)
+        with closing(Raster(soup.corners, soup.colors, lessons)) as raster:
+            soup.refit(raster)
+    made = soup.on(mesh)
+    np.testing.assert_array_equal(made.faces, faces)
+    assert made.vertex_colors is not None
+    np.testing.assert_allclose(made.vertex_colors, truth, atol=0.08)
+
+
+def test_colours_stay_within_bounds_and_unseen_ones_as_they_were() -> None:
+    corners, colors = tiles()
+    behind = corners[:1] + np.float32([0, 0, 50])  # behind the square, in no view
+    soup = Soup.of(
+        mesh_of(np.concatenate([corners, behind]), np.full((len(corners) + 1, 3, 3), 0.3, np.float32)),
+        shares=True,
+    )
+    with (
+        lessons_of(corners, (colors > 0.5).astype(np.float32), cameras(3)) as lessons,
+        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
+    ):
+        soup.refit(raster)
+    assert 0 <= soup.colors.min() <= soup.colors.max() <= 1
+    np.testing.assert_array_equal(soup.colors[-1], np.float32(0.3))
+
+
+def test_a_face_that_hides_what_should_be_seen_is_dropped_and_a_lost_one_found() -> None:
+    corners, colors = tiles()
+    wrong = np.array([[[-0.5, -0.5, -0.5], [0.5, -0.5, -0.5], [0, 0.5, -0.5]]], np.float32)
+    soup = Soup.of(
+        mesh_of(np.concatenate([corners, wrong]), np.concatenate([colors, 1 - colors[:1]])), shares=True
+    )
+    soup.keep[3] = False
+    random = np.random.default_rng(0)
+    with (
+        lessons_of(corners, colors, cameras(4)) as lessons,
+        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
+    ):
+        for _ in range(60):
+            try_faces(soup, raster, random, show=False)
+            try_faces(soup, raster, random, show=True)
+        assert soup.keep.tolist() == [True] * len(corners) + [False]
+        hide_least(soup, raster, random, 10)
+        assert soup.keep.sum() == 10
+
+
+def test_corners_move_to_where_they_should_be() -> None:
+    corners, colors = tiles()
+    colors[:] = colors.mean(axis=(1), keepdims=True)
+    shaken = corners + np.random.default_rng(1).normal(size=corners.shape).astype(np.float32) * np.float32(
+        0.04
+    )
+    soup = Soup.of(mesh_of(shaken, colors), shares=False)
+    with (
+        lessons_of(corners, colors, cameras(6, 96, 72)) as lessons,
+        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
+    ):
+        before = soup.error(raster)
+        descend(
+            soup,
+            raster,
+            np.random.default_rng(2),
+            rates=(0.02, 0.002),
+            most=None,
+            done=lambda step: step / 60,
+        )
+        after = soup.error(raster)
+    assert db(after) > db(before) + 3
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_faces_are_cut_into_quarters_that_cover_them(count: int) -> None:
+    corners, colors = tiles()
+    soup = Soup.of(mesh_of(corners[:count], colors[:count]), shares=False).cut()
+    sides = soup.corners[:, 1:] - soup.corners[:, :1]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    assert len(areas) == 4 * count
+    np.testing.assert_allclose(areas, areas[0], rtol=1e-5)
+    np.testing.assert_allclose(
+        soup.corners.reshape(count, -1, 3).mean(axis=1), corners[:count].mean(axis=1), atol=1e-6
+    )
