@@ -26,43 +26,35 @@ typedef struct {
 #define RUNNING(t) ((t) > 0.0f)
 #endif
 
-// Lets a face take its part of the transmittance; returns where it is blended.
-mask attenuate(real *t, mask hit, real alpha)
-{
-    real before = *t, after = before * (1.0f - alpha);
-#if BLENDS_CROSSING
-    mask blended = hit & (before > MIN_TRANSMITTANCE);
-    *t = blended ? after : before;
-#else
-    mask blended = hit & (after >= MIN_TRANSMITTANCE);
-    *t = blended ? after : (hit ? -magnitude(before) : before);
-#endif
-    return blended;
-}
-
 #if SHARES
-// `spread` points at the eight samples in the first of four planes.
-void share_row(State *p, mask hit, const Sample *s, __global const float *spread, size_t plane, real *sum)
-{
-    real before = p->t;
-    mask blended = attenuate(&p->t, hit, s->alpha);
-    real weight = blended ? s->alpha * before : (real)0.0f;
-    for (int i = 0; i < 4; i++)
-        sum[i] = MAD(weight, LOAD(spread + i * plane, 0), sum[i]);
-}
-
 float sum_of(real v)
 {
     float4 four = v.lo + v.hi;
     float2 two = four.lo + four.hi;
     return two.x + two.y;
 }
-#else
-void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s)
+#endif
+
+// With SHARES, `spread` points at the eight samples in the first of four planes, and `sum` is of each plane.
+void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, const Sample *s
+#if SHARES
+               , __global const float *spread, size_t plane, real *sum
+#endif
+)
 {
-    real before = p->t;
-    mask blended = attenuate(&p->t, hit, s->alpha);
+    real before = p->t, after = before * (1.0f - s->alpha);
+#if BLENDS_CROSSING
+    mask blended = hit & (before > MIN_TRANSMITTANCE);
+    p->t = blended ? after : before;
+#else
+    mask blended = hit & (after >= MIN_TRANSMITTANCE);
+    p->t = blended ? after : (hit ? -magnitude(before) : before);
+#endif
     real weight = blended ? s->alpha * before : (real)0.0f;
+#if SHARES
+    for (int i = 0; i < 4; i++)
+        sum[i] = MAD(weight, LOAD(spread + i * plane, 0), sum[i]);
+#else
     real rgb[3], depth;
     shade(f, c, y, s, rgb, &depth);
     p->red = MAD(rgb[0], weight, p->red);
@@ -79,8 +71,8 @@ void blend_row(State *p, FACE_POINTER f, const Columns *c, float y, mask hit, co
     p->median = half_seen ? depth : p->median;
     p->id = half_seen ? (mask)f->number : p->id;
 #endif
-}
 #endif
+}
 
 __kernel void BLEND(__constant View *view, __global const ulong *starts, __global const uint *list,
                     __global const Face *faces, __global float *planes, uint first_tile_row,
@@ -93,6 +85,7 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
 #if SHARES
+    // `blend` has them after its loop: kept through it, they would take registers, and some percent of its time.
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
 #endif
@@ -154,8 +147,8 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
                 State *p = &state[h][2 * k];
 #if SHARES
                 __global const float *spread = planes + (size_t)(band_row * TILE + 2 * k) * stride + from;
-                share_row(p, m, &s, spread, plane, sum);
-                share_row(p + 1, n, &u, spread + stride, plane, sum);
+                blend_row(p, f, &c, y, m, &s, spread, plane, sum);
+                blend_row(p + 1, f, &c, y + 1.0f, n, &u, spread + stride, plane, sum);
 #else
                 blend_row(p, f, &c, y, m, &s);
                 blend_row(p + 1, f, &c, y + 1.0f, n, &u);
