@@ -85,7 +85,7 @@ __kernel void BLEND(__constant View *view, __global const ulong *starts, __globa
     int left = column * TILE, top = (first_tile_row + band_row) * TILE;
 
 #if SHARES
-    // `blend` has them after its loop: kept through it, they would take registers, and some percent of its time.
+    // `blend` has them after its loop: kept through it they would take registers, and percents of its time.
     uint stride = view->columns * TILE;
     size_t plane = (size_t)stride * tile_rows * TILE;
 #endif

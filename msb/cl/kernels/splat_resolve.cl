@@ -73,8 +73,8 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
     face[out] = faces[(size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle];
 }
 
-// The transpose of `resolve`, from a picture to what each sample of the raster is of it: planes 0..2 are colours times,
-// and plane 3 is, the sample's share in its pixel; 0 where it has none, which is all around the picture, too.
+// The transpose of `resolve`, from a picture to what each sample of the raster is of it: plane 3 is the sample's
+// share in its pixel, planes 0..2 are the pixel's colour times that; all are 0 beyond the picture.
 __kernel void spread(__global const float *picture, __global const uint *band, __global float *planes)
 {
     Band b = band_of(band);

@@ -90,9 +90,9 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
     return seen & (t->x1 > t->x0) & (t->y1 > t->y0);
 }
 
-// With SHARES, blending sums instead of pixels what each entry of the tile lists adds to them. It then reads the
-// planes that `spread` makes of a picture (splat_resolve.cl), and of entry e sums[4 e .. 4 e + 3] are red, green and
-// blue of that picture, each weighted by alpha T, and the weight alone. The host clears the sums.
+// With SHARES, blending makes no pixels, but sums what each entry of the tile lists adds to them. It then reads
+// the planes that `spread` makes of a picture (splat_resolve.cl), and of entry e sums[4 e .. 4 e + 3] are red,
+// green and blue of that picture, each weighted by alpha T, and the weight alone. The host clears the sums.
 #if SHARES
 #define BLEND share
 #define SUMS , __global float *sums
