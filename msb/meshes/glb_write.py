@@ -28,6 +28,8 @@ _COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4":
 VERTICES, INDICES = 34962, 34963
 _MOST_SHORT = 1 << 16
 """Vertices that uint16 can number: the last number is no vertex, but restarts strips."""
+_SEEN = 1 / 8
+"""Texels that a texture coordinate may not be off by."""
 _FILTERS = {
     ("linear", True): 9987,
     ("linear", False): 9729,
@@ -39,10 +41,13 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 @dataclass(frozen=True)
 class Part:
-    """A primitive: attributes of its vertices, name -> (V, K), its faces (F, 3), and their texture."""
+    """A primitive: attributes of its vertices, name -> (V, K), its faces (F, 3), and their texture.
+
+    Without faces each three vertices are one.
+    """
 
     attributes: dict[str, NDArray[Any]]
-    faces: NDArray[np.int64]
+    faces: NDArray[np.int64] | None
     texture: int | None
 
 
@@ -88,6 +93,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write one unlit, two-sided mesh, each texture's faces in a primitive; face colours are lost.
 
     Positions become float32. Colours become linear light in whole numbers; as sRGB they keep their type.
+    Beside colours of eight bytes texture coordinates have four where these are enough.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")
@@ -98,11 +104,13 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         write_web(mesh, stream, style)
         return
     parts = Parts(root_of(mesh, style))
-    attributes = {"POSITION": as_float32(mesh.vertices, "GLB")}
+    attributes: dict[str, NDArray[Any]] = {"POSITION": as_float32(mesh.vertices, "GLB")}
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = _colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:
-        attributes["TEXCOORD_0"] = mesh.vertex_uvs
+        wide = "COLOR_0" in attributes and attributes["COLOR_0"].itemsize > 1
+        short = _short_uvs(mesh) if wide else None
+        attributes["TEXCOORD_0"] = mesh.vertex_uvs if short is None else short
     add_mesh(parts, list(split(mesh, attributes)), mesh, style)
     finish(parts, stream)
 
@@ -128,6 +136,20 @@ def _colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
 
 
+def _short_uvs(mesh: Mesh) -> NDArray[np.uint16] | None:
+    """Return the texture coordinates of vertices as uint16, or None where that would be seen.
+
+    That is where one is not in 0 to 1 or would be off by an eighth of a texel, or where two became one.
+    """
+    uvs = mesh.vertex_uvs
+    assert uvs is not None
+    side = max((max(image.shape[:2]) for image in mesh.textures), default=0)
+    if not ((uvs >= 0) & (uvs <= 1)).all() or side / 65535 / 2 >= _SEEN:
+        return None
+    short = np.rint(uvs.astype(np.float64) * 65535).astype(np.uint16)
+    return short if len(np.unique(short, axis=0)) == len(np.unique(uvs, axis=0)) else None
+
+
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Part]:
     """Yield the primitives of `mesh`, grouped by texture; `attributes` (V, K) are of all vertices."""
     if mesh.face_textures is None:
@@ -151,11 +173,14 @@ def add_mesh(parts: Parts, split_up: list[Part], mesh: Mesh, style: Style) -> No
             rows = rows.astype(rows.dtype.newbyteorder("<"), copy=False)
             described = _described(rows, parts.rows(name, rows))
             if name == "POSITION":
+                described.pop("normalized", None)
                 described |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
             entry[name] = parts.add("accessors", described)
-        faces = part.faces.astype("<u2" if len(part.attributes["POSITION"]) < _MOST_SHORT else "<u4")
-        indices = parts.add("accessors", _described(faces.reshape(-1), parts.indices(faces)))
-        primitives.append({"attributes": entry, "indices": indices, "material": number})
+        primitives.append({"attributes": entry, "material": number})
+        if part.faces is not None:
+            faces = part.faces.astype("<u2" if len(part.attributes["POSITION"]) < _MOST_SHORT else "<u4")
+            indices = parts.add("accessors", _described(faces.reshape(-1), parts.indices(faces)))
+            primitives[-1]["indices"] = indices
         _add_material(parts, part.texture, mesh, style)
     parts.root["meshes"] = [{"primitives": primitives}]
 
