@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 
 import msb
-from msb.cli import delivering
-from msb.cli.delivering import Pictures, web_style
+from msb.delivery import pictures as delivered
+from msb.delivery.pictures import Pictures, web_style
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.assets import as_held, mesh_from_asset
 from msb.meshes.formats import Style
@@ -51,7 +51,7 @@ def row(path: str) -> str:
     mesh = mesh_from_asset(asset)
     pictures = Pictures.of(mesh, asset)
     style, _ = web_style(pictures)
-    written = delivering.written(mesh, style)
+    written = delivered.written(mesh, style)
     kept = [pictures.loss(written, samples) for samples in (1, 4)]
     old, web = before(mesh), size(mesh, style)
     share = f"{100 * web / old:.1f} %"

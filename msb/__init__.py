@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from msb.adapters import export
     from msb.api.auditing import audit
     from msb.api.opening import open
-    from msb.api.saving import save
     from msb.api.validating import validate
     from msb.asset import Asset, Validation, load
+    from msb.delivery.saving import save
     from msb.errors import MsbError, Unsupported
     from msb.render import Frame, Renderer, render
     from msb.repair import Repaired, repair
@@ -32,7 +32,7 @@ _HOME = {
     "Validation": "msb.asset",
     "load": "msb.asset",
     "open": "msb.api.opening",
-    "save": "msb.api.saving",
+    "save": "msb.delivery.saving",
     "MsbError": "msb.errors",
     "Unsupported": "msb.errors",
     "Camera": "msb.scenes",

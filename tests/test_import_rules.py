@@ -23,10 +23,13 @@ GROUND = {"errors", "base", "registry", "asset", "scenes"}
 """NumPy and the standard library only; scenes reads the headers of photographs with Pillow."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
-    "__init__": GROUND | {"topology", "render", "repair", "trial", "adapters", "metrics", "api", "why"},
+    "__init__": GROUND
+    | {"topology", "render", "repair", "trial", "adapters", "metrics", "api", "why", "delivery"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
     # The verbs: from a path to what lies there, what is found of it, and back.
     "api": GROUND | {"meshes", "adapters", "topology"},
+    # What is written of an asset: a file for the web is as coarse as pictures allow.
+    "delivery": GROUND | {"meshes", "render", "views", "why"},
     "views": GROUND | {"adapters", "render"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.

@@ -337,7 +337,7 @@ def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: O
     for each in declared:
         path = values.get(each.name)
         if path is not None and each.option.endings:
-            from msb.api.saving import checked_ending
+            from msb.delivery.saving import checked_ending
 
             checked_ending(path, each.label, each.option.endings)
         if path is not None and each.option.output == "file":

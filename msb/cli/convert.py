@@ -12,12 +12,11 @@ from msb.base.option import Argument, Option
 from msb.cli.camera_options import Up
 from msb.cli.command import Rule, Typed, command
 from msb.cli.output import Output, PlainOutput, echo
+from msb.delivery import Engine
 from msb.errors import EXIT_OK, MsbError, UsageError, about
 
 if TYPE_CHECKING:
     from msb.meshes import Mesh
-
-Engine = Literal["unreal", "unity", "godot", "blender", "three", "web"]
 
 
 @dataclass(frozen=True)
@@ -46,8 +45,8 @@ class ConvertOptions:
     engine: Annotated[
         Engine | None,
         Option(
-            "Write the .glb that it opens with no setting touched. For the web: compressed, with WebP, and "
-            "as coarse as 50 dB allow; for all others what is written without this.",
+            "Write the .glb that it opens with no setting touched. For the web: compressed, with WebP, rows "
+            "in another order, as coarse as 50 dB allow; for all others what is written without this.",
             ("--for",),
         ),
     ] = None
@@ -113,8 +112,8 @@ def convert(
 
 def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Path, Path]:
     """Return input -> output, which lies below `target` as the input lies below the folder `source`."""
-    from msb.api.saving import output_suffix
     from msb.asset import is_asset
+    from msb.delivery.saving import output_suffix
 
     suffix = output_suffix(Path(f"--to.{to.removeprefix('.')}"), "--to")
     if target.suffix and not target.is_dir():
@@ -178,18 +177,16 @@ def _write_official(source: Path, target: Path, output: Output) -> None:
 
 def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     from msb.adapters.locate import is_mesh_file
-    from msb.api.saving import output_suffix
-    from msb.cli.delivering import Pictures, left_behind, web_style, write_held
     from msb.cli.inputs import open_asset
+    from msb.cli.output import write_held
+    from msb.delivery.pictures import Pictures
+    from msb.delivery.saving import output_suffix, style_for
     from msb.meshes import read_mesh
     from msb.meshes.assets import as_held, mesh_from_asset
-    from msb.meshes.formats import Style
-    from msb.meshes.losses import beyond_a_mesh, losses, what_is_up
+    from msb.meshes.losses import beyond_a_mesh, left_behind, losses, what_is_up
     from msb.meshes.transform import turned_upright
 
     suffix, asset = output_suffix(target, "OUT"), None
-    if options.engine and suffix != ".glb":
-        raise UsageError("USAGE", f"--for is for .glb, which every engine opens; OUT is {target.name}")
     if is_mesh_file(source):
         with output.progress(f"reading {source.name}"):
             mesh = read_mesh(source)  # itself: an asset would hold its coordinates in float32
@@ -199,17 +196,16 @@ def _write_mesh(source: Path, target: Path, options: ConvertOptions, output: Out
         mesh, left_out = mesh_from_asset(asset), beyond_a_mesh(asset)
         known = options.up is not None or asset.manifest.coordinate_frame.known_up is not None
     mesh = turned_upright(mesh, options.up) if options.up else mesh
-    style, said = Style(options.color, options.texture or "png"), []
-    if options.engine == "web":
-        with output.progress(f"trying how much {target.name} may lose"), about(source):
-            style, kept = web_style(Pictures.of(mesh, asset))
-        said.append(kept)
+    with output.progress(f"trying how much {target.name} may lose"), about(source):
+        style, kept = style_for(
+            mesh, target, asset, color=options.color, texture=options.texture, engine=options.engine
+        )
     # What is wrong with coordinates and indices is wrong in the source.
     with output.progress(f"writing {target.name}"), about(source):
         held = as_held(mesh, suffix)
         write_held(held, target, output, style)
     turned = [f"turned upright ({mesh.up} was up)"] if mesh.up != held.up else []
-    _say(target, [*_holds(held, suffix), *turned, *said], output)
+    _say(target, [*_holds(held, suffix), *turned, *([kept] if kept else [])], output)
     if mesh.textures and not held.textures and held.vertex_colors is not None:
         lost = Pictures.of(mesh, asset).lost(replace(held, vertices=mesh.vertices))
         output.note(f"{target}: {suffix} holds no textures, which are colours of vertices there{lost}")

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from msb.asset.progress import Progress
+    from msb.meshes import Mesh
+    from msb.meshes.formats import Style
 
 STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
@@ -365,6 +367,16 @@ _LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ER
 _LOG_BEGINS_WITHIN = 100
 _LOG: list[IO[str]] = []
 """The log file, if there is one."""
+
+
+def write_held(held: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
+    """Write a mesh with the files that it needs beside it, none of which may be there without --force."""
+    from msb.meshes.files import beside, write_whole
+    from msb.meshes.formats import Style
+
+    for other in beside(held, target, style or Style()):
+        output.check_free(other)
+    write_whole(held, target, style)
 
 
 def setting_text(value: object) -> str:

@@ -121,8 +121,8 @@ class _Repair:
         self, source: Path, target: Path, plan: Options, views: Views, device: str | None, output: Output
     ) -> None:
         from msb.adapters.locate import is_mesh_file
-        from msb.api.saving import output_suffix
         from msb.asset import ASSET_SUFFIX
+        from msb.delivery.saving import output_suffix
 
         self.source, self.target, self.plan, self.output = source, target, plan, output
         self.views, self.device = views, device
@@ -160,8 +160,8 @@ class _Repair:
 
     def repair_asset(self) -> tuple[Mesh | None, Repaired, Sequence[str]]:
         """Repair what an asset holds, and save it, or return its standard-tier mesh and what that lacks."""
-        from msb.api.saving import save
         from msb.cli.inputs import open_asset
+        from msb.delivery.saving import save
         from msb.meshes.assets import mesh_from_asset
         from msb.meshes.losses import beyond_a_mesh, what_is_up
         from msb.repair.assets import repair_asset
@@ -201,7 +201,7 @@ class _Repair:
 
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write a mesh file, and return the audit of what it holds."""
-        from msb.cli.delivering import write_held
+        from msb.cli.output import write_held
         from msb.meshes.assets import as_held
         from msb.meshes.losses import losses
         from msb.topology import audit_arrays

@@ -22,15 +22,23 @@ class Web:
 
     Attributes
     ----------
-    bits : int
-        Positions lie on a grid with 2 ** bits steps along the longest side of the mesh; 22 is about float32.
-    fine_colors : bool
-        Whether colours are uint16, which is off by one level of 8-bit sRGB at most, or bytes of linear light,
-        which are off by six where it is dark.
+    quarters : int
+        Quarters of a bit of positions: they lie on a grid of about 2 ** (quarters / 4) steps along the
+        longest side of the mesh; 88 is about float32.
+    levels : float, optional
+        Colours have a byte of linear light, and a second one where the first is off by more levels of 8-bit
+        sRGB; None: nowhere, which is off by six where it is dark.
+    by_distance : bool
+        Of a mesh whose faces share no vertex: the step is finer for faces near its middle and coarser for
+        those far from it, instead of one for all.
+    is_compact : bool
+        Whether an order of faces is searched for that takes fewer bytes; that takes longer.
     """
 
-    bits: int = 16
-    fine_colors: bool = True
+    quarters: int = 64
+    levels: float | None = 1.0
+    by_distance: bool = False
+    is_compact: bool = True
 
 
 @dataclass(frozen=True)

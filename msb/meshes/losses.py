@@ -72,6 +72,16 @@ def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> I
         yield f"left out: {', '.join(lost)}"
 
 
+def left_behind(mesh: Mesh, engine: str) -> Iterator[str]:
+    """Yield what `engine` does not hold of `mesh`, or not as it was."""
+    if engine == "godot" and mesh.vertex_colors is not None:
+        yield "godot keeps vertex colours in eight bits of linear light, which is coarse where it is dark"
+    if engine == "blender" and mesh.textures and mesh.sampler.mipmaps:
+        yield "blender reads textures without mip maps"
+    if engine == "web":
+        yield "rows of vertices and faces are in another order"
+
+
 def _has_uvs(mesh: Mesh) -> bool:
     return mesh.vertex_uvs is not None or mesh.corner_uvs is not None
 

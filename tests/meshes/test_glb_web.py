@@ -13,7 +13,9 @@ from msb.asset.texture import Sampler
 from msb.base import extras
 from msb.errors import UsageError
 from msb.meshes import Mesh, read_mesh, write_mesh
+from msb.meshes.face_order import compact_order
 from msb.meshes.formats import Style, Web
+from msb.meshes.glb_web import Grid
 
 from .test_glb_write import CORNERS, FACES, UVS, opened
 
@@ -47,7 +49,7 @@ def corners_of(mesh: Mesh) -> Any:
     return turned[np.lexsort(np.round(turned, 1).T[::-1])]
 
 
-@pytest.mark.parametrize(("web", "levels"), [(Web(14, False), 6), (Web(20, True), 1)])
+@pytest.mark.parametrize(("web", "levels"), [(Web(56, None), 6), (Web(80, 1.0), 1)])
 def test_counts_stay_and_what_is_lost_is_bounded(web: Web, levels: int, tmp_path: Path) -> None:
     mesh, files = wavy(), [tmp_path / "plain.glb", tmp_path / "web.glb"]
     write_mesh(mesh, files[0], suffix=".glb")
@@ -55,11 +57,57 @@ def test_counts_stay_and_what_is_lost_is_bounded(web: Web, levels: int, tmp_path
     assert files[1].stat().st_size < files[0].stat().st_size * 0.5
     assert msb.audit(files[0]).counts == msb.audit(files[1]).counts
     plain, again = (corners_of(read_mesh(file)) for file in files)
-    step = 64 / 2**web.bits
+    step = 64 / 2 ** (web.quarters // 4)
     assert np.abs(plain - again).reshape(-1, 3, 6)[..., :3].max() <= step / 2 + 1e-6
     assert np.abs(plain - again).reshape(-1, 3, 6)[..., 3:].max() <= levels + 0.05
     root = opened(files[1].read_bytes())[0]
-    assert root["extensionsRequired"] == ["EXT_meshopt_compression"]
+    short = ["KHR_mesh_quantization"] if web.quarters < 64 else []
+    assert root["extensionsRequired"] == ["EXT_meshopt_compression", *short]
+
+
+def soup() -> Mesh:
+    """Return the faces of the sheet with vertices of their own, each of one colour, and some far away."""
+    mesh = wavy()
+    vertices = mesh.vertices[mesh.faces]
+    vertices[::9] *= 20
+    colors = np.repeat(mesh.vertex_colors[mesh.faces[:, 0]], 3, axis=0)
+    return Mesh(vertices.reshape(-1, 3), np.arange(3 * len(vertices)).reshape(-1, 3), colors)
+
+
+def test_a_soup_needs_no_indices_and_is_finer_near_its_middle(tmp_path: Path) -> None:
+    mesh = soup()
+    write_mesh(mesh, tmp_path / "plain.glb", suffix=".glb")
+    for by_distance in (False, True):
+        path = tmp_path / f"{by_distance}.glb"
+        write_mesh(mesh, path, suffix=".glb", style=Style(web=Web(76, by_distance=by_distance)))
+        assert "indices" not in opened(path.read_bytes())[0]["meshes"][0]["primitives"][0]
+        assert msb.audit(path).counts == msb.audit(tmp_path / "plain.glb").counts
+        again, grid = read_mesh(path), Grid.of(mesh, Web(76, by_distance=by_distance))
+        made = np.sort(again.vertices.astype(np.float32).view("f4,f4,f4"), axis=0)
+        assert np.array_equal(made, np.sort(grid.positions.view("f4,f4,f4"), axis=0))
+        off = np.abs(grid.positions - mesh.vertices).max(axis=1)
+        step = grid.step * 2.0**grid.exponents
+        assert (off <= step / 2 + 1e-4 * grid.step).all()
+        assert bool(grid.exponents.any()) == by_distance
+    far = np.linalg.norm(mesh.vertices - np.median(mesh.vertices, axis=0), axis=1) > 200
+    assert step[far].min() > step[~far].min()
+
+
+def test_an_order_of_faces_that_is_searched_for_takes_fewer_bytes(tmp_path: Path) -> None:
+    """Faces that meet at random, as those of a triangulation of space do of which some are kept."""
+    random = np.random.default_rng(1)
+    near = np.arange(1500)[:, None] + random.integers(1, 40, (1500, 2))
+    faces = np.concatenate((np.arange(1500)[:, None], near), axis=1)
+    faces = random.permutation(faces[faces[:, 1] != faces[:, 2]])
+    mesh = Mesh(random.random((1540, 3), np.float32), faces, random.integers(0, 255, (1540, 3), np.uint8))
+    rows = np.zeros((len(mesh.vertices), 1), np.int64)
+    taken = compact_order(mesh.faces, rows, np.arange(len(mesh.faces)))
+    assert sorted(taken) == list(range(len(mesh.faces)))
+    sizes = []
+    for is_compact in (True, False):
+        write_mesh(mesh, tmp_path / "a.glb", suffix=".glb", style=Style(web=Web(is_compact=is_compact)))
+        sizes.append((tmp_path / "a.glb").stat().st_size)
+    assert sizes[0] < sizes[1]
 
 
 def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texel(tmp_path: Path) -> None:

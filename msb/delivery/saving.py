@@ -5,20 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, get_args
 
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.writer import FORMS
 from msb.base.paths import given_path
+from msb.delivery import Engine
 from msb.errors import UsageError, about, shorten
 from msb.meshes.assets import as_held, mesh_from_asset
 from msb.meshes.files import write_whole
-from msb.meshes.formats import written_suffixes
+from msb.meshes.formats import Color, Picture, Style, written_suffixes
 
 if TYPE_CHECKING:
     from msb.asset.progress import Progress
     from msb.asset.writer import Form
+    from msb.meshes import Mesh
 
 
 def save(
@@ -27,6 +29,9 @@ def save(
     *,
     overwrite: bool = False,
     form: Form = "packed",
+    color: Color | None = None,
+    texture: Picture | None = None,
+    engine: Engine | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Write `asset` in the format that the suffix of `path` names, whole or not at all.
@@ -43,13 +48,22 @@ def save(
         Replace what is there. A device or pipe is written through in any case.
     form : {"packed", "folder"}
         The form of a `.triasset`: a single file (ZIP of stored, 64-byte aligned members) or a folder.
+    color : {"linear", "srgb"}, optional
+        Of a mesh file: what its vertex colours are. Default: linear light in `.glb`, as glTF says, else sRGB.
+    texture : {"png", "jpeg", "webp"}, optional
+        Of `.glb` and `.obj`: what textures are packed as. Default: PNG, which loses nothing.
+    engine : {"unreal", "unity", "godot", "blender", "three", "web"}, optional
+        Write the `.glb` that it opens with no setting touched. For the web: compressed, with WebP, rows in
+        another order, and as coarse as 50 dB allow, which pictures of the asset say; this wants the extra
+        `compressed`. For all others what is written without this. It knows `color` and `texture` itself.
     progress : callable, optional
         Called as ``progress("writing", done, total)``, in bytes, while a `.triasset` is written.
 
     Raises
     ------
     UsageError
-        `USAGE`: no such suffix or form, or an argument of another type. `OUTPUT_EXISTS`.
+        `USAGE`: no such suffix, form or engine, an argument of another type, or options that do not go
+        together. `OUTPUT_EXISTS`. `EXTRA_MISSING`.
     OutputError
         `OUTPUT_UNWRITABLE` if the place cannot be written; nothing is left behind then. For mesh files also
         `OUTPUT_FORMAT_LIMIT`.
@@ -59,18 +73,64 @@ def save(
         `UNSUPPORTED_TIER`: the method has no static colours, which mesh files need.
     """
     check_type("asset", asset, Asset, AN_ASSET)
-    if form not in FORMS:
-        text = f'there is no form "{shorten(str(form), 40)}"; there are {", ".join(FORMS)}'
-        raise UsageError("USAGE", text)
+    _check_one_of("form", form, FORMS)
     target = given_path(path)
     suffix = output_suffix(target)
     if suffix == ASSET_SUFFIX:
+        if (color, texture, engine) != (None,) * 3:
+            text = f"color, texture and engine are for mesh files; {target.name} keeps what is stored"
+            raise UsageError("USAGE", text, file=target)
         write_asset(asset, target, form, overwrite=overwrite, progress=progress)
         return
     if form != "packed":
         raise UsageError("USAGE", f"form is for {ASSET_SUFFIX}; {target.name} is a mesh file", file=target)
     with about(asset.path):
-        write_whole(as_held(mesh_from_asset(asset), suffix), target, overwrite=overwrite)
+        mesh = mesh_from_asset(asset)
+        style, _ = style_for(mesh, target, asset, color=color, texture=texture, engine=engine)
+        write_whole(as_held(mesh, suffix), target, style, overwrite=overwrite)
+
+
+def style_for(
+    mesh: Mesh,
+    target: Path,
+    asset: Asset | None = None,
+    *,
+    color: Color | None = None,
+    texture: Picture | None = None,
+    engine: Engine | None = None,
+) -> tuple[Style, str | None]:
+    """Return how `mesh`, that of `asset` or of a file, is written to `target` by these options.
+
+    Of a file for the web also how far its pictures are from those of the mesh.
+
+    Raises
+    ------
+    UsageError
+        `USAGE`: there is no such option, or they do not go together.
+    """
+    for name, value, known in (
+        ("color", color, Color),
+        ("texture", texture, Picture),
+        ("engine", engine, Engine),
+    ):
+        if value is not None:
+            _check_one_of(name, value, get_args(known))
+    if engine and (color or texture):
+        raise UsageError("USAGE", "color and texture do not go with an engine, which knows them")
+    if engine and target.suffix.lower() != ".glb":
+        text = f"a file for an engine is a .glb, which every engine opens; the output is {target.name}"
+        raise UsageError("USAGE", text)
+    if engine != "web":
+        return Style(color, texture or "png"), None
+    from msb.delivery.pictures import Pictures, web_style
+
+    return web_style(Pictures.of(mesh, asset))
+
+
+def _check_one_of(name: str, value: Any, known: Sequence[str]) -> None:
+    if value not in known:
+        text = f'there is no {name} "{shorten(str(value), 40)}"; there are {", ".join(known)}'
+        raise UsageError("USAGE", text)
 
 
 def output_suffix(path: Path, name: str = "the output") -> str:
