@@ -52,6 +52,32 @@ float8 sqrt8(float8 a)
 #define sqrt8(a) sqrt(a)
 #endif
 
+#ifdef __SSE4_1__
+#if __has_builtin(__builtin_elementwise_floor)
+#define FLOOR(x) __builtin_elementwise_floor(x)
+#endif
+#endif
+
+// Those of 16 numbers that `i` has the places of.
+#if defined(__clang__) && defined(__AVX2__)
+int8 one_of_16(__global const int *p, int8 i)
+{
+    typedef int __attribute__((vector_size(32))) eight_ints;
+    union {
+        int8 ours;
+        eight_ints theirs;
+    } at = {i}, low = {LOAD_INT(p)}, high = {LOAD_INT(p + 8)};
+    low.theirs = __builtin_ia32_permvarsi256(low.theirs, at.theirs);
+    high.theirs = __builtin_ia32_permvarsi256(high.theirs, at.theirs);
+    return i < 8 ? low.ours : high.ours;
+}
+#else
+int8 one_of_16(__global const int *p, int8 i)
+{
+    return (int8)(p[i.s0], p[i.s1], p[i.s2], p[i.s3], p[i.s4], p[i.s5], p[i.s6], p[i.s7]);
+}
+#endif
+
 int or8(int8 v)
 {
     int4 low4 = v.lo | v.hi;

@@ -9,6 +9,7 @@
 //   PAD       columns past a tile, for vectors that start inside
 //   PAD_ROWS  rows past it, for 4 x 4 pixels that do
 #define LANES 8
+#define TOUCH
 #include "zbuffer_math.cl"
 #include "lanes.cl"
 #if COLORS == TEXTURES
@@ -97,28 +98,43 @@ typedef struct {
 } Output;
 
 #if COLORS == TEXTURES
-// Look at eight pixels of a tile, and ask the memory for their texels, and for the triangles of the next eight.
-void look_ahead(const Tile *t, __constant float *view, int x, int y, Sight *sight)
+#define SIGHTS 32 // eights of pixels in a row of the largest tile
+
+// Find out what the row of a tile shows, and ask the memory for its texels. The steps are long chains of operations:
+// each is done for the whole row, so that the processor has several of them under way.
+void look_ahead(const Tile *t, __constant float *view, int y, Place *places, Sight *sights)
 {
     const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
-    int at = (y - t->y0) * t->stride + x - t->x0;
-    int8 hit = LOAD(t->depth + at, 0) > 0.0f, slot = LOAD_INT(t->slot + at) & hit;
-    if (x + 16 <= t->x1) {
-        int8 next = LOAD_INT(t->slot + at + 8) & (LOAD(t->depth + at + 8, 0) > 0.0f);
-        for (int l = 0; l < 8; l++)
-            PREFETCH(t->triangles + (size_t)PICK(next, l) * WORDS);
-    }
-    if (!any8(hit))
-        return;
+    __global const float *depth = t->depth + (y - t->y0) * t->stride;
+    __global const int *slots = t->slot + (y - t->y0) * t->stride;
+    int width = t->x1 - t->x0;
+    for (int x = 0; x < width; x++)
+        PREFETCH(t->triangles + (size_t)slots[x] * WORDS);
     float8 py = (float8)((float)y + 0.5f - view[OPTICAL + 1]);
-    look(&t->textures, view, slot, (float)x + lane + 0.5f - view[OPTICAL], py, sight);
-    for (int l = 0; l < 8; l++) {
-        PREFETCH(t->textures.texels + PICK(sight->near.upper_left, l));
-        PREFETCH(t->textures.texels + PICK(sight->near.lower_left, l));
-        if (sight->blends) {
-            PREFETCH(t->textures.texels + PICK(sight->far.upper_left, l));
-            PREFETCH(t->textures.texels + PICK(sight->far.lower_left, l));
+    for (int x = 0; x < width; x += 8) {
+        int8 hit = LOAD(depth + x, 0) > 0.0f, slot = LOAD_INT(slots + x) & hit;
+        if (any8(hit))
+            look(&t->textures, view, slot, (float)(t->x0 + x) + lane + 0.5f - view[OPTICAL], py, places + x / 8);
+    }
+    for (int x = 0; x < width; x += 8) {
+        int8 hit = LOAD(depth + x, 0) > 0.0f, slot = LOAD_INT(slots + x) & hit;
+        if (!any8(hit))
+            continue;
+        Sight *sight = sights + x / 8;
+        aim(&t->textures, slot, places + x / 8, sight);
+#pragma unroll
+        for (int l = 0; l < 8; l++) {
+            __global const ushort4 *four = t->textures.texels + PICK(sight->near.at, l);
+            PREFETCH(four);
+            PREFETCH(four + PICK(sight->near.below, l));
         }
+        if (sight->blends)
+#pragma unroll
+            for (int l = 0; l < 8; l++) {
+                __global const ushort4 *four = t->textures.texels + PICK(sight->far.at, l);
+                PREFETCH(four);
+                PREFETCH(four + PICK(sight->far.below, l));
+            }
     }
 }
 #endif
@@ -127,28 +143,27 @@ void shade(const Tile *t, __constant float *view, __global const float *colors, 
     float3 background)
 {
     const float8 lane = (float8)(0, 1, 2, 3, 4, 5, 6, 7);
+#if COLORS == TEXTURES
+    Place places[SIGHTS];
+    Sight sights[SIGHTS];
+#endif
     for (int y = t->y0; y < t->y1; y++) {
         float py = (float)y + 0.5f - view[OPTICAL + 1];
 #if COLORS == TEXTURES
-        Sight sights[2];
-        look_ahead(t, view, t->x0, y, sights);
+        look_ahead(t, view, y, places, sights);
 #endif
         for (int x = t->x0; x < t->x1; x += 8) {
             int at = (y - t->y0) * t->stride + x - t->x0;
             float8 depth = LOAD(t->depth + at, 0);
-#if COLORS == TEXTURES
-            int odd = (x - t->x0) >> 3 & 1;
-            if (x + 8 < t->x1)
-                look_ahead(t, view, x + 8, y, sights + (odd ^ 1));
-#endif
             int8 hit = depth > 0.0f, face = (int8)NO_FACE, slot = LOAD_INT(t->slot + at) & hit;
             float8 red = (float8)background.x, green = (float8)background.y, blue = (float8)background.z;
             if (any8(hit)) {
                 float8 r, g, b;
 #if COLORS == TEXTURES
-                face = hit ? GATHER(int8, INTEGERS(t->triangles) + FACE_WORD, slot * WORDS) : face;
+                if (out.all)
+                    face = hit ? GATHER(int8, INTEGERS(t->triangles) + FACE_WORD, slot * WORDS) : face;
                 float8 light[4];
-                show(&t->textures, slot, sights + odd, light);
+                show(&t->textures, slot, places + (x - t->x0) / 8, sights + (x - t->x0) / 8, light);
                 r = encoded(light[0]);
                 g = encoded(light[1]);
                 b = encoded(light[2]);

@@ -3,16 +3,27 @@
 //
 // A record has u, v of the corners in UV_WORD and behind FACE_WORD. `tints` has, if there are any, linear light and
 // alpha of each slot's corners, `numbers` the texture of each slot if there are several, `texels` all levels of all
-// textures, linear light and alpha in 16 bits each. `rows` says how to read them:
-//   row 0            whether texels are not blended, whether smaller levels are read, wrap of u, wrap of v
-//   row 1            alpha below which there is nothing, as a float; whether there are tints; several textures
-//   row 2 + 16t + l  level l of texture t: its first texel, and for l = 0 width, height, and the last level
+// textures with a column and a row more, linear light and alpha in 16 bits each. `rows` says how to read them:
+//   row 0       whether texels are not blended, whether smaller levels are read, wrap of u, wrap of v
+//   row 1       alpha below which there is nothing, as a float; whether there are tints; several textures
+//   row 2 + 5t  texture t: width, height, last level; in the next four rows the first texels of levels 0 to 15
 
 #define CLAMPED 1 // wraps; 0 repeats
 #define MIRRORED 2
 #define FIRST_ROW 2
-#define LEVEL_ROWS 16
+#define TEXTURE_ROWS 5
 #define TINT_WORDS 12
+// Within the loops of a row what is the same for all pixels is computed once.
+#if LANES == 8 && defined(__clang__)
+#define INLINED __attribute__((always_inline))
+#else
+#define INLINED
+#endif
+#if CUTOFF
+#define SEEN 4 // channels
+#else
+#define SEEN 3
+#endif
 
 typedef struct {
     __global const float *triangles, *tints;
@@ -35,6 +46,7 @@ typedef int8 ints;
 #define INTS_OF(x) TO_INT(x)
 #define AS_FLOATS(i) as_float8(i)
 #define AS_INTS(x) as_int8(x)
+#define MAGNITUDE(x) magnitude(x)
 #define ANY(mask) any8(mask)
 #define GATHER(type, p, i)                                                                                      \
     (type)((p)[(i).s0], (p)[(i).s1], (p)[(i).s2], (p)[(i).s3], (p)[(i).s4], (p)[(i).s5], (p)[(i).s6], (p)[(i).s7])
@@ -46,9 +58,13 @@ typedef int8 ints;
         w[2] = ROW_OF(p, words, slot, 2, i), w[3] = ROW_OF(p, words, slot, 3, i);                               \
         w[4] = ROW_OF(p, words, slot, 4, i), w[5] = ROW_OF(p, words, slot, 5, i);                               \
         w[6] = ROW_OF(p, words, slot, 6, i), w[7] = ROW_OF(p, words, slot, 7, i);                               \
-        TRANSPOSE(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7])                                               \
+        COLUMNS(w)                                                                                              \
     }
-#define SHORTS_TO_FLOATS(b) TO_FLOAT(b)
+typedef ushort8 __attribute__((aligned(8))) loose_ushort8;
+#define TWO_TEXELS(p) TO_FLOAT(*(__global const loose_ushort8 *)(p))
+#define COLUMNS(w) TRANSPOSE(w[0], w[1], w[2], w[3], w[4], w[5], w[6], w[7])
+#define COLUMN(w, k) (w)[k]
+#define ONE_OF_16(p, i) one_of_16(p, i)
 #define ROOT(x) sqrt8(x)
 #define LANE(v, l) PICK(v, l)
 #define LANE_F(v, l) PICK_F(v, l)
@@ -59,17 +75,24 @@ typedef int ints;
 #define INTS_OF(x) ((int)(x))
 #define AS_FLOATS(i) as_float(i)
 #define AS_INTS(x) as_int(x)
+#define MAGNITUDE(x) fabs(x)
 #define ANY(mask) (mask)
 #define GATHER(type, p, i) (type)((p)[i])
 #define EIGHT_WORDS(p, words, slot, i, w)                                                                       \
     for (int word = 0; word < 8; word++)                                                                        \
         w[word] = (p)[(size_t)(slot) * (words) + (i) + word];
-#define SHORTS_TO_FLOATS(b) convert_float8(b)
+#define TWO_TEXELS(p) convert_float8((ushort8)((p)[0], (p)[1]))
+#define COLUMNS(w)
+#define COLUMN(w, k) ((const float *)(w))[k]
+#define ONE_OF_16(p, i) (p)[i]
 #define ROOT(x) sqrt(x)
 #define LANE(v, l) (v)
 #define LANE_F(v, l) (v)
 #endif
 
+#ifndef FLOOR
+#define FLOOR(x) floor_of(x)
+#endif
 floats floor_of(floats x)
 {
     floats whole = FLOATS_OF(INTS_OF(x));
@@ -77,15 +100,16 @@ floats floor_of(floats x)
     return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // beyond, floats are whole
 }
 
-// With m the mantissa in sqrt(1/2) to sqrt(2) and s = (m - 1) / (m + 1): log m = 2 (s + s^3 / 3 + s^5 / 5 + ...).
-// Right to 1e-7 for positive normal numbers.
+// A polynomial in the mantissa, which is taken from sqrt(1/2) to sqrt(2), less 1. Right to 3e-6 for positive normal
+// numbers.
 floats log2_of(floats x)
 {
     ints bits = AS_INTS(x), exponent = (bits - 0x3f3504f3) >> 23;
-    floats m = AS_FLOATS(bits - (exponent << 23)), s = (m - 1.0f) / (m + 1.0f), square = s * s;
-    floats series = MAD(square, MAD(square, MAD(square, (floats)0.41219858f, (floats)0.57707801f),
-        (floats)0.96179669f), (floats)2.88539008f);
-    return MAD(s, series, FLOATS_OF(exponent));
+    floats t = AS_FLOATS(bits - (exponent << 23)) - 1.0f, square = t * t;
+    floats high = MAD(square, MAD(t, (floats)(-0.20659133f), (floats)0.32215469f),
+        MAD(t, (floats)(-0.36749004f), (floats)0.47934803f));
+    floats low = MAD(square, high, MAD(t, (floats)(-0.72113186f), (floats)1.44271348f));
+    return MAD(t, low, FLOATS_OF(exponent));
 }
 
 // Linear light to sRGB (IEC 61966-2-1); above its straight part a polynomial in the fourth root, right to 2e-6.
@@ -106,61 +130,92 @@ floats encoded(floats x)
 floats folded(floats u, int wrap)
 {
     if (wrap == MIRRORED) {
-        u -= 2.0f * floor_of(0.5f * u);
+        u -= 2.0f * FLOOR(0.5f * u);
         u = u > 1.0f ? 2.0f - u : u;
     } else if (wrap != CLAMPED)
-        u -= floor_of(u);
+        u -= FLOOR(u);
     return u > 0.0f ? (u < 1.0f ? u : (floats)1.0f) : (floats)0.0f;
 }
 
-// Where a level is read: its four texels, the shares of the upper and the lower two, and that of the right ones in both.
+// The textures of the faces in `slot`: how far behind the first their numbers are, their sides, and their last level.
 typedef struct {
-    ints upper_left, upper_right, lower_left, lower_right;
+    ints at, width, height, last_level;
+} Image;
+
+Image image_of(const Textures *t, ints slot)
+{
+    __global const int *rows = t->rows + 4 * FIRST_ROW;
+    Image image = {0, rows[0], rows[1], rows[2]};
+    if (ARE_SEVERAL(t)) {
+        image.at = 4 * TEXTURE_ROWS * GATHER(ints, t->numbers, slot);
+        image.width = GATHER(ints, rows, image.at);
+        image.height = GATHER(ints, rows + 1, image.at);
+        image.last_level = GATHER(ints, rows + 2, image.at);
+    }
+    return image;
+}
+
+// Where a level is read: the upper left one of four texels, what lies below it, and the shares of the upper two, the
+// lower two, and of the right ones in both.
+typedef struct {
+    ints at, below;
     floats upper, lower, right;
 } Taps;
 
-// The taps of level `level` of the textures whose first row is `row`, times a share; u, v are folded.
-Taps taps_of(const Textures *t, ints row, ints level, ints width, ints height, floats u, floats v, floats share)
+// The taps of a level, times a share; u, v are folded. Past the last column and row of a level there are once more
+// those that blend with them, so that the four are always neighbours.
+Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats v, floats share)
 {
     Taps taps;
-    ints at = 4 * (row + level), first = GATHER(ints, t->rows, at);
-    width >>= level;
-    height >>= level;
+    __global const int *firsts = t->rows + 4 * (FIRST_ROW + 1);
+    ints at = image->at + level, first = ARE_SEVERAL(t) ? GATHER(ints, firsts, at) : ONE_OF_16(firsts, level);
+    ints width = image->width >> level, height = image->height >> level;
     width = width > 1 ? width : (ints)1;
     height = height > 1 ? height : (ints)1;
-    // A texel that is read alone is the left and upper one of four.
-    int alone = t->rows[0];
-    floats shift = (floats)(alone ? 0.0f : -0.5f);
-    floats x = MAD(u, FLOATS_OF(width), shift), y = MAD(v, FLOATS_OF(height), shift);
-    floats left = floor_of(x), up = floor_of(y);
-    ints x0 = INTS_OF(left), y0 = INTS_OF(up), x1 = x0 + 1, y1 = y0 + 1;
-    // Past an edge lies the opposite one, or the edge itself.
-    int around_x = t->rows[2] == 0, around_y = t->rows[3] == 0;
-    x0 = x0 < 0 ? (around_x ? width - 1 : (ints)0) : (x0 < width ? x0 : width - 1);
-    y0 = y0 < 0 ? (around_y ? height - 1 : (ints)0) : (y0 < height ? y0 : height - 1);
-    x1 = x1 < width ? x1 : (around_x ? (ints)0 : width - 1);
-    y1 = y1 < height ? y1 : (around_y ? (ints)0 : height - 1);
-    taps.right = alone ? (floats)0.0f : x - left;
+    ints x0, y0;
     share *= 1.0f / 65535.0f;
-    taps.lower = alone ? (floats)0.0f : share * (y - up);
+    if (t->rows[0]) { // a texel that is read alone is the left and upper one of four
+        x0 = INTS_OF(u * FLOATS_OF(width));
+        y0 = INTS_OF(v * FLOATS_OF(height));
+        x0 = x0 < width ? x0 : width - 1;
+        y0 = y0 < height ? y0 : height - 1;
+        taps.right = taps.lower = (floats)0.0f;
+    } else {
+        floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f));
+        floats y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
+        // Before an edge that is not repeated lies the edge itself.
+        if (t->rows[2] != 0)
+            x = x > 0.0f ? x : (floats)0.0f;
+        if (t->rows[3] != 0)
+            y = y > 0.0f ? y : (floats)0.0f;
+        floats left = FLOOR(x), up = FLOOR(y);
+        taps.right = x - left;
+        taps.lower = share * (y - up);
+        x0 = INTS_OF(left);
+        y0 = INTS_OF(up);
+        x0 = x0 < 0 ? width - 1 : x0;
+        y0 = y0 < 0 ? height - 1 : y0;
+    }
     taps.upper = share - taps.lower;
-    y0 = first + y0 * width;
-    y1 = first + y1 * width;
-    taps.upper_left = y0 + x0;
-    taps.upper_right = y0 + x1;
-    taps.lower_left = y1 + x0;
-    taps.lower_right = y1 + x1;
+    taps.below = width + 1;
+    taps.at = first + y0 * taps.below + x0;
     return taps;
 }
 
-// What the taps of one sample show, the left texels' part and the right ones'.
-#define TWO(left, right) SHORTS_TO_FLOATS((ushort8)(texels[LANE(left, l)], texels[LANE(right, l)]))
-float8 blended(__global const ushort4 *texels, const Taps *taps, int l)
+// Add what the taps show.
+INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *light)
 {
-    float right = LANE_F(taps->right, l);
-    float8 lower = TWO(taps->lower_left, taps->lower_right) * LANE_F(taps->lower, l);
-    float8 both = MAD(TWO(taps->upper_left, taps->upper_right), (float8)LANE_F(taps->upper, l), lower);
-    return both * (float8)((float4)(1.0f - right), (float4)right);
+    float8 seen[LANES]; // the left texels, and the right ones
+#pragma unroll
+    for (int l = 0; l < LANES; l++) {
+        __global const ushort4 *four = texels + LANE(taps->at, l);
+        float8 lower = TWO_TEXELS(four + LANE(taps->below, l)) * LANE_F(taps->lower, l);
+        seen[l] = MAD(TWO_TEXELS(four), (float8)LANE_F(taps->upper, l), lower);
+    }
+    COLUMNS(seen)
+#pragma unroll
+    for (int k = 0; k < SEEN; k++)
+        light[k] += MAD(taps->right, COLUMN(seen, k + 4) - COLUMN(seen, k), COLUMN(seen, k));
 }
 
 // Weights of the second and third corner at a sample, and their steps to the next pixel along x and along y: in all
@@ -193,6 +248,7 @@ void weights_and_steps(const floats *c, __constant float *view, floats px, float
     w[0] = u * inverse;
     w[1] = v * inverse;
     inverse *= sign;
+#pragma unroll
     for (int axis = 0; axis < 2; axis++) {
         float rx = view[RAY + 3 * axis], ry = view[RAY + 3 * axis + 1], rz = view[RAY + 3 * axis + 2];
         DOT(floats, step_u, ux, uy, uz, rx, ry, rz)
@@ -234,35 +290,35 @@ void wide_weights_and_steps(__global const float *record, __constant float *view
     }
 }
 
-// Where textures are read for a sample, and the weights of the second and third corner.
+// What a sample shows: its place in the texture, from 0 to 1, the level, and the weights of the second and third corner.
 typedef struct {
-    Taps near, far;
-    int blends; // whether far counts
-    floats w0, w1;
-} Sight;
+    floats u, v, lod, w0, w1;
+} Place;
 
-// Find where the textures of the faces in `slot` are read at px, py from the principal point, clamped to the faces.
-void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Sight *sight)
+// Find what the faces in `slot` show at px, py from the principal point, clamped to the faces.
+INLINED void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Place *place)
 {
     floats c[16], w[6];
     EIGHT_WORDS(t->triangles, WORDS, slot, 0, c)
     EIGHT_WORDS(t->triangles, WORDS, slot, 8, (c + 8))
     weights_and_steps(c, view, px, py, w);
     floats size = (floats)0.0f; // as is_long in zbuffer_prepare.cl
+#pragma unroll
     for (int k = 3; k < 9; k++) {
-        floats side = c[k] - c[k % 3];
-        side = side < 0.0f ? -side : side;
+        floats side = MAGNITUDE(c[k] - c[k % 3]);
         size = size > side ? size : side;
     }
 #if LANES == 8
     int8 reaches_far = size > FAR / 2;
     for (int l = 0; l < 8 && any8(reaches_far); l++) {
         float exact[6];
+#pragma unroll
         for (int k = 0; k < 6; k++)
             exact[k] = PICK_F(w[k], l);
         if (PICK(reaches_far, l))
             wide_weights_and_steps(
                 t->triangles + (size_t)PICK(slot, l) * WORDS, view, PICK_F(px, l), PICK_F(py, l), exact);
+#pragma unroll
         for (int k = 0; k < 6; k++)
             ((float *)&w[k])[l] = exact[k];
     }
@@ -272,19 +328,12 @@ void look(const Textures *t, __constant float *view, ints slot, floats px, float
 #endif
     floats *uv = c + UV_WORD, *last_uv = c + FACE_WORD + 1;
     floats u1 = uv[2] - uv[0], v1 = last_uv[0] - uv[1], u2 = last_uv[1] - uv[0], v2 = last_uv[2] - uv[1];
-    ints row = (ints)FIRST_ROW, width = (ints)t->rows[4 * FIRST_ROW + 1], height = (ints)t->rows[4 * FIRST_ROW + 2];
-    ints last_level = (ints)t->rows[4 * FIRST_ROW + 3];
-    if (ARE_SEVERAL(t)) {
-        row += LEVEL_ROWS * GATHER(ints, t->numbers, slot);
-        ints at = 4 * row;
-        width = GATHER(ints, t->rows + 1, at);
-        height = GATHER(ints, t->rows + 2, at);
-        last_level = GATHER(ints, t->rows + 3, at);
-    }
     floats lod = (floats)0.0f;
     if (t->rows[1]) {
-        floats wide = FLOATS_OF(width), high = FLOATS_OF(height);
-        floats last = FLOATS_OF(last_level), texels = (floats)1e-30f;
+        Image image = image_of(t, slot);
+        floats wide = FLOATS_OF(image.width), high = FLOATS_OF(image.height);
+        floats last = FLOATS_OF(image.last_level), texels = (floats)1e-30f;
+#pragma unroll
         for (int axis = 0; axis < 2; axis++) {
             floats x = wide * MAD(w[2 + 2 * axis], u1, w[3 + 2 * axis] * u2);
             floats y = high * MAD(w[2 + 2 * axis], v1, w[3 + 2 * axis] * v2);
@@ -296,50 +345,55 @@ void look(const Textures *t, __constant float *view, ints slot, floats px, float
         lod = t->rows[0] ? floor_of(lod + 0.5f) : lod;
         lod = lod > 0.0f ? (lod < last ? lod : last) : (floats)0.0f;
     }
-    floats u = folded(MAD(w[0], u1, MAD(w[1], u2, uv[0])), t->rows[2]);
-    floats v = folded(MAD(w[0], v1, MAD(w[1], v2, uv[1])), t->rows[3]);
-    ints level = INTS_OF(lod);
-    floats share = lod - FLOATS_OF(level);
-    sight->w0 = w[0];
-    sight->w1 = w[1];
-    sight->near = taps_of(t, row, level, width, height, u, v, 1.0f - share);
-    sight->blends = ANY(share > 0.0f);
-    if (sight->blends)
-        sight->far = taps_of(t, row, share > 0.0f ? level + 1 : level, width, height, u, v, share);
+    place->u = folded(MAD(w[0], u1, MAD(w[1], u2, uv[0])), t->rows[2]);
+    place->v = folded(MAD(w[0], v1, MAD(w[1], v2, uv[1])), t->rows[3]);
+    place->lod = lod;
+    place->w0 = w[0];
+    place->w1 = w[1];
 }
 
-// Linear light and alpha that were looked for.
-void show(const Textures *t, ints slot, const Sight *sight, floats *light)
+// Where a place is read: in one level, or in two.
+typedef struct {
+    Taps near, far;
+    int blends; // whether far counts
+} Sight;
+
+INLINED void aim(const Textures *t, ints slot, const Place *place, Sight *sight)
 {
-    float8 seen[LANES];
-    for (int l = 0; l < LANES; l++) {
-        seen[l] = blended(t->texels, &sight->near, l);
-        if (sight->blends)
-            seen[l] += blended(t->texels, &sight->far, l);
-        seen[l].lo += seen[l].hi;
-    }
-#if LANES == 8
-    TRANSPOSE(seen[0], seen[1], seen[2], seen[3], seen[4], seen[5], seen[6], seen[7])
-    for (int k = 0; k < 4; k++)
-        light[k] = seen[k];
-#else
-    light[0] = seen[0].s0;
-    light[1] = seen[0].s1;
-    light[2] = seen[0].s2;
-    light[3] = seen[0].s3;
-#endif
+    Image image = image_of(t, slot);
+    ints level = INTS_OF(place->lod);
+    floats share = place->lod - FLOATS_OF(level);
+    sight->near = taps_of(t, &image, level, place->u, place->v, 1.0f - share);
+    sight->blends = ANY(share > 0.0f);
+    level = level < image.last_level ? level + 1 : level;
+    if (sight->blends)
+        sight->far = taps_of(t, &image, level, place->u, place->v, share);
+}
+
+// Linear light that is seen there, and with a cut-off alpha.
+INLINED void show(const Textures *t, ints slot, const Place *place, const Sight *sight, floats *light)
+{
+#pragma unroll
+    for (int k = 0; k < SEEN; k++)
+        light[k] = (floats)0.0f;
+    add_taps(t->texels, &sight->near, light);
+    if (sight->blends)
+        add_taps(t->texels, &sight->far, light);
     if (!IS_TINTED(t))
         return;
     floats first[8], last[8];
     EIGHT_WORDS(t->tints, TINT_WORDS, slot, 0, first)
     EIGHT_WORDS(t->tints, TINT_WORDS, slot, 4, last)
-    for (int k = 0; k < 4; k++)
-        light[k] *= MAD(sight->w0, last[k] - first[k], MAD(sight->w1, last[4 + k] - first[k], first[k]));
+#pragma unroll
+    for (int k = 0; k < SEEN; k++)
+        light[k] *= MAD(place->w0, last[k] - first[k], MAD(place->w1, last[4 + k] - first[k], first[k]));
 }
 
 void surface(const Textures *t, __constant float *view, ints slot, floats px, floats py, floats *light)
 {
+    Place place;
     Sight sight;
-    look(t, view, slot, px, py, &sight);
-    show(t, slot, &sight, light);
+    look(t, view, slot, px, py, &place);
+    aim(t, slot, &place, &sight);
+    show(t, slot, &place, &sight, light);
 }

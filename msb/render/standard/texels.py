@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import LINEAR, ROUNDING, Textured, level_sizes, levels_read
+from msb.asset.texture import LINEAR, ROUNDING, Sampler, Textured, level_sizes, levels_read
 from msb.errors import DeviceError
 
 if TYPE_CHECKING:
     from msb.cl import Buffer, Device
 
-_FIRST_ROW, _LEVEL_ROWS = 2, 16
-"""As in zbuffer_texture.cl: rows before those of levels, and rows of a texture."""
+_FIRST_ROW, _TEXTURE_ROWS = 2, 5
+"""As in zbuffer_texture.cl: rows before those of textures, and rows of a texture."""
 _WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 _MOST = 2**31 - 1
 """Texels that the kernels can number."""
@@ -50,12 +50,13 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     """
     sampler = textured.sampler
     sizes = [level_sizes(*image.shape[:2])[: None if sampler.mipmaps else 1] for image in textured.images]
-    count = sum(height * width for levels in sizes for height, width in levels)
+    count = sum((height + 1) * (width + 1) for levels in sizes for height, width in levels)
     if count > _MOST:
         text = f"the textures have {count:,} texels with their smaller levels; a device takes {_MOST:,}"
         raise DeviceError("DEVICE_MEMORY", text)
-    texels = device.allocate((count, 4), np.uint16, "standard textures", "appearance")
-    rows = np.zeros((_FIRST_ROW + _LEVEL_ROWS * len(sizes), 4), np.int32)
+    # NumPy's memory is in huge pages, where a device shares it and the system has them.
+    texels = device.share(np.zeros((count, 4), np.uint16), "standard textures", "appearance")
+    rows = np.zeros((_FIRST_ROW + _TEXTURE_ROWS * len(sizes), 4), np.int32)
     wraps = (_WRAPS[wrap] for wrap in (sampler.wrap_u, sampler.wrap_v))
     rows[0] = (sampler.filter == "nearest", sampler.mipmaps, *wraps)
     several = textured.face_texture is not None
@@ -63,18 +64,28 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
     first = 0
     for number, image in enumerate(textured.images):
         levels = levels_read(image, sampler)
+        numbers = rows[_FIRST_ROW + _TEXTURE_ROWS * number :].reshape(-1)
+        numbers[:3] = image.shape[1], image.shape[0], len(levels) - 1
         for level, texture in enumerate(levels):
             height, width = texture.shape[:2]
-            row = _FIRST_ROW + _LEVEL_ROWS * number + level
-            rows[row] = first, width, height, len(levels) - 1
-            texels.write(packed(texture), start=4 * first)
-            first += height * width
+            numbers[4 + level] = first
+            texels.write(packed(_bordered(texture, sampler)), start=4 * first)
+            first += (height + 1) * (width + 1)
     held = (
         device.allocate(slots if several else 1, np.uint32, "standard texture numbers", "appearance"),
         texels,
         device.upload(rows, "standard texture rows", "appearance"),
     )
     return Texels(held, {"CUTOFF": int(sampler.alpha_cutoff is not None)}, tinted, several)
+
+
+def _bordered(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:
+    """Return a level with a column and a row more: what lies past its last ones."""
+    for axis, wrap in enumerate((sampler.wrap_v, sampler.wrap_u)):
+        widths = [(0, 0)] * 3
+        widths[axis] = (0, 1)
+        image = np.pad(image, widths, "wrap" if wrap == "repeat" else "edge")
+    return image
 
 
 def packed(image: NDArray[np.uint8]) -> NDArray[np.uint16]:
