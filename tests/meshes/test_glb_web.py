@@ -74,6 +74,7 @@ def soup() -> Mesh:
     return Mesh(vertices.reshape(-1, 3), np.arange(3 * len(vertices)).reshape(-1, 3), colors)
 
 
+@pytest.mark.slow
 def test_a_soup_needs_no_indices_and_is_finer_near_its_middle(tmp_path: Path) -> None:
     mesh = soup()
     write_mesh(mesh, tmp_path / "plain.glb", suffix=".glb")
