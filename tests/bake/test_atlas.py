@@ -1,0 +1,106 @@
+"""Atlases: faces fit, keep apart in the smaller levels, and are as large as what they show asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from msb.asset.texture import Sampler, mip_levels, sample
+from msb.bake.atlas import connected_atlas, soup_atlas
+from msb.base.extras import is_installed
+from msb.errors import UsageError
+
+CLAMP = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
+
+
+def needed(count: int, largest: float) -> NDArray[np.float64]:
+    """Return pixels of faces, from none to `largest`."""
+    rng = np.random.default_rng(3)
+    return np.where(rng.random(count) < 0.2, 0, largest ** rng.random(count))
+
+
+def areas(uvs: NDArray[np.float32], size: int) -> NDArray[np.float64]:
+    """Return the texels that each face has."""
+    corners = uvs.reshape(-1, 3, 2).astype(np.float64) * size
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2)
+
+
+def inside(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points of a triangle (3, 2): a grid of weights, corners and edges with it."""
+    a, b = np.meshgrid(np.linspace(0, 1, 25), np.linspace(0, 1, 25))
+    a, b = a[a + b <= 1 + 1e-9], b[a + b <= 1 + 1e-9]
+    return np.stack([1 - a - b, a, b], axis=1).clip(0, 1) @ corners
+
+
+@pytest.mark.parametrize(("largest", "last"), [(60.0, 2), (2000.0, 1)])
+def test_no_level_mixes_two_faces(largest: float, last: int) -> None:
+    """With room for all that is asked three levels are clean; where it is short, two are."""
+    size, count = 256, 200
+    uvs = soup_atlas(needed(count, largest), size)
+    faces = np.flatnonzero(areas(uvs, size))
+    assert len(faces) > count // 2
+    corners = uvs.reshape(-1, 3, 2).astype(np.float64)
+    # What any other face reads at the last level is black; of the face itself nothing may be.
+    spread = [inside(corners[face]) for face in faces]
+    for number in range(0, len(faces), 7):
+        image = np.full((size, size, 3), 255, np.uint8)
+        for other, points in enumerate(spread):
+            if other != number:
+                _blacken(image, points * size, 1 << last)
+        levels = mip_levels(image)
+        for lod in range(last + 1):
+            seen = sample(levels, spread[number], CLAMP, np.full(len(spread[number]), float(lod)))
+            assert seen.min() > 0.98, (faces[number], lod)
+
+
+def _blacken(image: NDArray[np.uint8], points: NDArray[np.float64], block: int) -> None:
+    """Blacken the blocks whose texel of the smaller level one of `points`, in texels, lies in."""
+    corner = (points / block).astype(int).clip(0, image.shape[0] // block - 1) * block
+    for left, top in np.unique(corner, axis=0):
+        image[top : top + block, left : left + block] = 0
+
+
+def test_texels_follow_pixels() -> None:
+    """Where there is room a face has as many texels as pixels, to the next block; else all have fewer."""
+    pixels = needed(300, 900.0)
+    roomy, short = (areas(soup_atlas(pixels, size), size) for size in (1024, 128))
+    assert (roomy[pixels == 0] == 0).all()
+    large = pixels > 200
+    assert np.abs(np.sqrt(roomy[large] / pixels[large]) - 1).max() < 0.15
+    factor = np.sqrt(short[large] / pixels[large])
+    assert 0.2 < factor.min() < factor.max() < 0.7
+
+
+def test_faces_do_not_overlap() -> None:
+    size = 128
+    corners = soup_atlas(needed(500, 50.0), size).reshape(-1, 3, 2).astype(np.float64) * size
+    middles = corners.mean(axis=1)
+    assert len(np.unique(np.floor(middles), axis=0)) == 500
+    assert corners.min() > 0
+    assert corners.max() < size
+
+
+def test_more_faces_than_room() -> None:
+    """A texel for each face is the least; there it is one colour a face."""
+    uvs = soup_atlas(np.full(64 * 64, 9.0), 64)
+    assert len(np.unique(uvs, axis=0)) == 64 * 64
+    with pytest.raises(UsageError, match="4,097 faces do not fit into a texture of 64 x 64") as caught:
+        soup_atlas(np.full(64 * 64 + 1, 9.0), 64)
+    assert caught.value.code == "USAGE"
+
+
+@pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
+def test_charts_are_scaled_by_what_they_show() -> None:
+    """Two squares apart, of one size: the one that is seen with 9 times the pixels has 9 times the texels."""
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
+    vertices = np.concatenate([square, square + np.float32([0, 0, 5])])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    uvs = connected_atlas(vertices, faces, np.array([450.0, 450, 50, 50]), 256)
+    assert uvs.shape == (12, 2)
+    assert uvs.min() >= 0
+    assert uvs.max() <= 1
+    near, _, far, _ = areas(uvs, 256)
+    assert near / far == pytest.approx(9, rel=0.1)
+    assert near > 5000

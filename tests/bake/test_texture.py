@@ -1,0 +1,188 @@
+"""Textures by least squares: they show what they were taught, and leave alone what no picture shows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from msb.asset.texture import Sampler
+from msb.bake import texture
+from msb.bake.lessons import Lessons
+from msb.bake.stencils import Pyramid
+from msb.bake.texture import textured
+from msb.base.extras import is_installed
+from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.metrics import psnr
+from msb.render import Renderer
+from msb.scenes import Camera
+
+GREY = (0.5, 0.5, 0.5)
+
+
+def camera(x: float, turn: float, distance: float, width: int = 96) -> Camera:
+    """Return a camera that looks at the wall of `wall`."""
+    c, s = np.cos(turn), np.sin(turn)
+    pose = np.array([[c, 0, s, x], [0, 1, 0, 0], [-s, 0, c, distance], [0, 0, 0, 1.0]])
+    return Camera(width, 72, float(width), float(width), width / 2, 36.0, pose)
+
+
+CAMERAS = [camera(0.2, 0.0, 2.2), camera(-0.3, 0.5, 2.4), camera(0.1, -0.6, 2.6), camera(0.0, 0.2, 4.0)]
+
+
+def wall(*, joined: bool = False) -> Mesh:
+    """Return a grey wall of two faces, and a third face, blue and red, behind all cameras."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32)
+    behind = np.array([[0, 0, -90], [1, 0, -90], [0, 1, -90]], np.float32)
+    faces = np.array([[0, 1, 2], [2, 3, 0], [4, 5, 6]])
+    vertices = np.concatenate([corners, behind])
+    colors = np.full((7, 3), 0.5, np.float32)
+    colors[4:] = (0, 0, 1), (1, 0, 0), (1, 0, 0)
+    if not joined:
+        vertices, colors, faces = vertices[faces].reshape(-1, 3), colors[faces].reshape(-1, 3), faces
+        faces = np.arange(9).reshape(3, 3)
+    return Mesh(vertices, faces, vertex_colors=colors)
+
+
+def painted() -> Mesh:
+    """Return the wall with soft shapes on it."""
+    y, x = np.mgrid[0:64, 0:64] / 63
+    image = np.stack([np.sin(9 * x) ** 2, (x * y), np.cos(7 * y - 3 * x) ** 2], axis=2)
+    uvs = (wall().vertices[:, :2] / 2 + 0.5).astype(np.float32)
+    pixels = np.rint(image * 255).astype(np.uint8)
+    return replace(wall(), vertex_colors=None, corner_uvs=uvs, textures=(pixels,))
+
+
+def lessons(cameras: list[Camera]) -> Lessons:
+    renderer = Renderer(asset_from_mesh(painted()), "standard")
+    return Lessons(cameras, GREY, lambda each: renderer.render(each, background=GREY).image)
+
+
+def drawn(mesh: Mesh, seen: Camera) -> NDArray[np.float32]:
+    with Renderer(asset_from_mesh(mesh), "standard") as renderer:
+        return renderer.render(seen, background=GREY).image
+
+
+def test_shows_what_it_was_taught() -> None:
+    """Also from where no picture was taken; the same bytes each time; the watcher hears of each picture."""
+    other = camera(-0.1, -0.2, 2.3)
+    heard = []
+    with lessons(CAMERAS) as taught:
+        made = textured(wall(), taught, 128, watch=lambda *what: heard.append(what))
+        again = textured(wall(), taught, 128)
+    assert psnr(drawn(made, other), drawn(painted(), other)) > 40
+    assert psnr(drawn(wall(), other), drawn(painted(), other)) < 15
+    assert made.textures[0].shape == (128, 128, 3)
+    assert made.vertex_colors is None
+    assert made.sampler == Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
+    assert np.array_equal(made.textures[0], again.textures[0])
+    assert np.array_equal(made.corner_uvs, again.corner_uvs)
+    assert heard[-1] == ("texture", 8, 8)
+    assert len(heard) == 8
+
+
+@pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
+def test_surface() -> None:
+    """Where faces share vertices the colours of what no picture shows stay what they were."""
+    other = camera(-0.1, -0.2, 2.3)
+    with lessons(CAMERAS) as taught:
+        made = textured(wall(joined=True), taught, 128)
+    assert psnr(drawn(made, other), drawn(painted(), other)) > 38
+    behind = Camera(
+        64, 64, 64.0, 64.0, 20.0, 20.0, np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 92], [0, 0, 0, 1]])
+    )
+    near = replace(behind, cx=32.0, cy=32.0)
+    assert psnr(drawn(made, near), drawn(wall(), near)) > 35
+
+
+def test_face_that_no_picture_shows_is_one_colour() -> None:
+    """In a soup it has a texel, which has the mean of its colours."""
+    with lessons(CAMERAS[:1]) as taught:
+        made = textured(wall(), taught, 64)
+    assert made.corner_uvs is not None
+    x, y = np.floor(made.corner_uvs[6] * 64).astype(int)
+    assert np.array_equal(made.corner_uvs[6], made.corner_uvs[8])
+    assert made.textures[0][y, x].tolist() == [170, 0, 85]
+
+
+def test_samples_are_those_of_the_standard_tier() -> None:
+    """Near and far, and askew: a little change of texels changes the picture as the samples say."""
+    size = 64
+    rng = np.random.default_rng(5)
+    change = rng.integers(-6, 7, (size, size, 3))
+    grey = np.full((size, size, 3), 128, np.uint8)
+    uvs = (wall().vertices[:, :2] / 2 + 0.5).astype(np.float32)
+    sampler = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
+    flat = replace(wall(), vertex_colors=None, corner_uvs=uvs, textures=(grey,), sampler=sampler)
+    noisy = replace(flat, textures=((grey + change).astype(np.uint8),))
+    for seen in (CAMERAS[0], camera(0.0, 1.2, 3.0), camera(0.0, 0.3, 6.0)):
+        pyramid = Pyramid(size)
+        difference = (drawn(noisy, seen) - drawn(flat, seen)).reshape(-1, 3)
+        with Renderer(asset_from_mesh(flat), "standard") as renderer:
+            faces = renderer.render(seen).face_id
+        assert faces is not None
+        pixel = np.flatnonzero(faces >= 0)
+        shown = texture._Seen(pixel, faces.reshape(-1)[pixel])
+        row, first, x, y, share = texture._samples(shown, flat, seen, pyramid)
+        levels = [change / 255]
+        while len(levels) < pyramid.levels:
+            half = len(levels[-1]) // 2
+            levels.append(levels[-1].reshape(half, 2, half, 2, 3).mean(axis=(1, 3)))
+        texels = np.concatenate([level.reshape(-1, 3) for level in levels])
+        side = pyramid.sides[np.searchsorted(pyramid.starts, first, side="right") - 1]
+        said = np.zeros((len(pixel), 3))
+        for right in (0, 1):
+            for below in (0, 1):
+                weight = share * np.abs(1 - right - x) * np.abs(1 - below - y)
+                np.add.at(said, row, weight[:, None] * texels[first + right + below * side])
+        assert np.abs(said - difference[pixel]).max() < 0.004  # rounded to bytes at each level
+        assert np.corrcoef(said.ravel(), difference[pixel].ravel())[0, 1] > 0.97
+
+
+def test_equations_are_those_of_the_samples() -> None:
+    """The stencils say the same as a matrix with a row for each sample, and so does the right side."""
+    rng = np.random.default_rng(1)
+    pyramid = Pyramid(8)
+    count = 300
+    place = [rng.uniform(0, 8, count), rng.uniform(0, 8, count)]
+    lod = rng.uniform(0, pyramid.levels - 1, count) * (rng.random(count) < 0.7)
+    error = rng.normal(size=(count, 3)).astype(np.float32)
+    samples = pyramid.samples(place, lod)
+    pyramid.add(samples, error, ties=True)
+    half = np.kron(np.eye(4), np.full((1, 2), 0.5))
+    means = np.kron(half, half)
+    fourth = np.kron(np.kron(np.eye(2), np.full((1, 2), 0.5)), np.kron(np.eye(2), np.full((1, 2), 0.5)))
+    levels = np.concatenate([np.eye(64), means, fourth @ means])
+    row, first, x, y, share = samples
+    matrix = np.zeros((len(row), len(levels)))
+    side = pyramid.sides[np.searchsorted(pyramid.starts, first, side="right") - 1]
+    for right in (0, 1):
+        for below in (0, 1):
+            np.add.at(
+                matrix,
+                (np.arange(len(row)), first + right + below * side),
+                np.abs(1 - right - x) * np.abs(1 - below - y),
+            )
+    matrix = matrix @ levels
+    some = rng.normal(size=64).astype(np.float32)
+    expected = (matrix.T * share) @ (matrix @ some)
+    assert np.allclose(pyramid.applied(some), expected, atol=1e-4 * np.abs(expected).max())
+    # Enough steps for 64 unknowns that are tied weakly: the solution of the equations.
+    pyramid.planes[0, :64] += 0.5
+    expected = np.linalg.solve((matrix.T * share) @ matrix + 0.5 * np.eye(64), matrix.T * share @ error[row])
+    assert np.allclose(pyramid.solved(), expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_charts_do_not_run_into_each_other() -> None:
+    """Texels are tied to neighbours of their own chart alone."""
+    pyramid = Pyramid(4)
+    chart = np.repeat([[0, 0, 1, 1]], 4, axis=0).astype(np.int32)
+    pyramid.tie(chart)
+    pyramid.right[0, :16] = 1 * (np.arange(16) == 5)
+    pyramid.planes[0, 5] += 1  # one texel is seen
+    change = pyramid.solved()[:, 0].reshape(4, 4)
+    assert change[:, :2].min() > 0.3
+    assert np.abs(change[:, 2:]).max() == 0
