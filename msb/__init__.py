@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from msb.api.opening import open
     from msb.api.validating import validate
     from msb.asset import Asset, Validation, load
+    from msb.bake import Baked, bake
     from msb.delivery.saving import save
     from msb.errors import MsbError, Unsupported
     from msb.render import Frame, Renderer, render
@@ -33,6 +34,7 @@ _HOME = {
     "load": "msb.asset",
     "open": "msb.api.opening",
     "save": "msb.delivery.saving",
+    "Baked": "msb.bake",
     "MsbError": "msb.errors",
     "Unsupported": "msb.errors",
     "Camera": "msb.scenes",
@@ -45,12 +47,13 @@ _HOME = {
     "audit": "msb.api.auditing",
     "validate": "msb.api.validating",
 }
-_PACKAGES = ("metrics", "render", "repair", "trial", "why")
-"""Packages of the public API. `render`, `repair`, `trial` and `why` can also be called as functions."""
+_PACKAGES = ("bake", "metrics", "render", "repair", "trial", "why")
+"""Packages of the public API. All but `metrics` can also be called as functions."""
 
 __all__ = [
     "Asset",
     "Audit",
+    "Baked",
     "Camera",
     "Frame",
     "MsbError",
@@ -60,6 +63,7 @@ __all__ = [
     "Validation",
     "__version__",
     "audit",
+    "bake",
     "export",
     "load",
     "metrics",

@@ -24,7 +24,7 @@ GROUND = {"errors", "base", "registry", "asset", "scenes"}
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
     "__init__": GROUND
-    | {"topology", "render", "repair", "trial", "adapters", "metrics", "api", "why", "delivery"},
+    | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
     # The verbs: from a path to what lies there, what is found of it, and back.
     "api": GROUND | {"meshes", "adapters", "topology"},
@@ -74,7 +74,19 @@ ALLOWED: dict[str, set[str]] = {
     # A trial can be of the repaired mesh.
     "trial": GROUND | {"api", "meshes", "topology", "metrics", "render", "repair", "views"},
     "bake": GROUND
-    | {"adapters", "api", "cl", "meshes", "metrics", "render", "repair", "topology", "trial", "views"},
+    | {
+        "adapters",
+        "api",
+        "cl",
+        "delivery",
+        "meshes",
+        "metrics",
+        "render",
+        "repair",
+        "topology",
+        "trial",
+        "views",
+    },
     # What shows is below the commands that open it.
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
 }

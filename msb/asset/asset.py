@@ -82,6 +82,12 @@ class Asset:
 
         return msb.repair(self, plan, **options)
 
+    def bake(self, **options: Any) -> msb.Baked:
+        """Return a plain asset that looks like it, and what that lost: `msb.bake` describes the options."""
+        import msb
+
+        return msb.bake(self, **options)
+
     def render(self, camera: msb.Camera, tier: Tier = "standard", **options: Any) -> msb.Frame:
         """Draw it once, as one camera sees it: `msb.render`, which describes tiers and options."""
         import msb

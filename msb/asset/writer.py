@@ -61,6 +61,12 @@ def write_asset(
             _write_packed(asset, file, meter)
 
 
+def write_packed(asset: Asset, file: IO[bytes]) -> None:
+    """Write a `.triasset` to an open file, as one of several that belong together."""
+    _refuse_unreadable(asset, getattr(file, "name", None))
+    _write_packed(asset, file, Meter("writing", 0, None))
+
+
 def _refuse_unreadable(asset: Asset, path: object) -> None:
     """Raise the error that `load` would raise of this manifest, or of buffers it does not describe."""
     for item in check_manifest(asset.manifest.to_dict()):

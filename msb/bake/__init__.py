@@ -1,1 +1,11 @@
 """Make a plain asset of a model: a mesh that any engine draws, taught by the model's own renderer."""
+
+from __future__ import annotations
+
+from msb.bake.report import Psnr, Report
+from msb.bake.run import Baked, bake
+from msb.base.callable_packages import make_callable
+
+__all__ = ["Baked", "Psnr", "Report", "bake"]
+
+make_callable(__name__, bake)

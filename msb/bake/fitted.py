@@ -77,10 +77,10 @@ def fitted(
         best.look(soup)
 
         def done(step: int) -> float:
-            watch("moving faces", step, _STEPS)
+            enough = watch("moving faces", step, _STEPS)
             if step % _LOOK == 0:
                 best.look(soup)
-            return max(step / _STEPS, (time.monotonic() - began) / seconds)
+            return 1.0 if enough else max(step / _STEPS, (time.monotonic() - began) / seconds)
 
         if raster.pixels_a_face(soup.keep) >= FEWEST:
             descend(soup, raster, random, rates=_RATES, most=faces, done=done)

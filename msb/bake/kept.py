@@ -66,9 +66,9 @@ def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, 
     for step in range(1, _ROUNDS + 1):
         try_faces(soup, raster, random, show=False)
         try_faces(soup, raster, random, show=True)
-        watch("choosing faces", step, _ROUNDS)
-        if step % _REFIT == 0:
+        enough = watch("choosing faces", step, _ROUNDS)
+        if enough or step % _REFIT == 0:
             soup.refit(raster)
             best.look(soup)
-            if best.since >= _PATIENCE:
+            if enough or best.since >= _PATIENCE:
                 return

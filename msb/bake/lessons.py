@@ -47,7 +47,7 @@ class Lessons:
             image = np.clip(np.nan_to_num(self._draw(camera)), 0, 1)
             self._file.seek(0, 2)
             self._places[number] = self._file.tell()
-            np.rint(image * STEPS).astype(np.uint16).tofile(self._file)
+            self._file.write(np.rint(image * STEPS).astype(np.uint16).tobytes())
             self._file.flush()
         self._file.seek(self._places[number])
         count = camera.height * camera.width * 3
@@ -73,6 +73,10 @@ class Lessons:
 
     def close(self) -> None:
         """Give the file back."""
+        self._file.close()
+
+    def __del__(self) -> None:
+        # Coarser lessons have many users, none of whom is the last to know.
         self._file.close()
 
     def __enter__(self) -> Self:

@@ -128,9 +128,9 @@ class Report:
     path: str | None = None
     output: str | None = None
 
-    def written(self, output: object, size: int, seconds: float) -> Report:
-        """Return the report on a file of so many bytes, which took so many seconds in all."""
-        return replace(self, output=str(output), bytes=size, seconds=seconds)
+    def written(self, output: object, size: int) -> Report:
+        """Return the report on a file of so many bytes, with those that it needs beside it."""
+        return replace(self, output=str(output), bytes=size)
 
     @property
     def sentence(self) -> str:

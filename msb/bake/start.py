@@ -23,15 +23,16 @@ if TYPE_CHECKING:
     from msb.bake.soup import Soup
     from msb.cl import Device
 
-Watch = Callable[[str, int, int], None]
-"""Is told the stage, how much of it is done, and how much there is."""
+Watch = Callable[[str, int, int], bool]
+"""Is told the stage, how much of it is done, of how much; says whether to end with the best so far."""
 LIMITS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 """Shares of the pixels that a face owns, below which it is dropped, the worst faces first: what these hide
 may deserve to be seen. At which it ends, views aside say."""
 
 
-def nobody(_stage: str, _done: int, _total: int) -> None:
-    """Watch nothing."""
+def nobody(_stage: str, _done: int, _total: int) -> bool:
+    """Watch nothing, and end nothing."""
+    return False
 
 
 class Best:

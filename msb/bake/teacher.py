@@ -48,28 +48,30 @@ class Teacher:
             self._renderer = Renderer(asset, "dedicated", device, **lean_options("dedicated", None))
 
     def lessons(self, cameras: Sequence[Camera], scale: int = 1) -> Lessons:
-        """Return what cameras should show, drawn when asked for, in pictures `scale` times as large.
+        """Return what teaches cameras, in pictures `scale` times as large.
 
         Photographs have no more pixels than they have: they are not scaled.
         """
-        draw = self.look
         if self.source == "photographs":
-            scale, draw = 1, self.photograph
-        larger = [camera.scaled(scale) if scale > 1 else camera for camera in cameras]
-        return Lessons(larger, self._views.background, draw)
+            return self.photographs(cameras)
+        return self.looks([camera.scaled(scale) if scale > 1 else camera for camera in cameras])
 
-    def look(self, camera: Camera) -> NDArray[np.float32]:
-        """Return what a camera sees by the model's own renderer, (H, W, 3) float32."""
+    def looks(self, cameras: Sequence[Camera]) -> Lessons:
+        """Return what cameras see by the model's own renderer, drawn when asked for."""
+        return Lessons(cameras, self._views.background, self._look)
+
+    def photographs(self, cameras: Sequence[Camera]) -> Lessons:
+        """Return the photographs of cameras of the scene as they are compared, read when asked for."""
+        return Lessons(cameras, self._views.background, self._photograph)
+
+    def _look(self, camera: Camera) -> NDArray[np.float32]:
         image = self._renderer.render(camera, self._views.background).image
         if not np.isfinite(image).all():
-            text = (
-                f"its own look has no number at some pixels of view {camera.name}: its colours must be finite"
-            )
+            text = f"its look in view {camera.name} has pixels without a number: its colours must be finite"
             raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=self._asset.path)
         return image
 
-    def photograph(self, camera: Camera) -> NDArray[np.float32]:
-        """Return the photograph of a camera of the scene, (H, W, 3) float32."""
+    def _photograph(self, camera: Camera) -> NDArray[np.float32]:
         assert self._views.scene is not None
         return ground_truth(self._views.scene, camera)
 

@@ -6,7 +6,7 @@ drawn on the standard tier, and the equations say which change reduces what is l
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from msb.asset.texture import Sampler
 from msb.bake.atlas import connected_atlas, soup_atlas
+from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
-Watch = Callable[[str, int, int], None]
-"""Called with a stage, and how much of how much of it is done."""
 ROUNDS = 2
 """How often the error is drawn and reduced."""
 _TILE = 1024
@@ -45,7 +44,7 @@ def textured(
     size: int,
     *,
     device: str | Device | None = None,
-    watch: Watch | None = None,
+    watch: Watch = nobody,
 ) -> Mesh:
     """Return `mesh` with a texture that shows what `lessons` show, in place of its colours.
 
@@ -64,8 +63,7 @@ def textured(
     UsageError
         USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
     """
-    tell = watch or (lambda *_: None)
-    pixels = _most_pixels(mesh, lessons, device)
+    pixels = most_pixels(mesh, lessons, device)
     if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
         mesh.faces.reshape(-1), np.arange(mesh.faces.size)
     ):
@@ -91,14 +89,14 @@ def textured(
         for seen, error, view in _errors(made, lessons, device):
             samples = _samples(seen, made, lessons.cameras[view], pyramid)
             pyramid.add(samples, error, ties=not number)
-            tell("texture", number * len(lessons) + view + 1, ROUNDS * len(lessons))
+            watch("texture", number * len(lessons) + view + 1, ROUNDS * len(lessons))
         colors = made.textures[0].reshape(-1, 3) / np.float32(255) + pyramid.solved()
         texture = np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8).reshape(size, size, 3)
         made = replace(made, textures=(texture,))
     return made
 
 
-def _most_pixels(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Reals:
+def most_pixels(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Reals:
     """Return the most pixels (F,) of each face that one of the pictures has."""
     most = np.zeros(len(mesh.faces))
     with Renderer(asset_from_mesh(mesh), "standard", device=device) as renderer:

@@ -108,6 +108,18 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
 
 
 @contextlib.contextmanager
+def room_for_temporaries() -> Iterator[None]:
+    """Let a block in which only temporary files are written say so, and where, if their disk is full."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in DISK_ERRORS:
+            raise
+        text = f"temporary files cannot be written: {os.strerror(error.errno)}; TMPDIR names another folder"
+        raise OutputError("OUTPUT_UNWRITABLE", text, file=tempfile.gettempdir()) from error
+
+
+@contextlib.contextmanager
 def new_folder(
     path: str | os.PathLike[str], *, size: int | None = None, overwrite: bool = True
 ) -> Iterator[Path]:

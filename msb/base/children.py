@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.atomic import DISK_ERRORS
+from msb.base.atomic import DISK_ERRORS, room_for_temporaries
 from msb.base.files import read_file
 from msb.base.npz import write_npy
-from msb.errors import OutputError, shorten
+from msb.errors import shorten
 
 if TYPE_CHECKING:
     from msb.base.limits import Limits
@@ -176,14 +176,11 @@ def _printed(folder: Path) -> str:
 @contextlib.contextmanager
 def _shared_folder() -> Iterator[Path]:
     """Yield a temporary folder for what children are given and what they leave."""
-    try:
-        with tempfile.TemporaryDirectory(prefix="msb-apart-", ignore_cleanup_errors=True) as name:
-            yield Path(name)
-    except OSError as error:
-        if error.errno not in DISK_ERRORS:
-            raise
-        text = f"temporary files cannot be written: {os.strerror(error.errno)}; TMPDIR names another folder"
-        raise OutputError("OUTPUT_UNWRITABLE", text, file=tempfile.gettempdir()) from error
+    with (
+        room_for_temporaries(),
+        tempfile.TemporaryDirectory(prefix="msb-apart-", ignore_cleanup_errors=True) as name,
+    ):
+        yield Path(name)
 
 
 def _serve(function: str, word: str, folder: Path, memory: float) -> None:

@@ -24,6 +24,7 @@ GROUPS: dict[str, dict[str, str]] = {
     "Take a model out": {
         "export": "Turn a trained checkpoint into an asset, without PyTorch.",
         "convert": "Write an asset or mesh in another format.",
+        "bake": "Make a plain mesh that looks like the model, and say what it lost.",
         "why": "Say why an export looks worse than the render, in dB.",
         "methods": "Say what each method has and what each tier keeps of it.",
     },

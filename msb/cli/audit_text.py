@@ -194,6 +194,7 @@ def advice(audit: Audit, output: str, source: str) -> str | None:
     if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:
         shown = f"msb web --tier dedicated -o page.html {source}"
         return (
-            f"As trained it is seen on the dedicated tier alone: {shown}; what engines lose: msb why {source}"
+            f"As trained it is seen on the dedicated tier alone: {shown}; what engines lose: msb why "
+            f"{source}; a plain mesh that looks like it: msb bake -o plain.glb {source}"
         )
     return None

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any
+from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 
 from msb.base.atomic import check_place, is_stream, new_file
 from msb.base.option import Option
@@ -166,15 +166,15 @@ class Output:
         self.note(f"{text}: {1000 * (time.perf_counter() - start):.1f} ms", level=2)
 
     @contextlib.contextmanager
-    def bars(self) -> Iterator[Progress | None]:
-        """Yield a function that draws a bar in bytes for each stage, on a terminal only; else None."""
-        with self._bars("DownloadColumn") as bars:
+    def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress | None]:
+        """Yield a function that draws a bar for each stage, on a terminal only; else None."""
+        with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
             tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
                 if stage not in tasks:
                     tasks[stage] = bars.add_task(stage, total=total)
-                bars.update(tasks[stage], completed=done)
+                bars.update(tasks[stage], completed=done, total=total)
 
             yield None if bars is None else update
 

@@ -137,6 +137,6 @@ def _total(causes: Causes, quiet: bool) -> Iterator[str]:
     if total.bakes:
         together = "" if len(total.bakes) == 1 else f"; together {decibels(total.baked)}"
         yield (
-            "- What is left no setting mends, only a bake (faces and colours made anew for an opaque mesh) "
+            "- What is left no setting mends, only msb bake (faces and colours made anew for an opaque mesh) "
             f"or the method's own shader: {', '.join(of[name] for name in total.bakes)}{together}."
         )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
@@ -55,12 +55,15 @@ class Style:
         Of a GLB: compressed for the web, with rows in another order; None: as every program opens it.
     stem : str, optional
         What the files beside it are called, without their endings; None: there are none.
+    extras : mapping, optional
+        Of a GLB: JSON data about the mesh that its `asset` carries.
     """
 
     color: Color | None = None
     texture: Picture = "png"
     web: Web | None = None
     stem: str | None = None
+    extras: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -118,8 +118,10 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 def root_of(mesh: Mesh, style: Style) -> dict[str, Any]:
     """Return the JSON that every file has."""
     about: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
+    extras = dict(style.extras or {})
     if style.color == "srgb" and mesh.vertex_colors is not None:
-        about["extras"] = {"color_space": "srgb"}
+        extras["color_space"] = "srgb"
+    about |= {"extras": extras} if extras else {}
     return {
         "asset": about,
         "extensionsUsed": [_UNLIT],

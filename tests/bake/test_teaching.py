@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
 
 import numpy as np
 import pytest
 
 from msb.bake.descent import descend
+from msb.bake.fitted import fitted
+from msb.bake.kept import kept
 from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
+from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
 
@@ -116,3 +120,21 @@ def test_faces_are_cut_into_quarters_that_cover_them(count: int) -> None:
     np.testing.assert_allclose(
         soup.corners.reshape(count, -1, 3).mean(axis=1), corners[:count].mean(axis=1), atol=1e-6
     )
+
+
+@pytest.mark.parametrize("search", [kept, fitted])
+def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search: Callable[..., Mesh]) -> None:
+    corners, colors = tiles()
+    seen: list[tuple[str, int]] = []
+
+    def watch(stage: str, done: int, _total: int) -> bool:
+        seen.append((stage, done))
+        return done == 2
+
+    asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
+    views = cameras(5)
+    with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
+        made = search(asset, lessons, aside, watch=watch)
+        assert seen[-1][1] == 2
+        assert made.vertex_colors is not None
+        assert np.abs(made.vertex_colors - 0.5).max() > 0.1, "colours are fitted all the same"

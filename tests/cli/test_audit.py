@@ -70,6 +70,7 @@ def test_a_soup_without_coincident_corners_is_not_told_to_merge_them(msb: Msb, t
     trained = "data_stubs/models/pebble/triangle_splatting"
     shown = msb("audit", trained).out
     assert f"msb web --tier dedicated -o page.html {trained}; what engines lose: msb why {trained}" in shown
+    assert f"a plain mesh that looks like it: msb bake -o plain.glb {trained}" in shown
     for text in (alone, shown, msb("repair", trained, "-o", tmp_path / "out.ply").out):
         assert "Merge the vertices" not in text
         assert "--weld exact" not in text

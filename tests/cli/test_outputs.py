@@ -126,6 +126,7 @@ def test_two_outputs_into_one_file_are_refused_however_they_are_spelled(msb: Msb
     [
         "audit -f --elements {0} {0}",
         "audit -f --log-file {0} {0}",
+        "bake -f -o {0} {0}",
         "bench -f --json {0} --compare {0} asset",
         "convert -f {0} {0}",
         "eval -f --csv {0} {0} {0}",
@@ -163,7 +164,7 @@ COMMANDS: dict[str, Any] = dict(single_commands(GROUP))
 COMMANDS["config show"] = GROUP.get_command(None, "config").commands["show"]
 WRITTEN = {
     "json_file", "json_lines", "csv_file", "elements", "log_file", "target", "out", "film", "screenshot",
-    "figure", "html", "maps", "save",
+    "figure", "html", "maps", "save", "outputs",
 }  # fmt: skip
 """What commands write; all other paths are read, or are folders for files."""
 

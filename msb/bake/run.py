@@ -1,0 +1,444 @@
+"""A bake from end to end: views, teacher, what is made of the faces, and what is measured of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.api.auditing import audit
+from msb.api.opening import as_asset
+from msb.asset.look import stored_threshold, visible_faces, written_up
+from msb.asset.texture import MAX_SIDE
+from msb.asset.tiers import why_not
+from msb.bake.fitted import fitted
+from msb.bake.kept import FEWEST, kept
+from msb.bake.report import Geometry, Look, Psnr, Report, Verdict, mean
+from msb.bake.shares import blending_shares
+from msb.bake.teacher import SAMPLES, Source, Teacher
+from msb.bake.texture import most_pixels, textured
+from msb.bake.views import bake_views
+from msb.bake.written import write_all
+from msb.base.atomic import room_for_temporaries
+from msb.cl.devices import choose_device
+from msb.errors import Unsupported, UsageError, about, shorten
+from msb.meshes.assets import asset_from_mesh
+from msb.metrics import psnr
+from msb.render import Renderer
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.bake.lessons import Lessons
+    from msb.bake.views import BakeViews
+    from msb.meshes.mesh import Mesh
+    from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
+
+Wanted = Literal["auto", "kept", "fitted"]
+Progress = Callable[[str, int, int], None]
+LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
+_OWN_TEXTURE = 256, 4096
+"""The smallest and the largest that is chosen here."""
+LEAST_SEEN = 0.8
+"""Of the area of a model that nobody has cameras for, what made views must see."""
+MOST_FITTED = 20_000
+"""Faces up to which fitted ones are tried unasked."""
+_SEARCH = 2 / 3
+"""Of the time that a bake has, what its search has."""
+_NO_TIME = 1e-3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Baked:
+    """A plain asset, and what it lost.
+
+    Attributes
+    ----------
+    asset : Asset
+        Of method "mesh", with a texture or colours of vertices; in memory.
+    report : Report
+        `print` shows it in a line, `to_dict` returns what `msb bake --json` writes.
+    """
+
+    asset: Asset
+    report: Report
+
+    def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
+        """Write it in the formats that the suffixes name, all files or none; return the report on the first.
+
+        A GLB has the report's main numbers in its `asset.extras`.
+        """
+        size = write_all(self.asset, [Path(path) for path in paths], self.report.extras(), overwrite)
+        return self.report.written(paths[0], size)
+
+    def __repr__(self) -> str:
+        return f"<Baked, {self.report.geometry}: {self.report.sentence}>"
+
+
+def bake(
+    asset: Asset | str | os.PathLike[str],
+    *,
+    scene: Scene | str | os.PathLike[str] | None = None,
+    cameras: Iterable[Camera] | None = None,
+    geometry: Wanted = "auto",
+    color: Look | None = None,
+    teacher: Source = "dedicated",
+    faces: int | None = None,
+    texture: int | None = None,
+    seconds: float = 60.0,
+    seed: int = 0,
+    up: str | None = None,
+    background: Sequence[float] | str | None = None,
+    device: str | None = None,
+    progress: Progress | None = None,
+    keep_best: bool = False,
+) -> Baked:
+    """Make a plain, opaque asset that looks like a model, taught by the model's own renderer.
+
+    Parameters
+    ----------
+    asset : Asset or path-like
+        The model, or the path of anything that `msb.open` takes. It is not changed.
+    scene : Scene or path-like, optional
+        The scene it was trained on: its training views teach, its test views are for the report alone.
+    cameras : iterable of Camera, optional
+        Views instead of a scene's; every 8th is for the report alone. Default: those of the training where
+        they lie beside the model, else 40 views round it or inside it.
+    geometry : {"auto", "kept", "fitted"}
+        The model's own triangles, or triangles that were moved until the opaque picture is right. "auto"
+        makes both, and takes what looks better in views that taught neither.
+    color : {"texture", "vertex"}, optional
+        Default: a texture for fitted triangles, colours of vertices for kept ones.
+    teacher : {"dedicated", "photographs"}
+        What teaches: the look of the method, or the photographs of the scene.
+    faces : int, optional
+        The most fitted triangles.
+    texture : int, optional
+        Texels along a side of the texture, 16 to 16384. Default: as many as pictures show.
+    seconds : float
+        About how long it may take; 0 leaves out the search.
+    seed : int
+        Where the search begins: the same gives the same on one device, if the time suffices.
+    up : str, optional
+        The axis, such as "+z", round which views are made where there are no cameras.
+    background : (3,) floats, or str, optional
+        As for `msb.render`; that of the scene, else the asset's own.
+    device : str, optional
+        The OpenCL device.
+    progress : callable, optional
+        Called as ``progress(stage, done, total)``.
+    keep_best : bool
+        End with the best so far when interrupted (Ctrl-C); else nothing is made.
+
+    Returns
+    -------
+    Baked
+
+    Raises
+    ------
+    UsageError
+        An argument is none, or views that were made see less than 80 % of the asset's area.
+    MetricError
+        `METRIC_NOTHING_SHOWN`: no view sees the asset.
+    Unsupported
+        `UNSUPPORTED_TIER`: nothing draws the asset.
+    AssetError, SceneError, DeviceError, InputError, CheckpointError, MeshFileError, MeshError
+        As `msb.Renderer`, `msb.open` and `msb.scenes.read_scene` do.
+
+    Examples
+    --------
+    >>> import msb
+    >>> cameras = msb.read_cameras("data_stubs/views.json")
+    >>> baked = msb.bake("data_stubs/checkpoint", cameras=cameras, geometry="kept")
+    >>> baked.report.geometry, baked.asset.manifest.method
+    ('kept', 'mesh')
+    """
+    wish = _Wish(geometry, color, faces, texture, seconds, seed)
+    wish.check(teacher)
+    began = time.perf_counter()
+    asset = as_asset(asset)
+    with about(asset.opened_from), room_for_temporaries(), _stopping(keep_best) as stopped:
+        views = bake_views(
+            asset,
+            scene,
+            cameras,
+            up=up,
+            background=background,
+            photographs=teacher == "photographs",
+            device=device,
+        )
+
+        def watch(stage: str, done: int, total: int) -> bool:
+            if progress is not None:
+                progress(stage, done, total)
+            return stopped()
+
+        with Teacher(asset, views, teacher, device) as master:
+            made = _Bake(asset, views, master, wish, device, watch)
+            with closing(made):
+                mesh, facts = made.best(stopped)
+                own, photographs = made.measured(mesh)
+    baked = asset_from_mesh(mesh)
+    report = Report(
+        geometry=facts.geometry,
+        color="texture" if mesh.textures else "vertex",
+        vertices=len(mesh.vertices),
+        faces=len(mesh.faces),
+        texture=(mesh.textures[0].shape[1], mesh.textures[0].shape[0]) if mesh.textures else None,
+        seconds=time.perf_counter() - began,
+        taught=len(views.taught),
+        held_back=len(views.held_back),
+        views=views.said,
+        teacher=teacher,
+        unseen_area=facts.unseen,
+        own=own,
+        photographs=photographs,
+        before=Verdict.of(audit(asset)),
+        after=Verdict.of(audit(baked)),
+        model_faces=asset.manifest.face_count,
+        background=views.background,
+        seed=seed,
+        device=choose_device(device).record.name,
+        tried=facts.tried,
+        notes=(*views.notes, *facts.notes),
+        path=None if asset.opened_from is None else str(asset.opened_from),
+    )
+    return Baked(baked, report)
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What is asked for of the faces and their colours."""
+
+    geometry: Wanted
+    color: Look | None
+    faces: int | None
+    texture: int | None
+    seconds: float
+    seed: int
+
+    def check(self, teacher: str) -> None:
+        """Refuse what is none, before anything is read."""
+        if str(self.geometry) == "surface":
+            text = "geometry surface, a closed surface, is not made by this version; kept and fitted are"
+            raise Unsupported("UNSUPPORTED_OPTION", text)
+        for name, value, words in (
+            ("geometry", self.geometry, get_args(Wanted)),
+            ("color", self.color, (None, *get_args(Look))),
+            ("teacher", teacher, get_args(Source)),
+        ):
+            if value not in words:
+                one_of = ", ".join(word for word in words if word)
+                raise UsageError(
+                    "USAGE", f'{name} is "{shorten(str(value), 40)}"; it must be one of {one_of}'
+                )
+        if self.texture is not None:
+            if not LEAST_TEXTURE <= self.texture <= MOST_TEXTURE:
+                text = (
+                    f"texture is {self.texture}; it must be {LEAST_TEXTURE} to {MOST_TEXTURE} texels a side"
+                )
+                raise UsageError("USAGE", text)
+            if self.color == "vertex":
+                raise UsageError("USAGE", "texture is the size of a texture, which color vertex has none of")
+        if self.faces is not None and self.faces < 1:
+            raise UsageError("USAGE", f"faces is {self.faces}; it must be 1 or more")
+        if self.faces is not None and self.geometry == "kept":
+            raise UsageError("USAGE", "faces limits fitted ones; kept ones are the model's own")
+        if not 0 <= self.seconds < float("inf"):
+            raise UsageError("USAGE", f"seconds is {self.seconds}; it must be 0 or more")
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What was found out while the mesh was made."""
+
+    geometry: Geometry
+    unseen: float
+    tried: dict[str, float]
+    notes: tuple[str, ...]
+
+
+class _Bake:
+    """One bake: what teaches, what is made, and what that looks like."""
+
+    def __init__(
+        self,
+        asset: Asset,
+        views: BakeViews,
+        master: Teacher,
+        wish: _Wish,
+        device: str | None,
+        watch: Callable[[str, int, int], bool],
+    ) -> None:
+        self._asset, self._views, self._master, self._wish = asset, views, master, wish
+        self._device, self._watch = device, watch
+        self._teaching = master.lessons(views.teaching)
+        self._aside = master.lessons(views.aside or views.teaching)
+
+    def close(self) -> None:
+        """Give the pictures back."""
+        self._teaching.close()
+        self._aside.close()
+
+    def best(self, stopped: Callable[[], bool]) -> tuple[Mesh, _Facts]:
+        """Return the mesh as it is written, and what was found out."""
+        for number in range(len(self._teaching)):
+            self._teaching.image(number)
+            self._watch("looking at the model", number + 1, len(self._teaching))
+        unseen, pixels = self._seen()
+        wanted, notes = self._wanted(pixels)
+        made: dict[Geometry, Mesh] = {}
+        for name in wanted:
+            if not (made and stopped()):
+                made[name] = self._made(name)
+        tried: dict[str, float] = {}
+        if len(made) > 1:
+            judged = {
+                name: self._psnr(asset_from_mesh(mesh), [self._aside], SAMPLES) for name, mesh in made.items()
+            }
+            tried = {name: values[0] for name, values in judged.items()}
+        chosen = max(made, key=lambda name: tried.get(name, 0.0))
+        if stopped():
+            notes.append("interrupted: this is the best so far")
+        mesh = made[chosen]
+        if self._wish.geometry == "auto" and tried:
+            found = " and ".join(f"{name} {value:.1f} dB" for name, value in tried.items())
+            notes.append(f"the better of two, by views kept aside: {found}")
+        if dropped := self._asset.manifest.face_count - len(mesh.faces):
+            verb = "fewer" if dropped > 0 else "more"
+            notes.append(f"{abs(dropped):,} triangles {verb} than the model's")
+        return mesh, _Facts(chosen, unseen, tried, tuple(notes))
+
+    def _seen(self) -> tuple[float, float]:
+        """Return the share of the area that no view sees, and the pixels of a face in a view.
+
+        Views that were made must see most of it.
+        """
+        weight = np.zeros(self._asset.manifest.face_count)
+        for lessons in (self._teaching, self._aside):
+            shares = blending_shares(self._asset, lessons, self._device)
+            if shares is None:
+                return 0.0, np.inf
+            weight += shares.weight
+        area = _areas(self._asset)
+        shown = visible_faces(self._asset, stored_threshold(self._asset))
+        if shown is not None:
+            area[~shown] = 0.0
+        unseen = float(area[weight == 0].sum() / max(area.sum(), 1e-300))
+        views = self._views
+        if views.origin in ("turntable", "inside") and 1 - unseen < LEAST_SEEN:
+            text = f"{views.said} see {100 * (1 - unseen):.0f} % of its area, and 80 % are needed"
+            raise UsageError("USAGE", f"{text}: give its scene (--scene) or cameras (--cameras)")
+        seen = len(self._teaching) + len(self._aside)
+        return unseen, float(weight.sum() / (seen * len(weight)))
+
+    def _wanted(self, pixels: float) -> tuple[list[Geometry], list[str]]:
+        """Return the geometries to make, and what is to be said of one that is left out."""
+        wish, count = self._wish, self._asset.manifest.face_count
+        if wish.geometry != "auto":
+            return [wish.geometry], []
+        if wish.faces is not None:
+            return ["fitted"], []
+        if count > MOST_FITTED:
+            return ["kept"], [f"fitted is not tried with more than {MOST_FITTED:,} faces, unless asked for"]
+        if pixels < FEWEST:
+            text = f"fitted is not tried where a face has {pixels:.1f} pixels in a view, unless asked for"
+            return ["kept"], [text]
+        return ["kept", "fitted"], []
+
+    def _made(self, name: Geometry) -> Mesh:
+        """Return the mesh of a geometry with its colours, as it is written."""
+        wish = self._wish
+        shared: dict[str, Any] = {"seed": wish.seed, "device": self._device, "watch": self._watch}
+        lessons = self._asset, self._teaching, self._aside
+        if name == "kept":
+            mesh = kept(*lessons, **shared)
+        else:
+            seconds = max(_SEARCH * wish.seconds, _NO_TIME)
+            mesh = fitted(*lessons, seconds=seconds, faces=wish.faces, **shared)
+        usual = "texture" if name == "fitted" or wish.texture is not None else "vertex"
+        if (wish.color or usual) == "texture":
+            with self._master.lessons(self._views.taught, 2) as fine:
+                size = wish.texture or _own_size(most_pixels(mesh, fine, self._device))
+                mesh = textured(mesh, fine, size, device=self._device, watch=self._watch)
+        elif mesh.vertex_colors is not None and mesh.vertex_colors.dtype != np.uint8:
+            colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
+            mesh = replace(mesh, vertex_colors=colors.astype(np.uint8))
+        return replace(mesh, up=written_up(self._asset))
+
+    def measured(self, mesh: Mesh) -> tuple[Psnr | None, Psnr | None]:
+        """Return the numbers of the views held back: against the own look, and against photographs."""
+        held_back, master, made = self._views.held_back, self._master, asset_from_mesh(mesh)
+        if not held_back:
+            return None, None
+        with ExitStack() as stack:
+            truths = [stack.enter_context(master.looks(held_back))]
+            if self._views.scene is not None:
+                truths.append(stack.enter_context(master.photographs(held_back)))
+            before: list[Any] = [None, None]
+            if why_not(self._asset.manifest, "standard") is None:
+                before = self._psnr(self._asset, truths, 1)
+            after, after_16 = self._psnr(made, truths, 1), self._psnr(made, truths, SAMPLES)
+            own = Psnr(None, before[0], after[0], after_16[0])
+            if len(truths) == 1:
+                return own, None
+            looks, photographs = truths
+            dedicated = [psnr(looks.image(k), photographs.image(k)) for k in range(len(held_back))]
+            return own, Psnr(mean(dedicated), before[1], after[1], after_16[1])
+
+    def _psnr(self, asset: Asset, truths: Sequence[Lessons], samples: int) -> list[float]:
+        """Return the mean dB of the standard tier to each of the truths, which are of the same cameras."""
+        found: list[list[float]] = [[] for _ in truths]
+        with Renderer(asset, "standard", self._device, supersample=samples) as renderer:
+            for number, camera in enumerate(truths[0].cameras):
+                image = renderer.render(camera, self._views.background).image
+                for values, truth in zip(found, truths, strict=True):
+                    values.append(psnr(image, truth.image(number)))
+        return [mean(values) for values in found]
+
+
+def _areas(asset: Asset) -> NDArray[np.float64]:
+    """Return the area (F,) of each face."""
+    corners = asset.buffers["positions"][asset.buffers["indices"]].astype(np.float64)
+    sides = corners[:, 1:] - corners[:, :1]
+    found: NDArray[np.float64] = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+    return found
+
+
+def _own_size(pixels: NDArray[np.float64]) -> int:
+    """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
+    side = float(np.sqrt(np.maximum(pixels, 1).sum()))
+    least, most = _OWN_TEXTURE
+    return int(min(max(2 ** round(np.log2(side)), least), most))
+
+
+@contextmanager
+def _stopping(keep_best: bool) -> Iterator[Callable[[], bool]]:
+    """Yield what says whether to come to an end: after Ctrl-C, if that is to keep the best.
+
+    A second one ends everything. Only the main thread hears of it.
+    """
+    heard: list[int] = []
+    if not keep_best or threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def hear(number: int, _frame: object) -> None:
+        heard.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, hear)
+    try:
+        yield lambda: bool(heard)
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,157 @@
+"""`msb bake`: a plain asset that looks like the model, taught by the model's own renderer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msb.base.option import Option
+from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Up, Views
+from msb.cli.command import Rule, Typed, command
+from msb.cli.output import JsonOutput, Output, echo
+from msb.errors import one_line
+
+if TYPE_CHECKING:
+    from msb.bake import Baked
+    from msb.bake.report import Report
+
+
+@dataclass(frozen=True)
+class BakeOptions:
+    """What is made, what teaches it, and where it goes."""
+
+    outputs: Annotated[
+        tuple[Path, ...],
+        Option(
+            "What to write: .glb, .triasset, .obj or another format. May be given again.",
+            ("--out", "-o"),
+            metavar="OUT",
+            output="own",
+        ),
+    ] = ()
+    scene: Annotated[
+        Path | None,
+        Option(
+            "The scene it was trained on, as msb run reads it: its training views teach, its test views are "
+            "for the numbers alone.",
+            metavar="DIR",
+        ),
+    ] = None
+    geometry: Annotated[
+        str,
+        Option(
+            "kept: the model's triangles; fitted: moved until the picture is right; auto: the better one.",
+            metavar="auto|kept|fitted",
+        ),
+    ] = "auto"
+    color: Annotated[
+        Literal["texture", "vertex"] | None,
+        Option("Default: texture for fitted, vertex for kept."),
+    ] = None
+    teacher: Annotated[
+        Literal["dedicated", "photographs"],
+        Option("What teaches: the method's own look, or the scene's photographs."),
+    ] = "dedicated"
+    faces: Annotated[int | None, Option("At most N fitted triangles.", least=1)] = None
+    texture: Annotated[
+        int | None,
+        Option(
+            "Texels along a side of the texture. Default: as many as pictures show.", least=16, most=16384
+        ),
+    ] = None
+    seconds: Annotated[float, Option("About how long it may take; 0: no search.", least=0)] = 60.0
+    seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
+    up: Annotated[
+        Up | None, Option("Axis round which views are made where there are no cameras. Default: the asset's.")
+    ] = None
+    keep_best: Annotated[bool, Option("At Ctrl-C write the best so far, not nothing.")] = False
+
+
+@command(
+    "msb bake --geometry kept data_stubs/checkpoint -o out/plain.glb",
+    "msb bake --seconds 20 --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
+    "      data_stubs/models/pebble/triangle_splatting -o out/pebble.glb",
+    rules=(
+        Rule("", "OUT is missing; give -o and the .glb, .triasset or other file to write", needs="outputs"),
+        Rule("cameras", "does not go with --scene, which has its own", excludes="scene"),
+        Rule("size", NO_CAMERAS, needs="cameras"),
+        Rule("up", "is for views that are made, without --scene and --cameras", excludes="scene cameras"),
+        Rule("texture", "does not go with --color vertex", excludes="color=vertex"),
+        Rule("faces", "does not go with --geometry kept, which keeps the model's", excludes="geometry=kept"),
+    ),
+)
+def bake(
+    path: Source,
+    options: BakeOptions,
+    views: Annotated[Views, ("cameras", "size", "background")],
+    drawing: Annotated[Drawing, ("device",)],
+    output: JsonOutput,
+    typed: Typed,
+) -> None:
+    """Make a plain asset that looks like a model: opaque, with a texture or colours that any engine shows.
+
+    The model's own renderer teaches it, in the views of --scene or --cameras, else of its training where they
+    lie beside it, else in views round it. What is printed is measured in views that taught nothing: dB to
+    photographs with --scene, else to the model's own look.
+    """
+    from msb.bake import bake as make
+    from msb.bake.written import places
+    from msb.cli.inputs import open_asset
+
+    for place in places(options.outputs):
+        output.check_free(place)
+    asset = open_asset(path, output)
+    cameras = None if views.cameras is None else views.read(output)
+    # Over a scene a default of a file is no wish: its numbers count over its own background.
+    wanted = views.background is not None and (options.scene is None or "background" in typed)
+    with output.bars("steps") as progress:
+        baked = make(
+            asset,
+            scene=options.scene,
+            cameras=cameras,
+            geometry=options.geometry,  # type: ignore[arg-type]
+            color=options.color,
+            teacher=options.teacher,
+            faces=options.faces,
+            texture=options.texture,
+            seconds=options.seconds,
+            seed=options.seed,
+            up=options.up,
+            background=views.color(asset) if wanted else None,
+            device=drawing.device,
+            progress=progress,
+            keep_best=options.keep_best,
+        )
+    report = baked.save(*options.outputs, overwrite=True)
+    output.write_json({**report.to_dict(), "path": str(path)})
+    _note_losses(baked, options.outputs, output)
+    if output.prints_text:
+        _show(report, options.outputs, output)
+
+
+def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
+    """Say what a format has no place for."""
+    from msb.asset import ASSET_SUFFIX
+    from msb.meshes.assets import as_held, mesh_from_asset
+    from msb.meshes.losses import losses
+
+    mesh = mesh_from_asset(baked.asset)
+    for path in paths:
+        suffix = path.suffix.lower()
+        if suffix != ASSET_SUFFIX:
+            for text in losses(mesh, as_held(mesh, suffix), suffix, ()):
+                output.note(f"{path}: {text}")
+
+
+def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
+    """Print the numbers, and what else should be known."""
+    names = ", ".join(one_line(str(path)) for path in paths)
+    echo(f"{names}: {report.sentence}")
+    if output.quiet:
+        return
+    echo(f"taught by {report.taught} views, {report.teacher}: {one_line(report.views)}")
+    if report.unseen_area:
+        echo(f"{100 * report.unseen_area:.1f} % of the model's area is in no view and stays as it was")
+    for text in report.notes:
+        output.note(text)
