@@ -45,9 +45,13 @@ class CompareOptions:
     tiers: Annotated[
         tuple[str, ...],
         Option(
-            "Some of reference, dedicated, standard and truth (photographs). Default: all.", metavar="TIERS"
+            "Some of reference, dedicated, standard, baked and truth (photographs). Default: all.",
+            metavar="TIERS",
         ),
     ] = ()
+    baked: Annotated[
+        Path | None, Option("Also show this plain asset, which msb bake made of it.", metavar="FILE")
+    ] = None
     pair: Annotated[str | None, Option("Tiers that wipe and difference show at first.", metavar="A,B")] = None
 
 
@@ -121,7 +125,8 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
     photographs = any(view.photograph for view in views)
     if cameras is not None and not photographs:
         output.note(f"{cameras}: no photograph of its cameras is there; --image-folder names them")
-    tiers, missing = choose_tiers(asset, views, wish.options.tiers or None, headless=headless)
+    baked = None if wish.options.baked is None else _baked(wish.options.baked, asset, output)
+    tiers, missing = choose_tiers(asset, views, wish.options.tiers or None, headless=headless, baked=baked)
     if not wish.options.tiers and headless and "reference" not in tiers:
         text = f"{asset.manifest.face_count:,} faces take NumPy minutes a view; --tiers names it if wanted"
         output.note(f"{path.name}: the reference is left out: {text}")
@@ -131,9 +136,21 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
     own = stated_background(asset.manifest)
     if own not in (None, color) and photographs:
         output.note(over_another(own, color).to_line(path))
-    return Comparison(
-        path.name, asset, tiers, missing, tuple(views), settings, drawing.supersample, color, drawing.device
-    )
+    made = (path.name, asset, tiers, missing, tuple(views), settings, drawing.supersample, color)
+    return Comparison(*made, drawing.device, baked)
+
+
+def _baked(path: Path, asset: Asset, output: Output) -> Asset:
+    """Return what was baked of an asset, turned back if its file is upright and the asset is not."""
+    from msb.asset.look import written_up
+    from msb.cli.inputs import open_asset
+    from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+    from msb.meshes.transform import turned
+
+    mesh = mesh_from_asset(open_asset(path, output))
+    up = written_up(asset)
+    vertices = turned(mesh.vertices, mesh.up or "unknown", up or "unknown")
+    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
 
 
 def _chosen(asset: Asset, wish: _Wish) -> tuple[list[View], str]:

@@ -57,7 +57,9 @@ def flat_shots(tiers: tuple[str, ...], size: tuple[int, int] = (WIDTH, HEIGHT)) 
     return {tier: flat_shot(tier, FLAT[tier], size) for tier in tiers}
 
 
-FLAT = dict(zip(LABELS, [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40)], strict=True))
+FLAT = dict(
+    zip(LABELS, [(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40), (40, 200, 200)], strict=True)
+)
 
 
 def flat_shot(tier: str, color: tuple[int, int, int], size: tuple[int, int] = (WIDTH, HEIGHT)) -> Shot:

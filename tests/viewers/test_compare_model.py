@@ -14,6 +14,7 @@ import msb
 from msb import metrics
 from msb.asset import Description, build_asset
 from msb.errors import SceneError, Unsupported, UsageError
+from msb.scenes.around import around
 from msb_viewers.camera import pose_of, scene_camera
 from msb_viewers.deployment.arrange import arrange
 from msb_viewers.deployment.difference import (
@@ -24,7 +25,7 @@ from msb_viewers.deployment.difference import (
     scale_colors,
     squared_error,
 )
-from msb_viewers.deployment.shots import choose_tiers
+from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import LAYOUTS, CompareState
 from msb_viewers.deployment.views import Surroundings, View, dataset_views, read_photograph, sized
 from tests.conftest import TETRAHEDRON
@@ -182,6 +183,28 @@ def test_a_tier_the_method_lacks_says_why() -> None:
     assert "no appearance of its own" in missing["dedicated"]
     with pytest.raises(Unsupported):
         choose_tiers(asset, [], ["dedicated"], headless=True)
+
+
+def test_what_was_baked_is_a_look_of_its_own_on_the_standard_tier() -> None:
+    points, faces = TETRAHEDRON[0], TETRAHEDRON[1].astype(np.uint32)
+    plain, baked = (
+        build_asset(
+            {"positions": points, "indices": faces, "color": np.full((4, 3), value, np.float32)},
+            {"color": "vertex"},
+            Description(method="mesh", appearance={"kind": "static_color"}),
+        )
+        for value in (0.2, 0.6)
+    )
+    tiers, missing = choose_tiers(plain, [], ["standard,baked"], headless=True, baked=baked)
+    assert (tiers, missing) == (("standard", "baked"), {})
+    with pytest.raises(UsageError, match="--baked FILE names it"):
+        choose_tiers(plain, [], ["baked"], headless=True)
+    scene = Comparison("plain", plain, tiers, missing, baked=baked)
+    assert CompareState.first(scene).pair == ("standard", "baked")
+    camera = around(plain, 1, 40, 30)[0]
+    with TierRenderers(scene) as renderers:
+        shots = [renderers.shoot(tier, camera, background=(0, 0, 0)).image for tier in tiers]
+    assert [int(shot.max()) for shot in shots] == [51, 153]
 
 
 def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(

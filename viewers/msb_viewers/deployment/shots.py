@@ -20,13 +20,16 @@ if TYPE_CHECKING:
 
 TRUTH: Final = "truth"
 REFERENCE: Final = "reference"
+BAKED: Final = "baked"
 LABELS = {
     TRUTH: "Ground truth",
     REFERENCE: "Reference",
     "dedicated": "Dedicated",
     "standard": "Standard",
+    BAKED: "Baked",
 }
-"""Tier -> its title, in the order they are shown. The truth, a photograph, stands beside the tiers."""
+"""Tier -> its title, in the order they are shown. The truth, a photograph, and what a bake made stand beside
+the tiers."""
 MOST_REFERENCE_FACES = 200_000
 """An asset of more faces gets its reference only when asked for: NumPy takes minutes for it."""
 
@@ -52,7 +55,8 @@ class Comparison:
     """What is compared, and how it is drawn.
 
     `missing` says for a tier why the method does not have it; without `views`, those of a dataset, there are
-    free views only; `settings` override the asset's; `supersample` is of the standard tier.
+    free views only; `settings` override the asset's; `supersample` is of the standard tier, on which `baked`,
+    a plain asset made of it, is drawn, too.
     """
 
     name: str
@@ -64,6 +68,7 @@ class Comparison:
     supersample: int = 1
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)
     device: str | None = None
+    baked: Asset | None = None
 
     @property
     def drawable(self) -> tuple[str, ...]:
@@ -87,12 +92,17 @@ class Comparison:
 
 
 def choose_tiers(
-    asset: Asset, views: Sequence[View], wanted: Iterable[str] | None, *, headless: bool
+    asset: Asset,
+    views: Sequence[View],
+    wanted: Iterable[str] | None,
+    *,
+    headless: bool,
+    baked: Asset | None = None,
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the tiers to show, and why some of them have no picture.
 
-    `wanted` None means all, and the truth if there is a photograph. Where every picture is waited for,
-    `headless`, a reference of minutes is left out unless asked for.
+    `wanted` None means all, the truth if there is a photograph, and what was `baked` if that is given. Where
+    every picture is waited for, `headless`, a reference of minutes is left out unless asked for.
     """
     from msb.render.backend import check_supported
 
@@ -101,6 +111,7 @@ def choose_tiers(
         slow = headless and asset.manifest.face_count > MOST_REFERENCE_FACES
         left_out = {TRUTH} if not photographs else set()
         left_out |= {REFERENCE} if slow else set()
+        left_out |= {BAKED} if baked is None else set()
         chosen = tuple(tier for tier in LABELS if tier not in left_out)
     else:
         names = [name for text in wanted for name in text.replace(" ", "").split(",") if name]
@@ -111,12 +122,16 @@ def choose_tiers(
         if TRUTH in names and not photographs:
             text = "there is no ground truth: no camera has a photograph; --cameras and --images name them"
             raise UsageError("NAME_UNKNOWN", text)
+        if BAKED in names and baked is None:
+            raise UsageError("NAME_UNKNOWN", "there is no baked asset; --baked FILE names it")
         chosen = tuple(tier for tier in LABELS if tier in names)
     missing: dict[str, str] = {}
     first: Unsupported | None = None
     for tier in chosen:
         try:
-            if tier != TRUTH:
+            if tier == BAKED and baked is not None:
+                check_supported(baked, "standard")
+            elif tier != TRUTH:
                 check_supported(asset, tier)
         except Unsupported as error:
             first = first or error
@@ -187,11 +202,14 @@ class TierRenderers:
             if tier != REFERENCE and self._device is None:
                 self._device = shared_device(scene.device)
             device = None if tier == REFERENCE else self._device
-            drawn: Any = tier
+            drawn: Any = "standard" if tier == BAKED else tier
             options = lean_options(drawn, None)
-            if tier == "standard":
+            if drawn == "standard":
                 options["supersample"] = scene.supersample
-            self._renderers[tier] = Renderer(scene.asset, drawn, device, scene.settings, **options)
+            asset, settings = scene.asset, scene.settings
+            if tier == BAKED and scene.baked is not None:
+                asset, settings = scene.baked, {}
+            self._renderers[tier] = Renderer(asset, drawn, device, settings, **options)
         return self._renderers[tier]
 
     def _where(self, tier: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 from msb.errors import UsageError, shorten
 from msb_viewers.deployment.arrange import arrange
 from msb_viewers.deployment.difference import TOPS
-from msb_viewers.deployment.shots import LABELS, MOST_REFERENCE_FACES, REFERENCE, TRUTH
+from msb_viewers.deployment.shots import BAKED, LABELS, MOST_REFERENCE_FACES, REFERENCE, TRUTH
 from msb_viewers.deployment.views import Surroundings, sized
 from msb_viewers.window import text_scale
 
@@ -204,10 +204,10 @@ class CompareState:
 
 
 def _default_pair(comparison: Comparison) -> tuple[str, str]:
-    """Return the truth, or else the method's own look, and the tier that is furthest from it."""
+    """Return the truth, or else the method's own look, and what was baked, or the tier furthest from it."""
     tiers = comparison.drawable
-    first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard") if tier in tiers)
-    rest = [tier for tier in ("standard", "dedicated", REFERENCE) if tier in tiers and tier != first]
+    first = next(tier for tier in (TRUTH, "dedicated", REFERENCE, "standard", BAKED) if tier in tiers)
+    rest = [tier for tier in (BAKED, "standard", "dedicated", REFERENCE) if tier in tiers and tier != first]
     return first, rest[0] if rest else first
 
 
