@@ -80,4 +80,5 @@ def test_where_no_way_helps_the_page_says_so(tmp_path: Path) -> None:
 def test_where_nothing_was_tried_the_page_has_the_commands(tmp_path: Path) -> None:
     written(tmp_path)
     assert "<code>msb trial " in page(tmp_path, "<html")
+    assert "<code>msb bake " in page(tmp_path, "<html")
     assert "<code>msb repair --compare " in repaired(tmp_path)
