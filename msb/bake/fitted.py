@@ -17,6 +17,7 @@ from msb.bake.start import Best, Watch, choose, color, nobody, plain_mesh, raste
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
+    from msb.bake.shares import Shares
     from msb.cl import Device
     from msb.meshes.mesh import Mesh
 
@@ -36,6 +37,7 @@ def fitted(
     asset: Asset,
     lessons: Lessons,
     aside: Lessons,
+    shares: Shares | None = None,
     *,
     seconds: float = 40.0,
     faces: int | None = None,
@@ -62,7 +64,7 @@ def fitted(
     with rasters(soup, *coarse, device) as (raster, judge):
         watch("colours", 0, 1)
         best = Best(judge)
-        choose(soup, asset, raster, best, device)
+        choose(soup, asset, raster, best, shares)
         soup = best.soup
     if why_not(asset.manifest, "standard") is not None and 4 * soup.keep.sum() <= _COARSE:
         soup = soup.cut()

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
     from msb.bake.raster import Raster
+    from msb.bake.shares import Shares
     from msb.cl import Device
     from msb.meshes.mesh import Mesh
 
@@ -30,6 +31,7 @@ def kept(
     asset: Asset,
     lessons: Lessons,
     aside: Lessons,
+    shares: Shares | None = None,
     *,
     seed: int = 0,
     device: str | Device | None = None,
@@ -53,7 +55,7 @@ def kept(
     ):
         watch("choosing faces", 0, _ROUNDS)
         best = Best(judge)
-        choose(soup, asset, raster, best, device)
+        choose(soup, asset, raster, best, shares)
         if raster.pixels_a_face(soup.keep) >= FEWEST:
             search(best.soup, raster, best, np.random.default_rng(seed), watch)
         soup = best.soup

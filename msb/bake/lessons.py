@@ -53,6 +53,10 @@ class Lessons:
         count = camera.height * camera.width * 3
         return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
 
+    def part(self, numbers: Sequence[int]) -> Lessons:
+        """Return some of these lessons, whose pictures stay here."""
+        return _Part(self, numbers)
+
     def within(self, pixels: int) -> Lessons:
         """Return these lessons, or coarser ones: their pictures halved until the largest has so many pixels.
 
@@ -84,3 +88,14 @@ class Lessons:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+class _Part(Lessons):
+    """Some of the lessons of a whole, which keeps their pictures."""
+
+    def __init__(self, whole: Lessons, numbers: Sequence[int]) -> None:
+        super().__init__([whole.cameras[number] for number in numbers], whole.background, whole._draw)
+        self._whole, self._numbers = whole, numbers
+
+    def stored(self, number: int) -> NDArray[np.uint16]:
+        return self._whole.stored(self._numbers[number])

@@ -66,8 +66,8 @@ class Raster(StandardRenderer):
         wide = self._device.record.int64_atomics
         self._total = np.int64 if wide else np.int32
         self._own = self._device.program("bake", {"WIDE": wide})
-        pixels = sum(camera.width * camera.height for camera in lessons.cameras)
-        self._keeps = 6 * pixels <= _KEPT
+        self.pixels = sum(camera.width * camera.height for camera in lessons.cameras)
+        self._keeps = 6 * self.pixels <= _KEPT
         self._targets: dict[int, Buffer] = {}
 
     @in_turn
@@ -183,8 +183,7 @@ class Raster(StandardRenderer):
 
     def pixels_a_face(self, keep: NDArray[np.bool_]) -> float:
         """Return how many pixels of a view there are for each face that is shown."""
-        pixels = sum(camera.width * camera.height for camera in self.lessons.cameras)
-        return pixels / max(1, len(self.lessons)) / max(1, int(keep.sum()))
+        return self.pixels / max(1, len(self.lessons)) / max(1, int(keep.sum()))
 
     def _pixels(self, number: int) -> int:
         camera = self.lessons.cameras[number]

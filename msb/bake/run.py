@@ -20,8 +20,8 @@ from msb.api.opening import as_asset
 from msb.asset.look import stored_threshold, visible_faces, written_up
 from msb.asset.texture import MAX_SIDE
 from msb.asset.tiers import why_not
-from msb.bake.fitted import fitted
-from msb.bake.kept import FEWEST, kept
+from msb.bake.fitted import PIXELS_TO_MOVE, fitted
+from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
 from msb.bake.report import Geometry, Look, Psnr, Report, Verdict, mean
 from msb.bake.shares import blending_shares
 from msb.bake.teacher import SAMPLES, Source, Teacher
@@ -38,6 +38,7 @@ from msb.render import Renderer
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
+    from msb.bake.shares import Shares
     from msb.bake.views import BakeViews
     from msb.meshes.mesh import Mesh
     from msb.scenes import Camera
@@ -50,8 +51,6 @@ _OWN_TEXTURE = 256, 4096
 """The smallest and the largest that is chosen here."""
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
-MOST_FITTED = 20_000
-"""Faces up to which fitted ones are tried unasked."""
 _SEARCH = 2 / 3
 """Of the time that a bake has, what its search has."""
 _NO_TIME = 1e-3
@@ -281,25 +280,26 @@ class _Bake:
     ) -> None:
         self._asset, self._views, self._master, self._wish = asset, views, master, wish
         self._device, self._watch = device, watch
-        self._teaching = master.lessons(views.teaching)
-        self._aside = master.lessons(views.aside or views.teaching)
+        self._taught = master.lessons(views.taught, 2)
+        first = range(len(views.teaching))
+        self._teaching = self._taught.part(first)
+        self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
 
     def close(self) -> None:
         """Give the pictures back."""
-        self._teaching.close()
-        self._aside.close()
+        self._taught.close()
 
     def best(self, stopped: Callable[[], bool]) -> tuple[Mesh, _Facts]:
         """Return the mesh as it is written, and what was found out."""
-        for number in range(len(self._teaching)):
-            self._teaching.image(number)
-            self._watch("looking at the model", number + 1, len(self._teaching))
-        unseen, pixels = self._seen()
-        wanted, notes = self._wanted(pixels)
+        for number in range(len(self._taught)):
+            self._taught.stored(number)
+            self._watch("looking at the model", number + 1, len(self._taught))
+        unseen, shares = self._seen()
+        wanted, notes = self._wanted()
         made: dict[Geometry, Mesh] = {}
         for name in wanted:
             if not (made and stopped()):
-                made[name] = self._made(name)
+                made[name] = self._made(name, shares)
         tried: dict[str, float] = {}
         if len(made) > 1:
             judged = {
@@ -318,48 +318,45 @@ class _Bake:
             notes.append(f"{abs(dropped):,} triangles {verb} than the model's")
         return mesh, _Facts(chosen, unseen, tried, tuple(notes))
 
-    def _seen(self) -> tuple[float, float]:
-        """Return the share of the area that no view sees, and the pixels of a face in a view.
+    def _seen(self) -> tuple[float, Shares | None]:
+        """Return the share of the area that no view sees, and what faces add to the pictures that teach.
 
         Views that were made must see most of it.
         """
-        weight = np.zeros(self._asset.manifest.face_count)
-        for lessons in (self._teaching, self._aside):
-            shares = blending_shares(self._asset, lessons, self._device)
-            if shares is None:
-                return 0.0, np.inf
-            weight += shares.weight
+        teaching, aside = (
+            blending_shares(self._asset, lessons.within(PIXELS_TO_CHOOSE), self._device)
+            for lessons in (self._teaching, self._aside)
+        )
+        if teaching is None or aside is None:
+            return 0.0, None
         area = _areas(self._asset)
         shown = visible_faces(self._asset, stored_threshold(self._asset))
         if shown is not None:
             area[~shown] = 0.0
-        unseen = float(area[weight == 0].sum() / max(area.sum(), 1e-300))
+        unseen = float(area[teaching.weight + aside.weight == 0].sum() / max(area.sum(), 1e-300))
         views = self._views
         if views.origin in ("turntable", "inside") and 1 - unseen < LEAST_SEEN:
             text = f"{views.said} see {100 * (1 - unseen):.0f} % of its area, and 80 % are needed"
             raise UsageError("USAGE", f"{text}: give its scene (--scene) or cameras (--cameras)")
-        seen = len(self._teaching) + len(self._aside)
-        return unseen, float(weight.sum() / (seen * len(weight)))
+        return unseen, None if why_not(self._asset.manifest, "dedicated") else teaching
 
-    def _wanted(self, pixels: float) -> tuple[list[Geometry], list[str]]:
+    def _wanted(self) -> tuple[list[Geometry], list[str]]:
         """Return the geometries to make, and what is to be said of one that is left out."""
         wish, count = self._wish, self._asset.manifest.face_count
         if wish.geometry != "auto":
             return [wish.geometry], []
         if wish.faces is not None:
             return ["fitted"], []
-        if count > MOST_FITTED:
-            return ["kept"], [f"fitted is not tried with more than {MOST_FITTED:,} faces, unless asked for"]
-        if pixels < FEWEST:
-            text = f"fitted is not tried where a face has {pixels:.1f} pixels in a view, unless asked for"
-            return ["kept"], [text]
+        largest = max(camera.width * camera.height for camera in self._taught.cameras)
+        if count * FEWEST > min(largest, PIXELS_TO_MOVE):
+            return ["kept"], [f"fitted is not tried with {count:,} faces, which pictures are too small for"]
         return ["kept", "fitted"], []
 
-    def _made(self, name: Geometry) -> Mesh:
+    def _made(self, name: Geometry, shares: Shares | None) -> Mesh:
         """Return the mesh of a geometry with its colours, as it is written."""
         wish = self._wish
         shared: dict[str, Any] = {"seed": wish.seed, "device": self._device, "watch": self._watch}
-        lessons = self._asset, self._teaching, self._aside
+        lessons = self._asset, self._teaching, self._aside, shares
         if name == "kept":
             mesh = kept(*lessons, **shared)
         else:
@@ -367,9 +364,8 @@ class _Bake:
             mesh = fitted(*lessons, seconds=seconds, faces=wish.faces, **shared)
         usual = "texture" if name == "fitted" or wish.texture is not None else "vertex"
         if (wish.color or usual) == "texture":
-            with self._master.lessons(self._views.taught, 2) as fine:
-                size = wish.texture or _own_size(most_pixels(mesh, fine, self._device))
-                mesh = textured(mesh, fine, size, device=self._device, watch=self._watch)
+            size = wish.texture or _own_size(most_pixels(mesh, self._taught, self._device))
+            mesh = textured(mesh, self._taught, size, device=self._device, watch=self._watch)
         elif mesh.vertex_colors is not None and mesh.vertex_colors.dtype != np.uint8:
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
             mesh = replace(mesh, vertex_colors=colors.astype(np.uint8))
@@ -415,10 +411,10 @@ def _areas(asset: Asset) -> NDArray[np.float64]:
 
 
 def _own_size(pixels: NDArray[np.float64]) -> int:
-    """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
+    """Return the power of two with texels for all the pixels that faces (F,) have at most in a view."""
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _OWN_TEXTURE
-    return int(min(max(2 ** round(np.log2(side)), least), most))
+    return int(min(max(2 ** int(np.ceil(np.log2(side))), least), most))
 
 
 @contextmanager

@@ -35,10 +35,13 @@ class Shares:
         of pixels that show it.
     color : (F, 3) float64
         The mean of what the pictures show where the face is, weighted likewise; 0.5 where the weight is 0.
+    pixels : int
+        Of all pictures.
     """
 
     weight: NDArray[np.float64]
     color: NDArray[np.float64]
+    pixels: int
 
 
 def blending_shares(asset: Asset, lessons: Lessons, device: str | Device | None = None) -> Shares | None:
@@ -66,7 +69,8 @@ def blending_shares(asset: Asset, lessons: Lessons, device: str | Device | None 
     seen = weight > 0
     color = np.full((count, 3), _NO_COLOR)
     color[seen] = sums[seen, :3] / weight[seen, None]
-    return Shares(weight, color)
+    pixels = sum(camera.width * camera.height for camera in lessons.cameras)
+    return Shares(weight, color, pixels)
 
 
 def _counted(faces: NDArray[np.int32], picture: NDArray[np.float32], count: int) -> NDArray[np.float64]:

@@ -12,7 +12,6 @@ from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.bake.colors import both, pixels
 from msb.bake.raster import Raster
-from msb.bake.shares import blending_shares
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.meshes.sampled import with_sampled_colors
@@ -20,6 +19,7 @@ from msb.meshes.sampled import with_sampled_colors
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
+    from msb.bake.shares import Shares
     from msb.bake.soup import Soup
     from msb.cl import Device
 
@@ -90,15 +90,16 @@ def plain_mesh(asset: Asset) -> Mesh:
     return with_vertex_colors(with_sampled_colors(mesh_from_asset(asset)))
 
 
-def choose(soup: Soup, asset: Asset, raster: Raster, best: Best, device: str | Device | None) -> None:
+def choose(soup: Soup, asset: Asset, raster: Raster, best: Best, shares: Shares | None) -> None:
     """Leave out the faces that own far more pixels than they deserve, if views aside look better for it.
 
     What a face deserves is its share in the blending of the model's own look; its colour, until it is
-    fitted, is what the lessons show in its place."""
-    shares = None if why_not(asset.manifest, "dedicated") else blending_shares(asset, raster.lessons, device)
+    fitted, is what the lessons show in its place. Without `shares` all faces stay.
+    """
     if shares is not None:
         shown = visible_faces(asset, stored_threshold(asset))
         weight, color = (each if shown is None else each[shown] for each in (shares.weight, shares.color))
+        weight = weight * (raster.pixels / max(shares.pixels, 1))
         if soup.shared is None:
             soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
     seen = soup.refit(raster)
