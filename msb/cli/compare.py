@@ -118,6 +118,7 @@ def _read(path: Path, wish: _Wish, output: Output) -> CompareState:
 
 def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output: Output) -> Comparison:
     from msb.asset.settings import effective_settings
+    from msb.cli.inputs import open_baked
     from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
@@ -125,7 +126,7 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
     photographs = any(view.photograph for view in views)
     if cameras is not None and not photographs:
         output.note(f"{cameras}: no photograph of its cameras is there; --image-folder names them")
-    baked = None if wish.options.baked is None else _baked(wish.options.baked, asset, output)
+    baked = None if wish.options.baked is None else open_baked(wish.options.baked, asset, output)
     tiers, missing = choose_tiers(asset, views, wish.options.tiers or None, headless=headless, baked=baked)
     if not wish.options.tiers and headless and "reference" not in tiers:
         text = f"{asset.manifest.face_count:,} faces take NumPy minutes a view; --tiers names it if wanted"
@@ -138,19 +139,6 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
         output.note(over_another(own, color).to_line(path))
     made = (path.name, asset, tiers, missing, tuple(views), settings, drawing.supersample, color)
     return Comparison(*made, drawing.device, baked)
-
-
-def _baked(path: Path, asset: Asset, output: Output) -> Asset:
-    """Return what was baked of an asset, turned back if its file is upright and the asset is not."""
-    from msb.asset.look import written_up
-    from msb.cli.inputs import open_asset
-    from msb.meshes.assets import asset_from_mesh, mesh_from_asset
-    from msb.meshes.transform import turned
-
-    mesh = mesh_from_asset(open_asset(path, output))
-    up = written_up(asset)
-    vertices = turned(mesh.vertices, mesh.up or "unknown", up or "unknown")
-    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
 
 
 def _chosen(asset: Asset, wish: _Wish) -> tuple[list[View], str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,18 @@ def open_asset(path: Path, output: Output) -> Asset:
         asset = open(path)
     note_warnings(asset.warnings, path, output)
     return asset
+
+
+def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
+    """Return what was baked of an asset, turned back if its file is upright and the asset is not."""
+    from msb.asset.look import written_up
+    from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+    from msb.meshes.transform import turned
+
+    mesh = mesh_from_asset(open_asset(path, output))
+    up = written_up(asset)
+    vertices = turned(mesh.vertices, mesh.up or "unknown", up or "unknown")
+    return asset_from_mesh(replace(mesh, vertices=vertices, up=up))
 
 
 def for_each(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from msb.asset import Asset
     from msb.engines.dedicated_page.measure import Measured
-    from msb.engines.dedicated_page.page import CheckView, Cost
+    from msb.engines.dedicated_page.page import BakedLook, CheckView, Cost
     from msb.reference import ReferenceFrame
     from msb.scenes import Camera
 
@@ -33,7 +33,7 @@ _RENDERS = (".png", ".npy")
 
 RULES = (
     Rule(
-        "path out cameras renders faces quantise no_verify",
+        "path out cameras renders faces quantise baked no_verify",
         "does not go with --verify, which reads a page and writes none",
         excludes="verify",
     ),
@@ -42,7 +42,9 @@ RULES = (
     Rule("camera size renders", NO_CAMERAS, needs="cameras"),
     Rule("cameras assignments up", "needs an ASSET", needs="path verify"),
     Rule(
-        "quantise faces renders json_file no_verify", "needs --tier dedicated", needs="tier=dedicated verify"
+        "quantise faces renders baked json_file no_verify",
+        "needs --tier dedicated",
+        needs="tier=dedicated verify",
     ),
     Rule("tier", "dedicated needs an ASSET", needs="path tier=standard verify"),
 )
@@ -74,6 +76,10 @@ class WebOptions:
     renders: Annotated[
         Path | None,
         Option("Official images, by names of cameras, to measure the page by.", metavar="DIR"),
+    ] = None
+    baked: Annotated[
+        Path | None,
+        Option("Also show this plain asset, which msb bake made of it, with its dB.", metavar="FILE"),
     ] = None
     no_verify: Annotated[bool, Option("Do not measure the page in a browser.")] = False
     at_least: Annotated[
@@ -202,6 +208,7 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
             for camera, frame in zip(cameras, frames, strict=True)
         ]
         against = "the reference renderer"
+    baked = None if options.baked is None else _baked(shown, options.baked, tests, output)
     smaller, costs = _smaller(shown, options, spread(seen, WEIGHING_VIEWS), tests, output)
     with output.progress(f"packing {shown.name}"):
         page = make_page(
@@ -215,6 +222,7 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
             against=against,
             costs=costs,
             all_faces=asset.manifest.face_count,
+            baked=baked,
         )
         data = page.encoded()
     measured = None
@@ -269,6 +277,27 @@ def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     from msb.render.images import to_bytes
 
     return image if image.dtype == np.uint8 else to_bytes(image)
+
+
+def _baked(shown: Shown, path: Path, tests: Sequence[CheckView], output: Output) -> BakedLook:
+    """Return what was baked of an asset, and how near the mesh of either comes to the test views."""
+    from msb.asset.tiers import why_not
+    from msb.cli.inputs import open_baked
+    from msb.engines.dedicated_page.page import BakedLook
+    from msb.engines.engine import engine_mesh
+    from msb.metrics import psnr
+    from msb.metrics.images import PSNR_CAP
+    from msb.render import Renderer
+
+    def decibels(asset: Asset) -> float:
+        with Renderer(asset, "standard") as renderer:
+            drawn = [renderer.render(test.camera, test.background).image for test in tests]
+        values = [psnr(image, test.image) for image, test in zip(drawn, tests, strict=True)]
+        return sum(min(value, PSNR_CAP) for value in values) / len(values)
+
+    made = open_baked(path, shown.asset, output)
+    plain = None if why_not(shown.asset.manifest, "standard") else decibels(shown.asset)
+    return BakedLook(engine_mesh(made, {}).encoded(".glb"), decibels(made), plain)
 
 
 def _given(camera: Camera, folder: Path, background: tuple[float, float, float]) -> CheckView:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,12 @@ from benchmarks.dedicated_scenes import camera, model
 from msb.engines.browser import VARIABLE
 from msb.engines.dedicated_page import page as page_module
 from msb.engines.dedicated_page.measure import FAITHFUL, byte_psnr, measure_page
-from msb.engines.dedicated_page.page import MODES, STOPS, CheckView, DedicatedPage, make_page
+from msb.engines.dedicated_page.page import MODES, STOPS, BakedLook, CheckView, DedicatedPage, make_page
 from msb.engines.dedicated_page.smaller import quantised
+from msb.engines.engine import engine_mesh
 from msb.engines.hardware.packing import pack
 from msb.engines.hardware.renderer import HardwareRenderer
+from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from msb.reference import render_reference
 from msb.render.images import to_bytes
 from tests.cli.conftest import Msb, msb
@@ -204,6 +207,48 @@ def test_diffsoup_without_webgpu_is_its_triangles_in_grey(in_browser: InBrowser)
     assert said.endswith("These are the triangles in grey: DiffSoup has no colours without its decoder.")
     assert shown == "grey triangles"
     assert colors > 10
+
+
+def test_what_was_baked_is_a_look_beside_the_others(in_browser: InBrowser) -> None:
+    views = golden_views("triangle_splatting")[:1]
+    mesh = mesh_from_asset(exported(views[0].folder / "checkpoint"))
+    colors = np.tile(np.uint8([200, 50, 20]), (len(mesh.vertices), 1))
+    glb = engine_mesh(asset_from_mesh(replace(mesh, vertex_colors=colors)), {}).encoded(".glb")
+    page = page_of(views, cameras=[views[0].camera], baked=BakedLook(glb, 32.25, 18.06))
+    first, options, *seen = in_browser(
+        page.encoded(),
+        """
+        await ready;
+        const select = byId("shown"), first = select.value, found = [];
+        choose("0");
+        for (const what of ["baked", "standard", "wipe-baked"]) {
+          select.value = what;
+          layOut();
+          showNow();
+          const copy = document.createElement("canvas").getContext("2d");
+          copy.drawImage(canvas, 0, 0, 300, 150);
+          const data = copy.getImageData(0, 0, 300, 150).data;
+          const wanted = [200, 50, 20], isRed = (i) => wanted.every((value, k) => data[4 * i + k] === value);
+          found.push([...Array(300 * 150).keys()].filter(isRed).length);
+        }
+        const label = byId("wipe").querySelector("b:last-of-type").textContent;
+        const options = [...select.options].map((option) => option.textContent);
+        return [first, options, ...found, label, byId("note").textContent];
+        """,
+    )
+    assert first == "baked", "there is no WebGPU here"
+    assert options == [
+        "dedicated",
+        "standard, with a wipe",
+        "standard (18.1 dB)",
+        "baked (32.3 dB)",
+        "baked, with a wipe",
+    ]
+    baked, standard, wiped, label, said = seen
+    assert baked == wiped > 1000
+    assert standard == 0
+    assert label == "baked"
+    assert "This is what msb bake made of the model" in said
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,19 @@ class Cost:
     psnr: float | None
 
 
+@dataclass(frozen=True)
+class BakedLook:
+    """A plain asset that was baked of the model, as GLB with colours as stored, where the model is.
+
+    `psnr` is its mean dB to the test views with one sample a pixel, `plain` that of the standard tier, if
+    there is one.
+    """
+
+    glb: bytes
+    psnr: float
+    plain: float | None
+
+
 @dataclass
 class DedicatedPage:
     """Everything that goes into a page: its JSON, and the elements that hold arrays.
@@ -86,10 +99,12 @@ class DedicatedPage:
 
     scene: dict[str, Any]
     arrays: str = field(repr=False)
+    glb: bytes = field(default=b"", repr=False)
 
     def encoded(self) -> bytes:
         """Return the file."""
-        return filled(self.scene, SCRIPTS, arrays=self.arrays)
+        encoded = base64.b64encode(self.glb).decode("ascii")
+        return filled(self.scene, SCRIPTS, glb=encoded, arrays=self.arrays)
 
     def record(self, by: str, psnr: Sequence[float | None]) -> None:
         """Note what the page's pixels have to its test views, in dB (None: equal), and who drew them."""
@@ -108,12 +123,14 @@ def make_page(
     against: str = "the reference renderer",
     costs: Sequence[Cost] = (),
     all_faces: int | None = None,
+    baked: BakedLook | None = None,
     told: Callable[[str], None] = lambda _: None,
 ) -> DedicatedPage:
     """Return the page of an asset, turned about the axis `up`, with `cameras` to choose from.
 
     It is measured by `tests`, whose images were made by `against`. `costs` are what making the asset smaller
-    has cost, `all_faces` those of the whole model. `told` is called with what is being done.
+    has cost, `all_faces` those of the whole model. What was `baked` of it is a look of its own. `told` is
+    called with what is being done.
     """
     packed = pack(asset, settings)
     try:
@@ -181,8 +198,10 @@ def make_page(
         "against": against,
         "measured": None,
         "costs": [{"what": cost.what, "psnr": cost.psnr} for cost in costs],
+        "baked": None if baked is None else {"psnr": baked.psnr, "plain": baked.plain},
     }
-    return DedicatedPage(scene, "\n".join(_elements((key, data) for key, (_, data) in kept.items())))
+    elements = "\n".join(_elements((key, data) for key, (_, data) in kept.items()))
+    return DedicatedPage(scene, elements, b"" if baked is None else baked.glb)
 
 
 def _plans(packed: Packed, limits: Limits, name: str) -> dict[tuple[Order, Sampling], Plan]:

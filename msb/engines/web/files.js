@@ -11,20 +11,16 @@ window.addEventListener("drop", (event) => {
 byId("file").addEventListener("change", (event) => event.target.files.length && openFile(event.target.files[0]));
 
 async function openFirst(asked) {
-  const element = byId("glb"), url = asked.get("url");
+  const url = asked.get("url");
   try {
     if (url) {
       const answer = await fetch(url);
       if (!answer.ok) throw new Error(`status ${answer.status}`);
       await open(await answer.arrayBuffer(), start.name || url.split("/").pop());
-    } else if (element.textContent) {
-      const text = element.textContent;
-      element.remove();
-      const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-      await open(bytes.buffer, start.name);
     } else {
-      say("Drop a .glb here");
-      return false;
+      const own = ownFile();
+      if (!own) { say("Drop a .glb here"); return false; }
+      await open(own, start.name);
     }
   } catch (error) {
     say(`${url || start.name} cannot be shown: ${error.message || error}`);

@@ -6,11 +6,15 @@ const SLOW = 60;        // milliseconds of a frame from which moving pictures ar
 const WIPE_KEYS = { ArrowLeft: -0.02, ArrowRight: 0.02 };
 let official = null;    // a Dedicated
 let meshParts = null;   // what the standard mesh is made of, until it is made
+const meshes = {};      // the standard one, and what was baked if that is in the page
 let degree = about.view.degree;
 let own = { ...about.view.own };
-const INSTEAD = about.standard.grey
+const INSTEAD = about.baked
+  ? "This is what msb bake made of the model: a plain mesh that was taught to look like it"
+  : about.standard.grey
   ? `These are the triangles in grey: ${about.title} has no colours without its decoder`
   : "This is the standard tier: the mesh as any engine draws it";
+const GREY = "grey triangles";
 const note = (text) => { byId("note").textContent = text; byId("note").hidden = !text; };
 
 // Why there is no dedicated tier, if so; what is shown instead is said anew when WebGL comes and goes.
@@ -60,16 +64,27 @@ function makeMesh() {
   }
   if (drawn) geometry.setIndex(new THREE.BufferAttribute(drawn, 1));
   setColors("stored");
-  setMesh(new THREE.Group().add(new THREE.Mesh(geometry)));
+  meshes.standard = new THREE.Mesh(geometry);
+  setMesh(new THREE.Group().add(...Object.values(meshes)));
 }
 
 // ---- layers
 
-const shows = (what) => byId("shown").value === what || byId("shown").value === "wipe";
+// What is chosen -> the mesh that it shows.
+const MESH = { standard: "standard", wipe: "standard", baked: "baked", "wipe-baked": "baked" };
+const wipes = () => byId("shown").value.startsWith("wipe");
+const showsOfficial = () => byId("shown").value === "dedicated" || wipes();
+if (about.baked) {
+  const db = (value) => (value === null ? "" : ` (${value.toFixed(1)} dB)`);
+  byId("shown").append(new Option("baked" + db(about.baked.psnr), "baked"), new Option("baked, with a wipe", "wipe-baked"));
+  byId("shown").querySelector("option[value=standard]").textContent += db(about.baked.plain);
+  byId("shown").querySelector("option[value=wipe]").textContent = "standard, with a wipe";
+  byId("shown").title = `dB are of the mesh to ${about.against}, with one sample a pixel, in the mean of ${about.tests.length} views`;
+}
 
 let busy = false, again = false, milliseconds = 0;
 function showOfficial(view) {
-  if (!official || !shows("dedicated")) return;
+  if (!official || !showsOfficial()) return;
   if (busy) { again = true; return; }
   busy = true;
   const begun = performance.now(), size = state.moving ? fewer(milliseconds) : 1;
@@ -95,8 +110,10 @@ function resized(view, factor) {
 }
 
 layers[0] = (view) => {
-  if (!shows("standard")) return;
+  const what = MESH[byId("shown").value];
+  if (!what) return;
   if (meshParts) makeMesh();
+  for (const [name, mesh] of Object.entries(meshes)) mesh.visible = name === what;
   showMesh(view);
 };
 layers.push(showOfficial);
@@ -104,12 +121,13 @@ layers.push(showOfficial);
 let share = 0.5;  // of the window's width that is dedicated
 function layOut() {
   const what = byId("shown").value;
-  top_.hidden = !official || what === "standard";
+  top_.hidden = !official || !showsOfficial();
   canvas.hidden = what === "dedicated";
-  byId("wipe").hidden = what !== "wipe";
+  byId("wipe").hidden = !wipes();
+  if (wipes()) byId("wipe").querySelector("b:last-of-type").textContent = about.standard.grey && what === "wipe" ? GREY : MESH[what];
   byId("wipe").style.left = `${100 * share}%`;
   byId("grip").ariaValueNow = Math.round(100 * share);
-  top_.style.clipPath = what === "wipe" ? `inset(0 ${100 * (1 - share)}% 0 0)` : "";
+  top_.style.clipPath = wipes() ? `inset(0 ${100 * (1 - share)}% 0 0)` : "";
 }
 function wipeTo(x) {
   share = Math.min(0.98, Math.max(0.02, x));
@@ -124,7 +142,7 @@ byId("grip").addEventListener("keydown", (event) => {
   if (event.key in WIPE_KEYS) wipeTo(share + WIPE_KEYS[event.key]);
 });
 savePicture = () => {
-  if (byId("shown").value === "standard") { showMesh(state.view); download(canvas); return; }
+  if (!showsOfficial()) { layers[0](state.view); download(canvas); return; }
   official.draw(state.view, state.background, degree, own);
   download(top_);
 };
@@ -188,7 +206,7 @@ async function openFirst() {
     official.lost.then((info) => {
       for (const select of document.querySelectorAll("#settings select")) select.disabled = true;
       official = null;
-      byId("shown").value = "standard";
+      byId("shown").value = about.baked ? "baked" : "standard";
       layOut();
       why = `The graphics device was lost${info.message ? ` (${info.message.slice(0, 120)})` : ""}.`;
       cure = "; reload the page for the dedicated tier";
@@ -204,13 +222,14 @@ async function openFirst() {
     }
   } catch (error) { say(`${start.name} cannot be shown: ${error.message || error}`); return false; }
   meshParts = parts;
+  if (about.baked) meshes.baked = (await parsed(ownFile())).scene;
   const sphere = about.sphere;
   setName(start.name, about.faces, new THREE.Vector3(...sphere.center), sphere.radius);
   byId("facts").textContent = `${about.title}, ${about.faces.toLocaleString("en")} faces` +
     (about.all_faces > about.faces ? ` of ${about.all_faces.toLocaleString("en")}` : "");
-  for (const option of byId("shown").options) option.disabled = option.value !== "standard" && !official;
-  if (about.standard.grey) for (const part of ["option[value=standard]", "b:last-of-type"]) document.querySelector(part).textContent = "grey triangles";
-  byId("shown").value = official ? "dedicated" : "standard";
+  for (const option of byId("shown").options) option.disabled = !["standard", "baked"].includes(option.value) && !official;
+  if (about.standard.grey) document.querySelector("option[value=standard]").textContent = GREY;
+  byId("shown").value = official ? "dedicated" : about.baked ? "baked" : "standard";
   if (!official) noteInstead();
   if (official) byId("frame").title = official.name;
   say("");

@@ -158,10 +158,19 @@ function materialOf(geometry, old) {
 
 const asked = new URLSearchParams(location.search);
 
+const parsed = (buffer) => new THREE.GLTFLoader().setMeshoptDecoder(THREE.MeshoptDecoder).parseAsync(buffer, "");
+
+// The bytes of the mesh file that is in the page, null if there is none.
+function ownFile() {
+  const element = byId("glb"), text = element.textContent;
+  element.remove();
+  return text ? Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer : null;
+}
+
 async function open(buffer, name) {
   say(`Reading ${name} ...`);
   await new Promise((done) => setTimeout(done, 20));  // for the message to be seen
-  const gltf = await new THREE.GLTFLoader().setMeshoptDecoder(THREE.MeshoptDecoder).parseAsync(buffer, "");
+  const gltf = await parsed(buffer);
   setColors(asked.get("colors") || (gltf.asset.extras?.color_space === "srgb" ? "stored" : "linear"));
   const faces = setMesh(gltf.scene);
   const sphere = new THREE.Box3().setFromObject(gltf.scene).getBoundingSphere(new THREE.Sphere());
