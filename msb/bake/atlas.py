@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,9 @@ that leaves a face `_ENOUGH` of the texels that it needs, along a side, and the 
 _ENOUGH = 0.7
 _SLACK = 1 / 64
 """Texels that a face is smaller than its cell allows, more than a float32 of texture coordinates rounds."""
-_STEPS = 40
+_STEPS = 16
+_SLIMMEST = 4.0
+"""The most that a leg may be longer than the other."""
 _CHILD = Limits(seconds=900.0, memory=None)
 _PADDING = 4
 """Texels between charts."""
@@ -30,117 +31,132 @@ _LEAST = 1 / 4
 """How much finer or coarser than usual a chart may be."""
 
 
-class _Kind(NamedTuple):
-    """Cells of one size, and the faces in them, some to each cell. A block is a texel of the last level."""
+class _Cells(NamedTuple):
+    """Rectangles of a texture and which faces lie in them, in blocks: texels of the last level kept apart."""
 
-    width: int
-    height: int
-    each: int
-    leg: int
-    """Blocks along the legs of a face; 0: a face is a point in the middle of a texel."""
-    faces: NDArray[np.int64]
-
-    @property
-    def cells(self) -> int:
-        return -(-len(self.faces) // self.each)
+    sides: NDArray[np.int64]
+    """(C, 2) width and height."""
+    legs: NDArray[np.int64]
+    """(F, 2) of each face; 0: it is a point in the middle of a texel."""
+    of: NDArray[np.int64]
+    """(F,) the cell of each face."""
+    number: NDArray[np.int64]
+    """(F,) of each face among those of its cell."""
 
 
-def soup_atlas(pixels: NDArray[np.float64], size: int) -> NDArray[np.float32]:
+def soup_atlas(corners: NDArray[Any], pixels: NDArray[np.float64], size: int) -> NDArray[np.float32]:
     """Return texture coordinates (3F, 2) of faces that share no vertex, in a square texture of `size` texels.
 
-    A face is a right triangle of as many texels as it needs, `pixels` (F,), or of the largest share of them
-    that there is room for. Cells keep apart in the smaller levels, too, as `LEVELS` says. A face without
-    pixels is a point in the middle of a texel, and so is one that is too small for a cell: it has one colour.
+    A face is a right triangle whose legs are to each other as its shorter sides. It has a texel for each
+    pixel that it needs, or the largest share of them that there is room for. Cells keep apart in smaller
+    levels, too, as `LEVELS` says. A face that needs none, or is too small for a cell, is a point: one colour.
+
+    Parameters
+    ----------
+    corners : (F, 3, 3) float
+    pixels : (F,) float64
+        How many each face needs.
+    size : int
+        Texels along a side.
 
     Raises
     ------
     UsageError
         USAGE: not even a texel is left for each face.
     """
-    legs = np.sqrt(2 * np.maximum(pixels, 0))
+    points = corners.astype(np.float64)
+    sides = np.linalg.norm(points[:, [1, 2, 0]] - points[:, [2, 0, 1]], axis=2)
+    # The right angle is at the corner across from the longest side, and the longer leg lies along a row.
+    order = np.argsort(-sides, axis=1, kind="stable")[:, [0, 2, 1]]
+    short, long = np.sort(sides, axis=1)[:, :2].T
+    slim = np.clip(np.divide(long, short, out=np.ones_like(long), where=short > 0), 1, _SLIMMEST)
+    legs = np.sqrt(2 * np.maximum(pixels, 0)[:, None] * np.stack([slim, 1 / slim], axis=1))
     for levels in LEVELS:
         block = 1 << levels
-        factor, kinds, places = _packed(legs / block, size // block, block)
+        factor, cells, places = _packed(legs / block, size // block, block)
         if factor >= _ENOUGH:
             break
     if places is None:
         text = f"{len(pixels):,} faces do not fit into a texture of {size} x {size} texels"
         raise UsageError("USAGE", text)
-    made = np.zeros((len(pixels), 3, 2))
-    for kind, place in zip(kinds, places, strict=True):
-        cell, which = np.divmod(np.arange(len(kind.faces)), kind.each)
-        made[kind.faces] = block * place[cell, None] + _within(kind, which, block)
-    return np.asarray((made / size).reshape(-1, 2), np.float32)
+    uvs = np.zeros((len(pixels), 3, 2))
+    np.put_along_axis(uvs, order[..., None], _placed(cells, places, block) / size, axis=1)
+    return uvs.reshape(-1, 2).astype(np.float32)
 
 
 def _packed(
     legs: NDArray[np.float64], blocks: int, block: int
-) -> tuple[float, list[_Kind], list[NDArray[np.int64]] | None]:
-    """Return a factor, 1 at most, cells of so much of the legs (F,) that fit, and their places."""
+) -> tuple[float, _Cells, NDArray[np.int64] | None]:
+    """Return a factor, 1 at most, cells of so much of the legs (F, 2) that fit, and their places."""
     low, high = 0.0, 2.0
     for _ in range(_STEPS):
         factor = (low + high) / 2
-        if _shelves(_kinds(factor * legs, block), blocks) is None:
+        if _shelves(_cells(factor * legs, block).sides, blocks) is None:
             high = factor
-        elif factor == 1:
-            low = 1.0
-            break
         else:
             low = factor
-    kinds = _kinds(low * legs, block)
-    return low, kinds, _shelves(kinds, blocks)
+            if factor == 1:
+                break
+    cells = _cells(low * legs, block)
+    return low, cells, _shelves(cells.sides, blocks)
 
 
-def _kinds(legs: NDArray[np.float64], block: int) -> list[_Kind]:
-    """Return cells, the highest first, for faces with legs (F,) of so many blocks, rounded.
+def _cells(legs: NDArray[np.float64], block: int) -> _Cells:
+    """Return cells for faces with legs (F, 2) of so many blocks, rounded.
 
-    A level is read between the middles of its texels, so a face keeps half a block from what is not its own.
-    From three blocks on two faces share a cell: the blocks on one side of its diagonal are one's.
+    A level is read between the middles of its texels: a face alone needs half a block around it, and two that
+    share a cell two more blocks each way between them.
     """
     whole = np.rint(legs).astype(np.int64)
-    order = np.argsort(-whole, kind="stable")
-    sizes, starts = np.unique(-whole[order], return_index=True)
-    kinds = []
-    for size, faces in zip((-sizes).tolist(), np.split(order, starts[1:]), strict=True):
-        if size >= 3:
-            kinds.append(_Kind(size + 3, size + 2, 2, size, faces))
-        elif size:
-            kinds.append(_Kind(size + 1, size + 1, 1, size, faces))
-        else:
-            kinds.append(_Kind(1, 1, block * block, 0, faces))
-    return kinds
+    whole = np.where(whole[:, :1] > 0, np.maximum(whole, 1), 0)
+    is_point = whole[:, 0] == 0
+    is_paired = (whole + 3).prod(axis=1) < 2 * (whole + 1).prod(axis=1)
+    sides = []
+    of, number, count = np.zeros(len(legs), np.int64), np.zeros(len(legs), np.int64), 0
+    for chosen, each, gap in (
+        (is_paired, 2, 3),
+        (~is_paired & ~is_point, 1, 1),
+        (is_point, block * block, 1),
+    ):
+        faces = np.flatnonzero(chosen)
+        faces = faces[np.lexsort((-whole[faces, 0], -whole[faces, 1]))]
+        of[faces], number[faces] = np.divmod(np.arange(len(faces)), each)
+        of[faces] += count
+        starts = np.arange(0, len(faces), each)
+        if len(starts):
+            sides.append(np.maximum.reduceat(whole[faces], starts, axis=0) + gap)
+        count += len(starts)
+    return _Cells(np.concatenate(sides), whole, of, number)
 
 
-def _shelves(kinds: Sequence[_Kind], blocks: int) -> list[NDArray[np.int64]] | None:
-    """Return the places (cells, 2) of each kind, in blocks, side by side and row by row; None: no room."""
-    x = y = shelf = 0
-    places = []
-    for kind in kinds:
-        beside = min(kind.cells, (blocks - x) // kind.width) if shelf else 0
-        number = np.arange(kind.cells)
-        place = np.stack([x + kind.width * number, np.full(kind.cells, y)], axis=1)
-        x += beside * kind.width
-        if beside < kind.cells:
-            if kind.width > blocks:
-                return None
-            row, column = np.divmod(number[beside:] - beside, blocks // kind.width)
-            place[beside:] = np.stack([kind.width * column, y + shelf + kind.height * row], axis=1)
-            x, y, shelf = int(kind.width * (column[-1] + 1)), int(place[-1, 1]), kind.height
-            if y + shelf > blocks:
-                return None
-        places.append(place)
+def _shelves(sides: NDArray[np.int64], blocks: int) -> NDArray[np.int64] | None:
+    """Return the places (C, 2) of cells, side by side and row by row, the highest first; None: no room."""
+    order = np.lexsort((-sides[:, 0], -sides[:, 1]))
+    width, height = sides[order].T
+    ends = np.cumsum(width)
+    places = np.zeros_like(sides)
+    first = y = 0
+    while first < len(sides):
+        left = ends[first] - width[first]
+        last = int(np.searchsorted(ends, left + blocks, side="right"))
+        if last == first or y + height[first] > blocks:
+            return None
+        row = slice(first, last)
+        places[order[row], 0] = ends[row] - width[row] - left
+        places[order[row], 1] = y
+        y += int(height[first])
+        first = last
     return places
 
 
-def _within(kind: _Kind, which: NDArray[np.int64], block: int) -> NDArray[np.float64]:
-    """Return the corners (n, 3, 2), in texels, of the `which`-th faces (n,) of cells."""
-    if not kind.leg:
-        row, column = np.divmod(which, block)
-        return np.repeat(np.stack([column, row], axis=1)[:, None] + 0.5, 3, axis=1)
-    leg = block * kind.leg - _SLACK
-    corners = block / 2 + leg * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    turned = block * np.array([kind.width, kind.height]) - corners
-    return np.where(which[:, None, None] > 0, turned, corners)
+def _placed(cells: _Cells, places: NDArray[np.int64], block: int) -> NDArray[np.float64]:
+    """Return the corners (F, 3, 2) of faces in texels: that of the right angle, then those along x and y."""
+    place, sides = (block * each[cells.of][:, None] for each in (places, cells.sides))
+    legs = block * cells.legs[:, None]
+    corners = block / 2 + (legs - _SLACK) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    turned = np.where(cells.number[:, None, None] > 0, sides - corners, corners)
+    points = np.stack([cells.number % block, cells.number // block], axis=1)[:, None] + 0.5
+    return np.asarray(place + np.where(legs > 0, turned, points))
 
 
 def connected_atlas(

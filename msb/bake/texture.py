@@ -67,7 +67,7 @@ def textured(
     if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
         mesh.faces.reshape(-1), np.arange(mesh.faces.size)
     ):
-        uvs = soup_atlas(pixels, size)
+        uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         uvs = connected_atlas(mesh.vertices, mesh.faces, pixels, size)
     chart, texture = _beginning(mesh, uvs, size, device)
