@@ -7,7 +7,7 @@ texel is tied to the eight around it alone, level by level. A texel of a smaller
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -113,15 +113,12 @@ class Pyramid:
         ):
             self.planes[plane, place] += np.add.reduceat(product, starts)
 
-    def solved(self) -> NDArray[np.float32]:
-        """Return the change (texels, 3) of the texture that the equations ask for, by conjugate gradients."""
+    def solved(self) -> Iterator[NDArray[np.float32]]:
+        """Yield the change (texels,) that the equations ask for, by conjugate gradients: red, green, blue."""
         diagonal = self._spread([self.planes[0, level] for level in self._slices], 1 / 16)
         scale = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > _NOTHING)
-        made = np.zeros((self.size**2, 3), np.float32)
-        for channel in range(3):
-            rest = self._spread([self.right[channel, level] for level in self._slices], 1 / 4)
-            made[:, channel] = self._one_channel(rest, scale)
-        return made
+        for right in self.right:
+            yield self._one_channel(self._spread([right[level] for level in self._slices], 1 / 4), scale)
 
     def _one_channel(self, rest: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
         made = np.zeros_like(rest)
@@ -136,7 +133,7 @@ class Pyramid:
             moved = self.applied(way)
             length = np.float32(size / _dot(way, moved))
             made += length * way
-            rest = rest - length * moved
+            rest -= length * moved
         return made
 
     def applied(self, change: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -158,7 +155,7 @@ class Pyramid:
 
     def _spread(self, parts: Sequence[NDArray[np.float32]], share: float) -> NDArray[np.float32]:
         """Return the sum (texels,) of what levels have: a texel gets `share` of that which it is part of."""
-        total = parts[-1]
+        total = parts[-1].copy()
         for part in parts[-2::-1]:
             half = math.isqrt(len(total))
             own = part.reshape(half, 2, half, 2)

@@ -90,8 +90,10 @@ def textured(
             samples = _samples(seen, made, lessons.cameras[view], pyramid)
             pyramid.add(samples, error, ties=not number)
             watch("texture", number * len(lessons) + view + 1, ROUNDS * len(lessons))
-        colors = made.textures[0].reshape(-1, 3) / np.float32(255) + pyramid.solved()
-        texture = np.rint(np.clip(colors, 0, 1) * 255).astype(np.uint8).reshape(size, size, 3)
+        texture = made.textures[0].copy()
+        for channel, change in enumerate(pyramid.solved()):
+            plane = texture[..., channel]
+            plane[:] = np.rint(np.clip(plane + 255 * change.reshape(plane.shape), 0, 255))
         made = replace(made, textures=(texture,))
     return made
 
