@@ -336,7 +336,7 @@ class _Bake:
         unseen = float(area[teaching.weight + aside.weight == 0].sum() / max(area.sum(), 1e-300))
         views = self._views
         if views.origin in ("turntable", "inside") and 1 - unseen < LEAST_SEEN:
-            text = f"{views.said} see {100 * (1 - unseen):.0f} % of its area, and 80 % are needed"
+            text = f"{views.said} see {int(100 * (1 - unseen))} % of its area, and 80 % are needed"
             raise UsageError("USAGE", f"{text}: give its scene (--scene) or cameras (--cameras)")
         return unseen, None if why_not(self._asset.manifest, "dedicated") else teaching
 

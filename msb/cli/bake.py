@@ -69,7 +69,8 @@ class BakeOptions:
 
 
 @command(
-    "msb bake --geometry kept data_stubs/checkpoint -o out/plain.glb",
+    "msb bake --geometry kept --cameras data_stubs/views.json \\\n"
+    "      data_stubs/checkpoint -o out/plain.glb",
     "msb bake --seconds 20 --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
     "      data_stubs/models/pebble/triangle_splatting -o out/pebble.glb",
     rules=(
