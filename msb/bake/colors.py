@@ -88,7 +88,7 @@ def of_mesh(seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32]) -
     squares, sides = products(seen)
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
     system = sparse.coo_matrix((squares.reshape(-1), (rows, columns)), shape=(count, count)).tocsr()
-    system = system + SMOOTH * _edges(faces, count) + PRIOR * sparse.identity(count, format="csr")
+    system = system + SMOOTH * laplacian(faces, count) + PRIOR * sparse.identity(count, format="csr")
     right = PRIOR * colors.astype(np.float64)
     for corner in range(3):
         for channel in range(3):
@@ -109,7 +109,7 @@ def of_mesh(seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32]) -
     return np.clip(x, 0, 1).astype(np.float32)
 
 
-def _edges(faces: NDArray[np.int64], count: int) -> csr_matrix:
+def laplacian(faces: NDArray[np.int64], count: int) -> csr_matrix:
     """Return the Laplacian of the edges: each edge once."""
     import scipy.sparse as sparse
 

@@ -90,12 +90,16 @@ def slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray((twice < SLIVER * longest**2) | (longest == 0))
 
 
-def crossing_pairs(corners: NDArray[np.float64]) -> NDArray[np.int64]:
+def crossing_pairs(
+    corners: NDArray[np.float64], places: NDArray[np.float64] | None = None
+) -> NDArray[np.int64]:
     """Return the pairs (n, 2) of faces that cross, each once with the lower number first, sorted.
 
-    `corners` (F, 3, 3) are finite.
+    `corners` (F, 3, 3) are finite. Only faces are compared whose boxes overlap: those of `places` (F, n, 3)
+    if given, where faces lie in a space in which they are of similar size.
     """
-    crossing = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in _near(corners)]
+    near = _near(corners if places is None else places)
+    crossing = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in near]
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *crossing])
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 

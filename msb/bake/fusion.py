@@ -1,0 +1,154 @@
+"""What is solid of a soup: its depths, as cameras see them, vote on the cells of a grid (Curless and Levoy
+1996), on the device."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.space import EDGE
+from msb.meshes.assets import asset_from_mesh
+from msb.render.device_scope import in_turn
+from msb.render.standard.renderer import StandardRenderer
+
+if TYPE_CHECKING:
+    from msb.bake.space import Space
+    from msb.cl import Device
+    from msb.meshes.mesh import Mesh
+    from msb.scenes import Camera
+
+REACH = 3.0
+"""How far before and behind a surface a view says how far, in cells."""
+DOUBT = 0.15
+"""Share of the views from which a cell is hidden that must see it, or what they see is taken for a hole."""
+_GROUP = 64
+UNKNOWN = 2.0
+"""Stands for cells that no view has in its picture; equals UNKNOWN in bake_fuse.cl."""
+_EVERY = 7
+"""Of so many pixels that show something one is a point of what is seen."""
+_BLACK = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Cells in a space: the place of the lowest one's centre (3,), the size of a cell, and how many there
+    are."""
+
+    low: NDArray[np.float64]
+    cell: float
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def over(cls, space: Space, cells: int, margin: float = REACH) -> Grid:
+        """Return a grid of so many cells along the longest side of what is seen, and a margin about an
+        object."""
+        size = space.high - space.low
+        cell = float(size.max() / cells)
+        rim = 0.0 if space.contracted else margin * cell
+        nx, ny, nz = (int(n) + 1 for n in np.ceil((size + 2 * rim) / cell))
+        return cls(space.low - rim, cell, (nx, ny, nz))
+
+
+class Depths(StandardRenderer):
+    """Draws a soup for its depths."""
+
+    def __init__(self, soup: Mesh, device: str | Device | None = None) -> None:
+        super().__init__(asset_from_mesh(soup), device=device)
+        self._fuse = self._device.program("bake_fuse")
+
+    def points(self, cameras: Sequence[Camera]) -> NDArray[np.float64]:
+        """Return places (n, 3) of the world that cameras see."""
+        found = [np.zeros((0, 3))]
+        for camera in cameras:
+            depth = self.render(camera, _BLACK).depth
+            row, column = (each[::_EVERY] for each in np.nonzero(depth))
+            z = depth[row, column].astype(np.float64)
+            x, y = (column + 0.5 - camera.cx) / camera.fx * z, (row + 0.5 - camera.cy) / camera.fy * z
+            local = np.stack([x, y, z, np.ones_like(z)], axis=1)
+            found.append((local @ camera.camera_to_world.T)[:, :3])
+        return np.concatenate(found)
+
+    def solid(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> NDArray[np.float32]:
+        """Return `votes` with what is unknown continued from its surroundings.
+
+        What lies beyond a scene is solid: a shell around it, on which a sky appears."""
+        votes = self.votes(cameras, space, grid)
+        values = _filled(votes, votes != UNKNOWN)
+        if space.contracted:
+            np.minimum(values, _beyond(grid), out=values)
+        return values
+
+    @in_turn
+    def votes(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> NDArray[np.float32]:
+        """Return how far each cell of `grid` lies before what cameras see, in `REACH` cells and at most 1.
+
+        It is negative where the cell is solid, and `UNKNOWN` where no view has it in its picture."""
+        count = int(np.prod(grid.shape))
+        sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
+        sums.fill(0)
+        votes.fill(0)
+        record = self._scratch("camera", 16)
+        cells = self._scratch("grid", 4)
+        cells.write(np.array([*grid.low, grid.cell], np.float32))
+        for camera in cameras:
+            record.write(_record(camera, space))
+            planes = self._run(camera, _BLACK, everything=True)
+            self._fuse.vote(
+                count,
+                _GROUP,
+                record,
+                cells,
+                planes["depth"],
+                np.int32(camera.width),
+                np.int32(camera.height),
+                *(np.int32(n) for n in grid.shape),
+                np.float32(space.radius),
+                np.float32(REACH * grid.cell),
+                np.int32(space.contracted),
+                sums,
+                votes,
+            )
+        self._fuse.count_votes(count, _GROUP, sums, votes, np.float32(DOUBT), np.uint32(count))
+        values: NDArray[np.float32] = sums.read()
+        return values
+
+
+def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return values of cells (nx, ny, nz) with those that are not known continued from those around them.
+
+    Each is the mean of the smallest block of 2, 4, 8, ... cells a side that has known ones, and smoothed."""
+    from scipy.ndimage import uniform_filter
+
+    if known.all() or not known.any():
+        return np.where(known, values, np.float32(1))
+    sides = [(-(-n // 2), 2) for n in values.shape]
+    padding = [(0, 2 * n - m) for (n, _), m in zip(sides, values.shape, strict=True)]
+    blocks = tuple(each for side in sides for each in side)
+    weight = np.pad(known, padding).reshape(blocks).sum(axis=(1, 3, 5), dtype=np.float32)
+    sums = np.pad(np.where(known, values, np.float32(0)), padding).reshape(blocks).sum(axis=(1, 3, 5))
+    coarse = _filled(sums / np.maximum(weight, 1), weight > 0)
+    for axis in range(3):
+        coarse = coarse.repeat(2, axis=axis)
+    nx, ny, nz = values.shape
+    return np.where(known, values, uniform_filter(coarse[:nx, :ny, :nz], 3, mode="nearest"))
+
+
+def _beyond(grid: Grid) -> NDArray[np.float32]:
+    """Return how far cells lie before the shell around a scene, in `REACH` cells; that is half as thick."""
+    axes = [grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3)]
+    x, y, z = np.meshgrid(*(np.square(axis).astype(np.float32) for axis in axes), indexing="ij", sparse=True)
+    reach = REACH * grid.cell
+    found: NDArray[np.float32] = (np.float32(EDGE - reach / 2) - np.sqrt(x + y + z)) / np.float32(reach)
+    return found
+
+
+def _record(camera: Camera, space: Space) -> NDArray[np.float32]:
+    """Return what the kernel needs of a camera, (16,), for places in the units of `space`."""
+    pose = camera.world_to_camera[:3].copy()
+    pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius
+    focal = camera.fx, camera.fy, camera.cx, camera.cy
+    return np.array([*pose.reshape(-1), *focal], np.float32)

@@ -1,0 +1,95 @@
+"""Where the vertices of a closed surface should be: descent on the error of its pictures, without crossings.
+
+The slopes of the error (`msb.bake.raster`) are summed at vertices that faces share, and smoothed over the
+surface before they move it, so that a step bends it instead of folding it (Nicolet et al. 2021). Steps are
+taken inside the surface's space, where faces are of similar size. Every few steps vertices of faces that
+cross go back to where they did not."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake import colors
+from msb.bake.search import some_views
+from msb.bake.solid import put_back
+
+if TYPE_CHECKING:
+    from msb.bake.raster import Raster
+    from msb.bake.soup import Soup
+    from msb.bake.space import Space
+    from msb.bake.start import Best, Watch
+
+    Reals = NDArray[np.float64]
+
+STIFF = 0.5
+"""How far a slope is smoothed: the square of the width, in edges."""
+STEPS, LOOK = 200, 20
+RATES = 0.12, 0.01
+"""In edges, how far a step moves a vertex in the mean: at first, and at last."""
+_MOMENTUM, _SCALE = 0.9, 0.99
+_MEMORY, _RECOLOR = 0.9, 5
+_FARTHEST = 4.0
+"""How many times the rate a vertex moves at most in a step."""
+
+
+def settle(
+    points: Reals,
+    soup: Soup,
+    raster: Raster,
+    best: Best,
+    space: Space,
+    random: np.random.Generator,
+    watch: Watch,
+) -> None:
+    """Move the vertices at `points` (V, 3) inside `space`, of which no faces cross, where `soup`, whose faces
+    share them, looks better for it; `best` looks every few steps."""
+    from scipy.sparse import identity
+    from scipy.sparse.linalg import splu
+
+    assert soup.shared is not None
+    faces, count = soup.shared, len(points)
+    bending = identity(count, format="csr") + STIFF * colors.laplacian(faces, count)
+    smooth = splu(bending.tocsc()).solve
+    good, moved = points, bending @ points
+    slope, scale = np.zeros_like(points), 0.0
+    memory = None
+    for step in range(1, STEPS + 1):
+        seen = raster.seen(some_views(raster, random))
+        new = _at_vertices(seen.slopes.astype(np.float64), faces, count)
+        new = smooth(space.pulled(points, new))
+        slope = _MOMENTUM * slope + (1 - _MOMENTUM) * new
+        scale = _SCALE * scale + (1 - _SCALE) * float(np.square(new[new.any(axis=1)]).sum(axis=1).mean())
+        move = slope / (1 - _MOMENTUM**step) / (np.sqrt(scale / (1 - _SCALE**step)) + 1e-30)
+        length = np.linalg.norm(move, axis=1, keepdims=True)
+        move *= np.minimum(1, _FARTHEST / np.maximum(length, 1e-30))
+        first, last = RATES
+        rate = first + (last - first) * step / STEPS
+        moved -= rate * _edge(points, faces) * move
+        points = space.held(smooth(moved))
+        memory = seen.sums if memory is None else _MEMORY * memory + seen.sums
+        if step % LOOK == 0:
+            good = put_back(points, good, faces, space)
+            points, moved = good, bending @ good
+        soup.corners[:] = space.outward(points)[faces]
+        soup.put_on(raster)
+        if step % LOOK == 0:
+            soup.refit(raster)
+            best.look(soup)
+            watch("moving vertices", step, STEPS)
+        elif step % _RECOLOR == 0:
+            soup.recolor(seen._replace(sums=memory))
+
+
+def _at_vertices(values: Reals, faces: NDArray[np.int64], count: int) -> Reals:
+    """Return the sums (V, 3) at vertices of values at corners (F, 3, 3)."""
+    corners = faces.reshape(-1)
+    sums = [np.bincount(corners, values[:, :, axis].reshape(-1), minlength=count) for axis in range(3)]
+    return np.stack(sums, axis=1)
+
+
+def _edge(points: Reals, faces: NDArray[np.int64]) -> float:
+    """Return the usual length of an edge."""
+    return float(np.median(np.linalg.norm(points[faces[:, 0]] - points[faces[:, 1]], axis=1)))

@@ -1,0 +1,206 @@
+"""From what is solid to a closed surface of few faces: parts that matter, fewer faces, none that cross."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.render.standard.renderer import StandardRenderer
+from msb.topology.components import label_components
+from msb.topology.steps import close, orient, pair
+from msb.trial.tasks.self_intersections import crossing_pairs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from scipy.sparse import csr_matrix
+
+    from msb.bake.fusion import Grid
+    from msb.bake.space import Space
+    from msb.cl import Device
+    from msb.scenes import Camera
+
+    Reals = NDArray[np.float64]
+    Faces = NDArray[np.int64]
+
+_HASTE = 5, 7
+"""How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
+_MENDINGS = 5
+_TURNS = 60
+"""How often corners of faces that cross are smoothed."""
+_WIDER = 8
+"""Turns after which their neighbours are, too, and again after as many."""
+
+
+def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[Reals, Faces]:
+    """Return the surface (V, 3), (F, 3) of what is negative, closed: outside the grid it is `outside`."""
+    from skimage.measure import marching_cubes
+
+    padded = np.pad(values, 1, constant_values=outside)
+    points, faces, _, _ = marching_cubes(padded, 0.0, allow_degenerate=False)  # type: ignore[no-untyped-call]
+    return grid.low + (points.astype(np.float64) - 1) * grid.cell, faces.astype(np.int64)
+
+
+def pixels_of(
+    points: Reals, faces: Faces, cameras: Sequence[Camera], device: str | Device | None
+) -> NDArray[np.int64]:
+    """Return how many pixels of all views show each face (F,)."""
+    counts = np.zeros(len(faces), np.int64)
+    mesh = Mesh(points.astype(np.float32), faces, vertex_colors=np.zeros((len(points), 3), np.float32))
+    with closing(StandardRenderer(asset_from_mesh(mesh), device=device)) as renderer:
+        for camera in cameras:
+            shown = renderer.render(camera, (0.0, 0.0, 0.0)).face_id
+            assert shown is not None
+            counts += np.bincount(shown[shown >= 0], minlength=len(faces))
+    return counts
+
+
+def parts(points: Reals, faces: Faces) -> NDArray[np.int32]:
+    """Return the number of the part (F,) that each face belongs to, joined by vertices."""
+    one, two = faces[:, [0, 1]].reshape(-1), faces[:, [1, 2]].reshape(-1)
+    _, label = label_components(len(points), one, two)
+    return label[faces[:, 0]]
+
+
+def that_matter(points: Reals, faces: Faces, pixels: NDArray[np.int64], least: float) -> NDArray[np.bool_]:
+    """Return which faces (F,) are of parts that so many pixels show at `least`; those of the largest are."""
+    label = parts(points, faces)
+    shown = np.bincount(label, weights=pixels)
+    keep: NDArray[np.bool_] = (shown >= least)[label] | (label == int(np.argmax(shown)))
+    return keep
+
+
+def compacted(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+    """Return the points that faces use, in their order, and the faces that name them."""
+    used = np.zeros(len(points), bool)
+    used[faces] = True
+    return points[used], (np.cumsum(used) - 1)[faces]
+
+
+def with_fewer_faces(points: Reals, faces: Faces, count: int) -> tuple[Reals, Faces]:
+    """Return the surface with about `count` faces, by quadric error, and mended to a closed manifold."""
+    import fast_simplification
+
+    for haste in _HASTE:
+        if len(faces) > count:
+            fewer, chosen = fast_simplification.simplify(
+                points.astype(np.float32), faces.astype(np.int32), target_count=count, agg=haste
+            )
+            points, faces = fewer.astype(np.float64), chosen.astype(np.int64)
+    return mended(points, faces)
+
+
+def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+    """Return a closed, consistently wound manifold: faces that touch at an edge come apart, holes are closed.
+
+    Where that fails faces there are left out, and a part that still stays open.
+    """
+    for _ in range(_MENDINGS):
+        points, faces = compacted(points, _without_flaps(faces))
+        change = pair(points, faces)
+        points, faces = points[change.vertex_map], change.faces.astype(np.int64)
+        faces = orient(faces, len(points)).faces.astype(np.int64)
+        points, faces = _capped(points, faces)
+        torn = _open(faces)
+        if not torn.any():
+            return points, faces
+        faces = faces[~torn]
+    label = parts(points, faces)
+    closed = np.ones(label.max(initial=-1) + 1, bool)
+    closed[label[_open(faces)]] = False
+    return compacted(points, faces[closed[label]])
+
+
+def _without_flaps(faces: Faces) -> Faces:
+    """Return the faces without those that name a vertex twice, and without two that lie on each other."""
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    kept: Faces = faces[np.sort(first[count % 2 == 1])]
+    return kept
+
+
+def _capped(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
+    """Return the surface with its holes closed."""
+    change = close(points, faces, most_edges=1 << 30, most_share=1.0)
+    added = change.vertex_map < 0
+    placed = points[change.vertex_map]
+    if added.any():
+        rims = change.rims
+        sums = np.add.reduceat(points[rims.vertices], rims.offsets[:-1])
+        placed[added] = sums / np.diff(rims.offsets)[:, None]
+    return placed, change.faces.astype(np.int64)
+
+
+def _open(faces: Faces) -> NDArray[np.bool_]:
+    """Return which faces (F,) have an edge that no other runs along the other way."""
+    count = int(faces.max(initial=0)) + 1
+    start, stop = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    lone = np.isin(start * count + stop, stop * count + start, invert=True)
+    return np.asarray(lone.reshape(-1, 3).any(axis=1))
+
+
+def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, int]:
+    """Return points (V, 3) inside `space` of which no faces cross in the world, and how many still do.
+
+    Corners of faces that cross are moved to the middle of their neighbours, those of faces that resist
+    together with their neighbours.
+    """
+    points = points.copy()
+    neighbours = average(faces, len(points))
+    left = 0
+    for turn in range(_TURNS):
+        crossing = crossing_faces(points, faces, space)
+        left = len(crossing)
+        if not left:
+            break
+        moved = np.zeros(len(points), bool)
+        moved[faces[crossing]] = True
+        for _ in range(turn // _WIDER):
+            moved[faces[moved[faces].any(axis=1)]] = True
+        points[moved] = ((points + neighbours @ points) / 2)[moved]
+    return points, left
+
+
+def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:
+    """Return points of which no faces cross: those that do go back to where they were in `good`, which has
+    none."""
+    points = points.copy()
+    for _ in range(_TURNS):
+        corners = np.unique(faces[crossing_faces(points, faces, space)])
+        back = corners[(points[corners] != good[corners]).any(axis=1)]
+        if not len(corners):
+            return points
+        if not len(back):
+            break
+        points[back] = good[back]
+    return good.copy()
+
+
+def crossing_faces(points: Reals, faces: Faces, space: Space) -> NDArray[np.int64]:
+    """Return the numbers of faces that cross others in the world, as float32 has it."""
+    corners = space.outward(points).astype(np.float32).astype(np.float64)[faces]
+    if not space.contracted:
+        return np.unique(crossing_pairs(corners))
+    # A face of the world is bent inside: so are its box's corners, the middles of its sides, and its own.
+    more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
+    bent = np.concatenate([corners, *more], axis=1)
+    places = space.inward(bent.reshape(-1, 3)).reshape(bent.shape)
+    return np.unique(crossing_pairs(corners, places))
+
+
+def average(faces: Faces, count: int) -> csr_matrix:
+    """Return the matrix (V, V) that takes values of vertices to the means of their neighbours."""
+    import scipy.sparse as sparse
+
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    ends = np.concatenate([ends, ends[:, ::-1]])
+    one = np.ones(len(ends))
+    joined = sparse.coo_matrix((one, (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
+    joined.data[:] = 1
+    degree = np.maximum(np.asarray(joined.sum(axis=1)).ravel(), 1)
+    return (sparse.diags(1 / degree) @ joined).tocsr()

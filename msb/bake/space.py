@@ -1,0 +1,121 @@
+"""The space in which a surface is made: the world about what is looked at, what is far drawn together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from msb.scenes import Camera
+
+    Reals = NDArray[np.float64]
+
+_FAR_SHARE = 0.02
+"""Share of what is seen that lies farther out than the cameras, above which it is a scene and no object."""
+_NEAR = 0.5
+"""Radius of what is left as it is in a scene, in distances of the usual camera."""
+_TRIM = 0.1
+"""Percent of what is seen that may lie outside the box of an object, at each of its sides."""
+_PARALLEL = 1e-3
+"""Cameras look at a point if their axes fix it this well in the direction in which they do worst."""
+_THIN = 1e-3
+"""Half of the least side of the box of an object, of its longest one."""
+EDGE = 1.96
+"""How far out the grid of a scene reaches; 2 is infinitely far."""
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Places inside: those of the world less `center`, in units of `radius`, and drawn together if so said.
+
+    Drawing together leaves the ball of radius 1 as it is and takes x beyond it to (2 - 1 / |x|) x / |x|, as
+    Mip-NeRF 360 does (Barron et al. 2022), so that what is far gets as many cells and faces as it has
+    pixels. It is continuous and can be undone, so that a closed manifold stays one.
+
+    Attributes
+    ----------
+    center : (3,) float64
+    radius : float
+    contracted : bool
+    low, high : (3,) float64
+        The box of what is seen, inside.
+    """
+
+    center: Reals
+    radius: float
+    contracted: bool
+    low: Reals
+    high: Reals
+
+    @classmethod
+    def of(cls, points: Reals, cameras: Sequence[Camera]) -> Self:
+        """Return the space for what cameras see at `points` (n, 3) of the world, n > 0."""
+        at = np.stack([camera.center for camera in cameras])
+        focus = _looked_at(cameras, points)
+        distance = float(np.median(np.linalg.norm(at - focus, axis=1)))
+        if (np.linalg.norm(points - focus, axis=1) > distance).mean() > _FAR_SHARE:
+            edge = np.full(3, EDGE)
+            return cls(focus, _NEAR * distance, True, -edge, edge)
+        low, high = np.percentile(points, [_TRIM, 100 - _TRIM], axis=0)
+        center, radius = (low + high) / 2, float((high - low).max() / 2)
+        radius = radius or distance
+        half = np.maximum((high - low) / 2 / radius, _THIN)
+        return cls(center, radius, False, -half, half)
+
+    def inward(self, points: Reals) -> Reals:
+        """Return places (n, 3) of the world inside."""
+        x: Reals = (points - self.center) / self.radius
+        if not self.contracted:
+            return x
+        far = np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1)
+        drawn: Reals = x * (2 - 1 / far) / far
+        return drawn
+
+    def outward(self, points: Reals) -> Reals:
+        """Return places (n, 3) inside in the world."""
+        placed: Reals = self.center + self.radius * points * self._stretch(points)[0]
+        return placed
+
+    def held(self, points: Reals) -> Reals:
+        """Return places inside with those that left it, which a scene's may, back at its edge."""
+        if not self.contracted:
+            return points
+        size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+        kept: Reals = points * np.minimum(1, EDGE / size)
+        return kept
+
+    def pulled(self, points: Reals, slopes: Reals) -> Reals:
+        """Return how something changes with places inside, from how it does with those in the world."""
+        across, along = self._stretch(points)
+        size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+        direction = points / size
+        radial = (slopes * direction).sum(axis=1, keepdims=True) * direction
+        found: Reals = self.radius * (across * (slopes - radial) + along * radial)
+        return found
+
+    def _stretch(self, points: Reals) -> tuple[Reals, Reals]:
+        """Return by what (n, 1) lengths grow outward: across the direction to the centre, and along it."""
+        size = np.linalg.norm(points, axis=1, keepdims=True)
+        if not self.contracted:
+            return np.ones_like(size), np.ones_like(size)
+        far = np.maximum(size, 1)
+        left = np.maximum(2 - far, 0.01)
+        return 1 / (far * left), 1 / left**2
+
+
+def _looked_at(cameras: Sequence[Camera], points: Reals) -> Reals:
+    """Return the point that cameras look at; the middle of what they see where they look at none."""
+    at = np.stack([camera.center for camera in cameras])
+    axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    total = across.sum(axis=0)
+    middle: Reals = np.median(points, axis=0)
+    if np.linalg.eigvalsh(total)[0] < _PARALLEL * len(cameras):
+        return middle
+    found: Reals = np.linalg.solve(total, np.einsum("nij,nj->i", across, at))
+    in_front = ((found - at) * axes).sum(axis=1) > 0
+    return found if in_front.all() else middle

@@ -1,0 +1,124 @@
+"""One closed surface of an opaque soup: what its depths say is solid, with few faces that look right."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.fitted import PIXELS_TO_MOVE
+from msb.bake.fusion import Depths, Grid
+from msb.bake.settle import settle
+from msb.bake.solid import (
+    boundary,
+    compacted,
+    pixels_of,
+    that_matter,
+    uncrossed,
+    with_fewer_faces,
+)
+from msb.bake.soup import Soup
+from msb.bake.space import Space
+from msb.bake.start import Best, Watch, color, nobody, rasters
+from msb.base.extras import need_extra
+from msb.errors import AssetError
+from msb.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from msb.bake.lessons import Lessons
+    from msb.cl import Device
+
+FACES = 8_000, 20_000
+"""Faces of an object and of a scene, where it is not said how many."""
+CELLS = 192, 256
+"""Cells along the longest side of an object, and of a scene."""
+_SHARES = 1.0, 0.93, 0.85
+"""Of the number of faces, what is tried until none of them cross."""
+LEAST_PART = 1e-4
+"""Share of the pixels of all views below which a part is left out."""
+
+
+def surface(
+    soup: Mesh,
+    lessons: Lessons,
+    aside: Lessons,
+    *,
+    faces: int | None = None,
+    seed: int = 0,
+    device: str | Device | None = None,
+    watch: Watch = nobody,
+) -> Mesh:
+    """Return a closed, manifold, consistently wound mesh that looks like `soup`, with colours at vertices.
+
+    What the cameras of the lessons see of the soup, which is opaque, says what is solid. That has about so
+    many `faces`, which then move where pictures that teach nothing (`aside`) look better for it. Colours are
+    fitted to all.
+
+    An object is enclosed from outside. A scene, which reaches beyond its cameras, encloses these: its faces
+    look inward, and a shell far out shows the sky.
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING.
+    AssetError
+        TRIASSET_EMPTY: no view sees anything that has a volume.
+    DeviceError
+    """
+    need_extra("bench", "skimage", what="a closed surface")
+    need_extra("trial", "fast_simplification", what="a closed surface")
+    lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (lessons, aside))
+    cameras = lessons.cameras
+    watch("solid", 0, 1)
+    with closing(Depths(soup, device)) as depths:
+        points = depths.points(cameras)
+        if not len(points):
+            raise AssetError("TRIASSET_EMPTY", "no view sees anything opaque; a surface is made of what is")
+        space = Space.of(points, cameras)
+        scene = space.contracted
+        grid = Grid.over(space, CELLS[scene])
+        values = depths.solid(cameras, space, grid)
+    if not values.min() < 0 < values.max():
+        raise AssetError("TRIASSET_EMPTY", "what the views see encloses nothing; a surface needs a volume")
+    places, made = boundary(values, grid, -1.0 if scene else 1.0)
+    least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
+    pixels = pixels_of(space.outward(places), made, cameras, device)
+    places, made = compacted(places, made[that_matter(places, made, pixels, least)])
+    watch("fewer faces", 0, 1)
+    places, made = _reduced(places, made, FACES[scene] if faces is None else faces, space)
+    if not len(made):
+        raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {faces} faces; ask for more")
+    mesh = Mesh(space.outward(places).astype(np.float32), made)
+    taught = Soup.of(mesh, shares=True)
+    with rasters(taught, lessons, aside, device) as (raster, judge):
+        taught.refit(raster)
+        best = Best(judge)
+        best.look(taught)
+        settle(places, taught, raster, best, space, np.random.default_rng(seed), watch)
+        taught = best.soup
+    color(taught, lessons, aside, device)
+    return taught.on(_moved(mesh, taught))
+
+
+def _reduced(
+    places: NDArray[np.float64], faces: NDArray[np.int64], count: int, space: Space
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the surface with `count` faces, or with fewer if some of these would cross."""
+    found = []
+    for share in _SHARES:
+        fewer, kept = with_fewer_faces(places, faces, max(4, int(share * count)))
+        fewer, crossing = uncrossed(fewer, kept, space)
+        found.append((crossing, fewer, kept))
+        if not crossing:
+            break
+    _, places, faces = min(found, key=lambda each: each[0])
+    return places, faces
+
+
+def _moved(mesh: Mesh, soup: Soup) -> Mesh:
+    """Return `mesh` with its vertices where the corners of `soup` are."""
+    vertices = mesh.vertices.copy()
+    vertices[mesh.faces.reshape(-1)] = soup.corners.reshape(-1, 3)
+    return Mesh(vertices, mesh.faces)

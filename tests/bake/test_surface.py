@@ -1,0 +1,265 @@
+"""Closed surfaces of soups: of a ball, of a square before a background, of what is hardly anything."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from msb.bake import settle, solid
+from msb.bake import surface as made
+from msb.bake.fusion import DOUBT, REACH, Depths, Grid
+from msb.bake.space import Space
+from msb.cl import Device
+from msb.errors import AssetError
+from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.reference.fusion import fused
+from msb.render import Renderer
+from msb.scenes import Camera
+from msb.topology import audit_arrays
+from msb.trial.tasks.self_intersections import crossing_pairs
+from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
+from tests.cl.conftest import STYLES, open_styled
+
+
+@pytest.fixture(scope="module", params=STYLES)
+def device(request: pytest.FixtureRequest) -> Iterator[Device]:
+    with open_styled(request.param) as opened:
+        yield opened
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coarse grids and few steps."""
+    monkeypatch.setattr(made, "CELLS", (48, 64))
+    monkeypatch.setattr(settle, "STEPS", 20)
+    monkeypatch.setattr(settle, "LOOK", 10)
+
+
+def around(count: int, distance: float = 4.0) -> list[Camera]:
+    """Return cameras all around the origin, which look at it."""
+    turn = np.arange(count) * 2.4
+    height = np.linspace(-0.8, 0.8, count)
+    level = np.sqrt(1 - height**2)
+    places = distance * np.stack([level * np.cos(turn), height, level * np.sin(turn)], axis=1)
+    return [Camera.look_at(place, (0, 0, 0), width=64, height=48, fov_y=0.7) for place in places]
+
+
+def ball(rows: int = 12, columns: int = 22) -> tuple[Corners, Corners]:
+    """Return corners and colours of about 500 faces of the unit ball."""
+    up, turn = np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, columns + 1)
+    found = []
+    for (a, b), (c, d) in ((u, t) for u in pairwise(up) for t in pairwise(turn)):
+        four = [
+            np.array([np.sin(u) * np.cos(t), np.cos(u), np.sin(u) * np.sin(t)])
+            for u, t in ((a, c), (a, d), (b, d), (b, c))
+        ]
+        found += [[four[0], four[1], four[2]], [four[0], four[2], four[3]]]
+    corners = np.array(found, np.float32)
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners = corners[area > 1e-6]
+    return corners, (0.5 + 0.4 * corners).astype(np.float32)
+
+
+def square(size: float, z: float) -> Corners:
+    a, b, c, d = ((x * size, y * size, z) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+    return np.array([[a, b, c], [a, c, d]], np.float32)
+
+
+def surface_of(
+    corners: Corners, colors: Corners, seen_by: list[Camera], aside: list[Camera], faces: int = 400
+) -> Mesh:
+    with lessons_of(corners, colors, seen_by) as lessons, lessons_of(corners, colors, aside) as others:
+        return made.surface(mesh_of(corners, colors), lessons, others, faces=faces)
+
+
+def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
+    """It is closed, manifold, wound outward or `inward`, no faces cross, and it has colours."""
+    found, *_ = audit_arrays(mesh.vertices, mesh.faces)
+    assert found.verdict == "ok"
+    assert found.counts.boundary_edges == found.counts.inconsistent_winding_edges == 0
+    assert len(crossing_pairs(mesh.vertices[mesh.faces].astype(np.float64))) == 0
+    assert (volume(mesh) < 0) == inward
+    assert mesh.vertex_colors is not None
+    assert mesh.vertex_colors.shape == mesh.vertices.shape
+
+
+def volume(mesh: Mesh) -> float:
+    a, b, c = mesh.vertices[mesh.faces].astype(np.float64).transpose(1, 0, 2)
+    return float((a * np.cross(b, c)).sum() / 6)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_ball_becomes_a_closed_ball_of_its_colours() -> None:
+    corners, colors = ball()
+    mesh = surface_of(corners, colors, around(12), around(4, 4.2))
+    check_solid(mesh)
+    assert 300 < len(mesh.faces) <= 400
+    assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1).max() < 0.1
+    assert volume(mesh) == pytest.approx(4 / 3 * np.pi, rel=0.06)
+    assert mesh.vertex_colors is not None
+    assert np.abs(mesh.vertex_colors - (0.5 + 0.4 * mesh.vertices)).mean() < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("quick")
+def test_a_surface_is_the_same_each_time() -> None:
+    one, two = (surface_of(*ball(), around(12), around(4, 4.2)) for _ in range(2))
+    np.testing.assert_array_equal(one.vertices, two.vertices)
+    np.testing.assert_array_equal(one.faces, two.faces)
+    assert one.vertex_colors is not None
+    assert two.vertex_colors is not None
+    np.testing.assert_array_equal(one.vertex_colors, two.vertex_colors)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_square_before_a_far_wall_keeps_its_place_and_so_does_the_wall() -> None:
+    corners, colors = tiles()
+    wall = square(20, 10)
+    soup = np.concatenate([corners, wall]), np.concatenate([colors, np.full_like(wall, 0.7)])
+    mesh = surface_of(*soup, cameras(7), cameras(2), faces=3000)
+    check_solid(mesh, inward=True)
+    camera = cameras(1, 96, 72)[0]
+    depths = []
+    for each in (mesh, mesh_of(*soup)):
+        with Renderer(asset_from_mesh(each), "standard") as renderer:
+            depths.append(renderer.render(camera, BACKGROUND).depth)
+    near = (depths[1] > 0) & (depths[1] < 6)
+    assert (depths[0] > 0).mean() > 0.95
+    assert np.median(np.abs(depths[0] - depths[1])[near]) < 0.2  # cells are 0.12 wide
+    far = (depths[1] > 6) & (depths[0] > 0)
+    assert np.median(np.abs(depths[0][far] / depths[1][far] - 1)) < 0.1
+
+
+@pytest.mark.usefixtures("quick")
+def test_the_sky_of_a_scene_is_a_shell_around_it() -> None:
+    corners, colors = tiles(8)
+    spread = corners * np.float32([40, 40, 1]) + np.float32([0, 0, 1])
+    ground = spread @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], np.float32).T
+    views = [
+        Camera.look_at((4 * np.sin(a), -1.5, 4 * np.cos(a)), (0, 0, 0), width=48, height=36, fov_y=0.9)
+        for a in np.arange(9) * 0.7
+    ]
+    mesh = surface_of(ground, colors, views[:7], views[7:], faces=3000)
+    check_solid(mesh, inward=True)
+    with Renderer(asset_from_mesh(mesh), "standard") as renderer:
+        frame = renderer.render(views[0], BACKGROUND)
+    assert (frame.depth > 0).all()
+    np.testing.assert_allclose(np.median(frame.image[:4], axis=(0, 1)), BACKGROUND, atol=0.1)
+
+
+@pytest.mark.usefixtures("quick")
+def test_one_view_of_a_ball_is_closed_behind() -> None:
+    corners, colors = ball()
+    views = around(12)[5:6]
+    mesh = surface_of(corners, colors, views, views)
+    check_solid(mesh)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_flat_square_becomes_a_thin_solid() -> None:
+    corners, colors = tiles()
+    mesh = surface_of(corners, colors, cameras(5), cameras(2))
+    check_solid(mesh)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    np.testing.assert_allclose((high - low)[:2], 2, atol=0.2)
+    assert (high - low)[2] < 0.4
+
+
+def test_where_no_view_sees_anything_one_line_says_so() -> None:
+    corners, colors = tiles()
+    away = [Camera.look_at((0, 0, -4), (0, 0, -8), width=48, height=36, fov_y=0.9)]
+    with pytest.raises(AssetError, match="no view sees anything opaque") as info:
+        surface_of(corners, colors, away, away)
+    assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize("contracted", [False, True])
+def test_views_vote_as_numpy_has_it(device: Device, contracted: bool) -> None:
+    corners, colors = tiles()
+    soup = mesh_of(*(np.concatenate(each) for each in zip((corners, colors), ball(), strict=True)))
+    views = [*cameras(3), *around(6)]
+    half = np.full(3, 1.9)
+    space = Space(np.array([0.1, -0.2, 0.05]), 0.8, contracted, -half, half)
+    grid = Grid.over(space, 14)
+    with closing(Depths(soup, device)) as depths:
+        drawn = [depths.render(camera, BACKGROUND).depth for camera in views]
+        votes = depths.votes(views, space, grid)
+    x, y, z = (grid.low[k] + grid.cell * np.arange(grid.shape[k]) for k in range(3))
+    places = np.stack([each.reshape(-1) for each in np.meshgrid(x, y, z, indexing="ij")], axis=1)
+    far = np.maximum(np.linalg.norm(places, axis=1), 1) if contracted else np.ones(len(places))
+    reach = REACH * grid.cell * space.radius / np.maximum(2 - far, 0.01) ** 2
+    twin = fused(space.outward(places), reach, views, drawn, DOUBT).reshape(grid.shape)
+    same = np.isclose(votes, np.where(np.isnan(twin), 2, twin), atol=2e-3)
+    assert same.mean() > 0.995  # a cell at the edge of a pixel may fall to its neighbour
+    assert 0.02 < (twin < 0).mean() < 0.98
+
+
+@pytest.mark.parametrize("contracted", [False, True])
+def test_a_space_is_left_by_the_way_it_was_entered(contracted: bool) -> None:
+    random = np.random.default_rng(0)
+    space = Space(np.array([1.0, 2, 3]), 2.5, contracted, np.zeros(3), np.zeros(3))
+    points = space.center + random.normal(size=(50, 3)) * 5
+    inside = space.inward(points)
+    np.testing.assert_allclose(space.outward(inside), points)
+    weights = random.normal(size=3)
+    moves = random.normal(size=inside.shape) * 1e-6
+    change = (space.outward(inside + moves) - space.outward(inside - moves)) @ weights / 2
+    slopes = space.pulled(inside, np.tile(weights, (50, 1)))
+    np.testing.assert_allclose((slopes * moves).sum(axis=1), change, atol=1e-9)
+    if contracted:
+        assert (np.linalg.norm(inside, axis=1) < 2).all()
+
+
+CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+SIDES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def edges_closed(faces: NDArray[np.int64]) -> bool:
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] == 2).all())
+
+
+def test_what_is_not_closed_and_manifold_is_mended() -> None:
+    # Two cubes that touch at an edge, a flap on one of them, and a hole in the other.
+    points = np.concatenate([CUBE, CUBE + np.array([1, 1, 0]), [[0.5, -0.5, 0.5]]])
+    faces = np.concatenate([SIDES[1:], SIDES + 8, [[0, 4, 16], [4, 0, 16]]])
+    faces[faces == 8], faces[faces == 9] = 6, 7
+    assert not edges_closed(faces)
+    mended, closed = solid.mended(points, faces)
+    assert audit_arrays(mended.astype(np.float32), closed)[0].verdict == "ok"
+    assert edges_closed(closed)
+    assert len(closed) == 24
+
+
+def test_faces_that_cross_are_smoothed_or_put_back() -> None:
+    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
+    corners, _ = ball(8, 12)
+    points, numbers = np.unique(corners.reshape(-1, 3).round(5), axis=0, return_inverse=True)
+    points, faces = points.astype(float), numbers.reshape(-1, 3)
+    assert len(solid.crossing_faces(points, faces, space)) == 0
+    wrong = points.copy()
+    wrong[7] *= -1.5
+    assert len(solid.crossing_faces(wrong, faces, space)) > 0
+    smoothed, left = solid.uncrossed(wrong, faces, space)
+    assert left == len(solid.crossing_faces(smoothed, faces, space)) == 0
+    np.testing.assert_array_equal(solid.put_back(wrong, points, faces, space)[7], points[7])
+
+
+def test_parts_count_by_the_pixels_that_show_them() -> None:
+    points = np.concatenate([CUBE, CUBE + 3, CUBE + 6])
+    faces = np.concatenate([SIDES, SIDES + 8, SIDES + 16])
+    pixels = np.zeros(36, np.int64)
+    pixels[0], pixels[13] = 100, 5
+    keep = solid.that_matter(points, faces, pixels, least=4)
+    assert keep.tolist() == [True] * 24 + [False] * 12
