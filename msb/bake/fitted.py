@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 _HIDDEN_FIRST = 12
 """Rounds in which faces are hidden before any moves."""
-_STEPS, _LOOK = 400, 20
+_STEPS, _LOOK, _PACE = 400, 20, 10
+"""Steps, after how many views aside are looked at, and after how many it is known what one takes."""
 _RATES = 0.015, 0.0005
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 PIXELS_TO_MOVE = 1 << 18
@@ -57,7 +58,7 @@ def fitted(
     ------
     DeviceError, and as `kept`.
     """
-    began = time.monotonic()
+    until = time.monotonic() + seconds
     random = np.random.default_rng(seed)
     soup = Soup.of(plain_mesh(asset), shares=False)
     coarse, fine = ((lessons.within(most), aside.within(most)) for most in (PIXELS_TO_CHOOSE, PIXELS_TO_MOVE))
@@ -77,12 +78,13 @@ def fitted(
         soup.refit(raster)
         best = Best(judge)
         best.look(soup)
+        schedule = _Schedule(until)
 
         def done(step: int) -> float:
-            enough = watch("moving faces", step, _STEPS)
+            enough = watch("moving faces", step, schedule.steps)
             if step % _LOOK == 0:
                 best.look(soup)
-            return 1.0 if enough else max(step / _STEPS, (time.monotonic() - began) / seconds)
+            return 1.0 if enough else schedule.share(step)
 
         if raster.pixels_a_face(soup.keep) >= FEWEST:
             descend(soup, raster, random, rates=_RATES, most=faces, done=done)
@@ -91,3 +93,19 @@ def fitted(
         soup = best.soup
     color(soup, lessons, aside, device)
     return soup.mesh()
+
+
+class _Schedule:
+    """How many steps there are: as many as planned, or as there is time for."""
+
+    def __init__(self, until: float) -> None:
+        self.steps = _STEPS
+        self._began, self._until = time.monotonic(), until
+
+    def share(self, step: int) -> float:
+        """Return how much of all is done after a step."""
+        now = time.monotonic()
+        if step == _PACE:
+            pace = (now - self._began) / step
+            self.steps = min(_STEPS, max(step, int((self._until - self._began) / pace)))
+        return 1.0 if now > self._until else step / self.steps

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 Wanted = Literal["auto", "kept", "fitted"]
 Progress = Callable[[str, int, int], None]
 LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
-_OWN_TEXTURE = 256, 4096
+_OWN_TEXTURE = 512, 4096
 """The smallest and the largest that is chosen here."""
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
@@ -411,10 +411,10 @@ def _areas(asset: Asset) -> NDArray[np.float64]:
 
 
 def _own_size(pixels: NDArray[np.float64]) -> int:
-    """Return the power of two with texels for all the pixels that faces (F,) have at most in a view."""
+    """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _OWN_TEXTURE
-    return int(min(max(2 ** int(np.ceil(np.log2(side))), least), most))
+    return int(min(max(2 ** round(np.log2(side)), least), most))
 
 
 @contextmanager
