@@ -6,7 +6,8 @@ prints a row for each model and geometry: dB to held-out photographs of the mode
 mesh, and of what was baked, with 1 and 16 samples a pixel; triangles, bytes, seconds, and the peak of memory.
 Each bake runs in a process of its own, and twice with `--twice`, which must give the same bytes. Without
 arguments the models are those of `msb demo-data`; `--image-folder` and `--resolution` are of the scene.
-"""
+`--picture` has a row for each model: a photograph that nothing was taught by, the own look, the plain mesh,
+and what was baked."""
 
 from __future__ import annotations
 
@@ -18,9 +19,22 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+
+import msb
 from benchmarks.measure import keep, machine
+from msb.asset.tiers import why_not
+from msb.metrics.ground_truth import ground_truth
+from msb.scenes.datasets import Scene, dataset_of, scene_at
+
+if TYPE_CHECKING:
+    from msb.registry import Tier
+
+Image = NDArray[np.float32]
 
 MODELS = Path("data_stubs/models")
 SCENES = {
@@ -37,27 +51,48 @@ HEADER = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
 _ONE = """
 import json, resource, sys, time
 import msb
-from msb.scenes.datasets import dataset_of, scene_at
-from pathlib import Path
-model, scene, out, options = sys.argv[1], Path(sys.argv[2]), sys.argv[3], json.loads(sys.argv[4])
-asset = msb.open(model)
-read = scene_at(scene, dataset_of(scene), asset.manifest.method, **options.pop("scene")).read()
+from benchmarks.bake import read
+model, scene, options, *outs = sys.argv[1:]
+options = json.loads(options)
+scene = read(model, scene, options.pop("scene"))
 began = time.perf_counter()
-report = msb.bake(asset, scene=read, **options).save(out)
+report = msb.bake(model, scene=scene, **options).save(*outs)
 seconds = time.perf_counter() - began
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 print(json.dumps({**report.to_dict(), "seconds": seconds, "peak_mb": peak}))
 """
 
 
-def baked(model: Path, scene: Path, options: dict[str, Any]) -> dict[str, Any]:
-    """Return the report of one bake, with its peak of memory and the hash of its GLB."""
+def baked(model: Path, scene: Path, options: dict[str, Any]) -> tuple[dict[str, Any], Image]:
+    """Return the report of one bake, with its peak of memory and the hash of its GLB, and its picture."""
     with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder, "baked.glb")
-        command = [sys.executable, "-c", _ONE, str(model), str(scene), str(out), json.dumps(options)]
+        outs = [Path(folder, f"baked{suffix}") for suffix in (".glb", ".triasset")]
+        command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        return found | {"sha256": hashlib.sha256(out.read_bytes()).hexdigest()}
+        hashed = hashlib.sha256(outs[0].read_bytes()).hexdigest()
+        return found | {"sha256": hashed}, _view(msb.open(outs[1]), read(model, scene, options["scene"]))
+
+
+def read(model: str | Path, scene: str | Path, options: dict[str, Any]) -> Scene:
+    """Return a scene as the model's method is evaluated on it."""
+    place = Path(scene)
+    return scene_at(place, dataset_of(place), msb.open(model).manifest.method, **options).read()
+
+
+def _view(asset: msb.Asset, scene: Scene, tier: Tier = "standard") -> Image:
+    """Return the first held-out view, with 16 samples a pixel where those are asked for."""
+    more: dict[str, Any] = {"supersample": 4} if tier == "standard" else {}
+    return msb.render(asset, scene.test[0], tier, scene.background, **more).image
+
+
+def looks(model: Path, scene: Scene) -> list[Image]:
+    """Return a held-out photograph, the model's own look there, and its plain mesh, grey where it has
+    none."""
+    asset = msb.open(model)
+    shown = [ground_truth(scene, scene.test[0]), _view(asset, scene, "dedicated")]
+    has_mesh = why_not(asset.manifest, "standard") is None
+    return [*shown, _view(asset, scene) if has_mesh else np.full_like(shown[0], 0.5)]
 
 
 def row(name: str, report: dict[str, Any]) -> str:
@@ -87,6 +122,7 @@ def main() -> int:
     add("--image-folder")
     add("--resolution", type=int)
     add("--twice", action="store_true", help="bake each twice, which must give the same bytes")
+    add("--picture", type=Path, metavar="PNG")
     add("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
     pairs = list(zip(options.pairs[::2], options.pairs[1::2], strict=True))
@@ -95,11 +131,12 @@ def main() -> int:
     facts = machine("numpy", "scipy", "pyopencl")
     print(", ".join(f"{key} {value}" for key, value in facts.items()), time.strftime("%Y-%m-%d"), sep="\n")
     print(HEADER, flush=True)
-    rows, same = [], True
+    rows, pictures, same = [], [], True
     for model, scene in pairs:
         name = "/".join(model.parts[-2:])
         if options.only and name not in options.only:
             continue
+        pictures.append(looks(model, read(model, scene, of_scene)))
         for geometry in options.geometry:
             wanted = {
                 "geometry": geometry,
@@ -107,12 +144,16 @@ def main() -> int:
                 "seed": options.seed,
                 "scene": of_scene,
             }
-            found = baked(model, scene, wanted)
+            found, picture = baked(model, scene, wanted)
+            pictures[-1].append(picture)
             if options.twice:
-                found["same_twice"] = baked(model, scene, wanted)["sha256"] == found["sha256"]
+                found["same_twice"] = baked(model, scene, wanted)[0]["sha256"] == found["sha256"]
                 same &= found["same_twice"]
             rows.append({"model": name, **found})
             print(row(name, found) + ("" if found.get("same_twice", True) else " OTHER BYTES"), flush=True)
+    if options.picture and pictures:
+        whole = np.concatenate([np.concatenate(each, axis=1) for each in pictures], axis=0)
+        Pillow.fromarray(np.uint8(np.floor(whole.clip(0, 1) * 255 + 0.5))).save(options.picture)
     keep({"machine": facts, "rows": rows}, options.json)
     return 0 if same else 1
 
