@@ -207,6 +207,9 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     cut.generate()
     _, faces, uv = cut[0]
     chart = np.asarray(cut.get_mesh_vertex_assignment(0)[1]).astype(np.int64)
+    chart[chart >= cut.chart_count] = (
+        0  # that of no chart is a huge number: faces without area, which none shows
+    )
     plane = uv.astype(np.float64) * (cut.width, cut.height)
     of_face = chart[faces[:, 0]]
     area, pixels = (

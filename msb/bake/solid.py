@@ -28,8 +28,12 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
+_APART = 0.02
+"""The least distance from the surface that a cell is taken to have, in reaches of a view."""
 _HASTE = 5, 7
 """How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
+_FLAT = 1e-5
+"""Of the usual area, what is none."""
 _MENDINGS = 5
 _TURNS = 60
 """How often corners of faces that cross are smoothed."""
@@ -41,8 +45,10 @@ def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[R
     """Return the surface (V, 3), (F, 3) of what is negative, closed: outside the grid it is `outside`."""
     from skimage.measure import marching_cubes
 
-    padded = np.pad(values, 1, constant_values=outside)
-    points, faces, _, _ = marching_cubes(padded, 0.0, allow_degenerate=False)  # type: ignore[no-untyped-call]
+    # A value of 0 would put all points of a cell's corner at one place, and make faces without area.
+    apart = np.copysign(np.maximum(np.abs(values), np.float32(_APART)), values)
+    padded = np.pad(apart, 1, constant_values=outside)
+    points, faces, _, _ = marching_cubes(padded, 0.0)  # type: ignore[no-untyped-call]
     return grid.low + (points.astype(np.float64) - 1) * grid.cell, faces.astype(np.int64)
 
 
@@ -148,22 +154,30 @@ def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, int]:
     """Return points (V, 3) inside `space` of which no faces cross in the world, and how many still do.
 
     Corners of faces that cross are moved to the middle of their neighbours, those of faces that resist
-    together with their neighbours.
+    together with their neighbours. So are those of faces without area, as long as that helps.
     """
     points = points.copy()
     neighbours = average(faces, len(points))
     left = 0
     for turn in range(_TURNS):
         crossing = crossing_faces(points, faces, space)
+        flat = _without_area(points, faces) if turn < _WIDER else crossing[:0]
         left = len(crossing)
-        if not left:
+        if not left and not len(flat):
             break
         moved = np.zeros(len(points), bool)
-        moved[faces[crossing]] = True
+        moved[faces[crossing]] = moved[faces[flat]] = True
         for _ in range(turn // _WIDER):
             moved[faces[moved[faces].any(axis=1)]] = True
         points[moved] = ((points + neighbours @ points) / 2)[moved]
     return points, left
+
+
+def _without_area(points: Reals, faces: Faces) -> NDArray[np.int64]:
+    """Return the numbers of faces that have no area worth the name beside the usual face."""
+    sides = points[faces[:, 1:]] - points[faces[:, :1]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.flatnonzero(area < _FLAT * np.median(area))
 
 
 def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:

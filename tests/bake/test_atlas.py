@@ -121,3 +121,12 @@ def test_charts_are_scaled_by_what_they_show() -> None:
     near, _, far, _ = areas(uvs, 256)
     assert near / far == pytest.approx(9, rel=0.1)
     assert near > 5000
+
+
+@pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
+def test_a_face_without_area_is_in_no_chart_and_in_nobodys_way() -> None:
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 0]], np.float32)
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4]])
+    uvs = connected_atlas(vertices, faces, np.array([100.0, 100, 0]), 64)
+    assert np.isfinite(uvs).all()
+    assert (areas(uvs, 64)[:2] > 500).all()

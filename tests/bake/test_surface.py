@@ -242,6 +242,18 @@ def test_what_is_not_closed_and_manifold_is_mended() -> None:
     assert len(closed) == 24
 
 
+def test_no_face_is_without_area_where_cells_lie_on_the_surface() -> None:
+    at = np.arange(9) - 4
+    x, y, z = np.meshgrid(at, at, at, indexing="ij")
+    values = (np.abs(x) + np.abs(y) + np.abs(z) - 3).astype(np.float32)
+    assert (values == 0).sum() == 38
+    points, faces = solid.boundary(values, Grid(np.full(3, -4.0), 1.0, values.shape), 1.0)
+    assert edges_closed(faces)
+    sides = points[faces[:, 1:]] - points[faces[:, :1]]
+    assert np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).min() > 1e-5
+    np.testing.assert_allclose(np.abs(points).sum(axis=1), 3, atol=0.03)
+
+
 def test_faces_that_cross_are_smoothed_or_put_back() -> None:
     space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
     corners, _ = ball(8, 12)
