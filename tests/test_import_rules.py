@@ -132,7 +132,7 @@ FOREIGN: dict[str, set[str]] = {
     "cli": {"numpy", "typer", "rich", "msb_viewers"},
     "viewers": {"numpy", "PIL", "pyvista", "vtkmodules", "matplotlib"},
     "bench": {"numpy", "scipy", "pydantic", "PIL", "filelock", "psutil", "pynvml", "distributed"},
-    "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas"},
+    "bake": {"numpy", "scipy", "skimage", "fast_simplification", "xatlas", "coacd"},
     "engines": {"numpy", "wgpu", "bpy", "mathutils", "gpu", "OpenEXR", "PIL"},
     "trial": {"numpy", "scipy", "PIL", "trimesh", "igl", "pymeshlab", "manifold3d", "xatlas", "coacd"}
     | {"fast_simplification"},

@@ -30,7 +30,7 @@ TOLERANCE = 0.01
 """How far before the surface, of the diagonal, a point of the shape must be to count as in mid-air."""
 _POINTS = 20_000
 """Points of the visible surface, and of the shape's volume."""
-_CORNERS = 128
+CORNERS = 128
 """Most corners of a hull, and with them 252 faces: engines take 255 of either."""
 _PERCENT = 10
 """Faces of the mesh that stands in, of the mesh's."""
@@ -66,7 +66,7 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     import manifold3d
 
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
-    farthest = np.unique([int((used @ direction).argmax()) for direction in _directions(_CORNERS)])
+    farthest = np.unique([int((used @ direction).argmax()) for direction in directions(CORNERS)])
     solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
     points, faces = (
         np.asarray(solid.vert_properties[:, :3], np.float64),
@@ -81,7 +81,7 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     return Made(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
 
 
-def _directions(count: int) -> NDArray[np.float64]:
+def directions(count: int) -> NDArray[np.float64]:
     """Return the axes and, evenly over the sphere on a spiral, further directions: (count, 3)."""
     turn = np.arange(count - 6) + 0.5
     height = 1 - 2 * turn / (count - 6)

@@ -1,0 +1,352 @@
+"""What stands in for a mesh where things bump into each other: closed, of few faces, near what is seen.
+
+It is a surface of fewer faces where there is a closed one, else convex hulls: of what CoACD cuts a closed one
+into, or of patches of any. There is always something, and it says what.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.bake.apart import distances, spread
+from msb.bake.simpler import closed, simpler
+from msb.base.children import run_apart
+from msb.base.extras import need_extra
+from msb.base.limits import Limits
+from msb.errors import MeshError, UsageError, shorten
+from msb.meshes.mesh import Mesh
+from msb.topology.faces import face_areas
+from msb.topology.weld import weld_vertices
+from msb.trial.geometry import signed_volume
+from msb.trial.tasks.collision import CORNERS, directions
+
+if TYPE_CHECKING:
+    from msb.base.children import Arrays
+
+    Reals = NDArray[np.float64]
+    Faces = NDArray[np.int64]
+    Part = tuple[Reals, Faces]
+
+Kind = Literal["mesh", "hulls", "box"]
+SECONDS = 20.0
+MID_AIR = 0.02
+"""Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
+_CORNERS = 32
+"""Most corners of the hull of a patch, about as many faces as it has."""
+_FEWEST, _MOST = 4, 1 << 20
+"""Faces of a mesh."""
+_MOST_HULLS = 256
+_THIN = 1e-3
+"""Of the diagonal, how thick a box is, or the hull of what is flat."""
+_FLAT = 1e-6
+"""Of the diagonal's cube, the volume below which a hull is a flat one."""
+_OVERLAP = 4e-3
+"""Of the diagonal, how far points of either patch reach beyond a cut, so that nothing falls through it."""
+_CUTS = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
+"""Shares of a patch's points on one side of the cuts that are tried, along each of its axes."""
+_SPREAD = 5000
+"""Points all over the faces, besides their corners, of which patches are made."""
+_TOUCHING = 1e-3
+"""Of the diagonal, how far from a part a point is that this covers."""
+_BASES = 500
+"""Faces of a hull, the largest, on which a box is tried to lie."""
+_SOLID_FACES = 2000
+"""Faces of a closed surface that are given to CoACD: what it costs grows with them."""
+_SAMPLES, _TRIES = 1000, 60
+"""CoACD's points on a surface, and its tries of a cut: fewer than unasked, so that it ends."""
+_LEAST = np.finfo(np.float64).tiny
+
+
+@dataclass(frozen=True, eq=False)
+class Collision:
+    """A shape to bump into, and how well it stands in for what is seen.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        Closed and wound outwards; float32, without colours. The parts of several follow each other.
+    kind : {"mesh", "hulls", "box"}
+        What it is, which is not always what was asked for.
+    parts : int
+        The number of convex parts of "hulls"; 1 of a mesh.
+    mean_distance : float
+        How far points all over the visible mesh are from it in the mean, of the visible mesh's diagonal.
+    mid_air_share : float
+        The share of the area one can touch that is farther than 2 % of the diagonal from anything visible.
+    why : str
+        Why it is not what was asked for; else empty.
+    """
+
+    mesh: Mesh
+    kind: Kind
+    parts: int
+    mean_distance: float
+    mid_air_share: float
+    why: str = ""
+
+
+def kind_of(text: str) -> tuple[Kind, int]:
+    """Return the kind that a text such as "mesh:1000", "hulls:16" or "box" names, and the most of these.
+
+    Raises
+    ------
+    UsageError
+        USAGE: it names none.
+    """
+    name, _, number = text.partition(":")
+    if text == "box":
+        return "box", 1
+    least = {"mesh": _FEWEST, "hulls": 1}.get(name)
+    count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
+    if least is None or not least <= count <= _MOST:
+        wanted = f"mesh:N (N faces, {_FEWEST} or more), hulls:N (N convex parts) or box"
+        raise UsageError("USAGE", f'a collision mesh is "{shorten(text, 40)}"; it must be {wanted}')
+    return name, count  # type: ignore[return-value]
+
+
+def collision(mesh: Mesh, kind: str, *, seconds: float = SECONDS) -> Collision:
+    """Return a shape of this `kind` to bump into in the place of `mesh`, or the nearest there can be.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        What is seen.
+    kind : str
+        "mesh:N", a surface of about N faces, or hulls of so many if the mesh is not closed; "hulls:N", up to
+        N convex parts: what CoACD cuts a closed mesh into, or, where that does not end or the mesh is open,
+        the hulls of patches, which are hollow between them; "box", one box, turned to be small.
+    seconds : float
+        The time that CoACD has.
+
+    Raises
+    ------
+    UsageError
+        USAGE: there is no such kind. EXTRA_MISSING: a closed mesh needs fast-simplification or CoACD for this
+        kind.
+    MeshError
+        MESH_ARRAY: there is no face. MESH_NONFINITE: a corner is not finite.
+    """
+    name, count = kind_of(kind)
+    seen, faces, middle, size = _in_unit(mesh)
+    solid, made, why = name != "box" and closed(seen, faces), name, ""
+    parts: list[Part] = []
+    if made == "box":
+        parts = [_box(seen)]
+    elif made == "mesh" and solid:
+        parts = [simpler(seen, faces, count)]
+    elif made == "mesh":
+        made, count, why = "hulls", max(1, count // _CORNERS), "the mesh is not closed"
+    elif solid:
+        parts, why = _cut_by_coacd(seen, faces, count, seconds)
+    if not parts:
+        parts = [_hull(patch) for patch in _patches(seen, faces, min(count, _MOST_HULLS))]
+    parts = [(points, own if signed_volume(points, own) >= 0 else own[:, ::-1]) for points, own in parts]
+    starts = np.cumsum([0, *(len(points) for points, _ in parts)])
+    points = np.concatenate([points for points, _ in parts])
+    joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
+    shape = Mesh((middle + size * points).astype(np.float32), joined, up=mesh.up)
+    near = float(distances(spread(seen, faces)[0], points, joined).mean())
+    return Collision(shape, made, len(parts), near, _mid_air(parts, (points, joined), (seen, faces)), why)
+
+
+def _in_unit(mesh: Mesh) -> tuple[Reals, Faces, Reals, float]:
+    """Return the mesh about its middle in units of its diagonal, and these two.
+
+    If it is not closed, vertices in one place are merged: they may be doubled for colours alone.
+    """
+    if not len(mesh.faces):
+        raise MeshError("MESH_ARRAY", "a mesh without faces has no collision mesh")
+    points, faces = mesh.vertices, mesh.faces
+    if not closed(points, faces):
+        points, faces = weld_vertices(points, faces, "exact")
+    used, number = np.unique(faces, return_inverse=True)
+    points, faces = points[used].astype(np.float64), number.reshape(-1, 3).astype(np.int64)
+    if not np.isfinite(points).all():
+        raise MeshError(
+            "MESH_NONFINITE", "a corner of a face is not finite; a collision mesh needs them finite"
+        )
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, size = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
+    return (points - middle) / size, faces, middle, size
+
+
+def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:
+    """Return at most so many convex parts of a closed surface, and why there are none."""
+    need_extra("trial", "coacd", what="a closed mesh cut into hulls", instead="box needs nothing")
+    points, faces = simpler(points, faces, _SOLID_FACES)
+    reply = run_apart(convex_parts, str(most), {"points": points, "faces": faces}, Limits(seconds))
+    if reply.why:
+        return (
+            [],
+            f"CoACD does not cut the solid, {reply.why}: these are hulls of patches of its surface",
+        )
+    made = reply.arrays
+    split = (np.split(made[of], np.cumsum(made[f"{of} of each"])[:-1]) for of in ("points", "faces"))
+    return list(zip(*split, strict=True)), ""
+
+
+def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
+    """Cut a mesh into at most `word` convex parts; a `Work` of `msb.base.children`."""
+    import coacd
+
+    coacd.set_log_level("error")
+    parts = coacd.run_coacd(
+        coacd.Mesh(arrays["points"], arrays["faces"].astype(np.int32)),
+        max_convex_hull=int(word),
+        resolution=_SAMPLES,
+        mcts_iterations=_TRIES,
+        max_ch_vertex=CORNERS,
+    )
+    if not parts:
+        raise ValueError("it gives no part")
+    made: dict[str, NDArray[Any]] = {}
+    for of, rows, kind in zip(
+        ("points", "faces"), zip(*parts, strict=True), (np.float64, np.int64), strict=True
+    ):
+        made[of] = np.concatenate([np.asarray(one, kind) for one in rows])
+        made[f"{of} of each"] = np.array([len(one) for one in rows])
+    return None, made
+
+
+def _patches(points: Reals, faces: Faces, count: int) -> list[Reals]:
+    """Return up to so many sets of points of a surface, whose hulls have little volume together.
+
+    Again and again the one with the largest hull is cut where that saves most.
+    """
+    points = np.concatenate([points, spread(points, faces, _SPREAD)[0]])
+    patches = [(_volume(points), points)]
+    while len(patches) < count:
+        largest = max(range(len(patches)), key=lambda number: patches[number][0])
+        halves = _cut(patches[largest][1])
+        if not halves:
+            break
+        patches[largest : largest + 1] = halves
+    return [patch for _, patch in patches]
+
+
+def _cut(points: Reals) -> list[tuple[float, Reals]]:
+    """Return two parts of a patch, each with its volume, that are least together; none of what is one
+    place."""
+    found: list[tuple[float, Reals]] = []
+    for axis in _principal_axes(points):
+        along = points @ axis
+        for place in (_widest_gap(along), *np.quantile(along, _CUTS)):
+            halves = points[along <= place + _OVERLAP], points[along >= place - _OVERLAP]
+            if max(map(len, halves)) < len(points):
+                volumes = [_volume(half) for half in halves]
+                if not found or sum(volumes) < sum(volume for volume, _ in found):
+                    found = list(zip(volumes, halves, strict=True))
+    return found
+
+
+def _widest_gap(values: Reals) -> float:
+    """Return the middle between the two of neighbouring values that are farthest from each other."""
+    ordered = np.sort(values)
+    at = int(np.diff(ordered).argmax())
+    return float(ordered[at] + ordered[at + 1]) / 2
+
+
+def _principal_axes(points: Reals) -> Reals:
+    """Return the axes (3, 3), one a row, along which points vary least to most."""
+    away = points - points.mean(axis=0)
+    axes: Reals = np.linalg.eigh(away.T @ away)[1].T
+    return axes
+
+
+def _volume(points: Reals) -> float:
+    """Return the volume of the convex hull."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return float(ConvexHull(points).volume)
+    except QhullError:  # they lie in a plane
+        return 0.0
+
+
+def _hull(points: Reals) -> Part:
+    """Return the convex hull of what reaches farthest, a little thicker where that is flat."""
+    from scipy.spatial import ConvexHull
+
+    axes = _principal_axes(points)
+    along = (points - points.mean(axis=0)) @ axes.T
+    along /= np.maximum(np.abs(along).max(axis=0), _LEAST)
+    corners = points[np.unique((along @ directions(_CORNERS).T).argmax(axis=0))]
+    if _volume(corners) < _FLAT:
+        corners = (corners[:, None] + _THIN / 2 * _ENDS).reshape(-1, 3)
+    hull = ConvexHull(corners)
+    used, number = np.unique(hull.simplices, return_inverse=True)
+    faces = number.reshape(-1, 3)
+    corners = hull.points[hull.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inwards = (normals * hull.equations[:, :3]).sum(axis=1) < 0
+    return hull.points[used], np.where(inwards[:, None], faces[:, ::-1], faces).astype(np.int64)
+
+
+def _box(points: Reals) -> Part:
+    """Return the smallest box that holds the points, of those along some axes.
+
+    These are the axes of the space, the principal ones, and the ones by which a box lies on a face of the
+    hull with a side along an edge of that.
+    """
+    bases, corners = _bases(points)
+    frames = np.concatenate([[np.eye(3), _principal_axes(points)], bases])
+    along = np.einsum("nij,pj->npi", frames, corners)
+    low, high = along.min(axis=1), along.max(axis=1)
+    half = np.maximum(high - low, _THIN) / 2
+    best = int(half.prod(axis=1).argmin())
+    placed = ((low[best] + high[best]) / 2 + _ENDS * half[best]) @ frames[best]
+    return placed, _BOX
+
+
+def _bases(points: Reals) -> tuple[Reals, Reals]:
+    """Return the axes (n, 3, 3) of faces of the hull, from its largest on, and the corners of the hull."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    for options in ("Qt", "QJ"):  # joggled, what is flat has a hull, too
+        try:
+            hull = ConvexHull(points, qhull_options=options)
+        except QhullError:
+            continue
+        corners = hull.points[hull.simplices]
+        largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_BASES]
+        side = np.roll(corners[largest], -1, axis=1) - corners[largest]
+        along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _LEAST)).reshape(-1, 3)
+        up = np.repeat(hull.equations[largest, :3], 3, axis=0)
+        return np.stack([along, np.cross(up, along), up], axis=1), hull.points[hull.vertices]
+    return np.zeros((0, 3, 3)), points
+
+
+def _mid_air(parts: list[Part], shape: Part, seen: Part) -> float:
+    """Return the share of a shape's area that is far from what is `seen`, of what no other part covers."""
+    places, face = spread(*shape)
+    of = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
+    free = np.ones(len(places), bool)
+    for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
+        corners = points[faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), _LEAST)
+        others = np.flatnonzero(free & (of != number))
+        above = places[others] @ normal.T - (normal * corners[:, 0]).sum(axis=1)
+        free[others[(above <= _TOUCHING).all(axis=1)]] = False
+    if not free.any():
+        return 0.0
+    return float((distances(places[free], *seen) > MID_AIR).mean())
+
+
+_ENDS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+"""The lower and upper ends of three axes."""
+_BOX = np.array(
+    [
+        [[0, 1, 3], [0, 3, 2]],
+        [[4, 6, 7], [4, 7, 5]],
+        [[0, 4, 5], [0, 5, 1]],
+        [[2, 3, 7], [2, 7, 6]],
+        [[0, 2, 6], [0, 6, 4]],
+        [[1, 5, 7], [1, 7, 3]],
+    ]
+).reshape(-1, 3)
+"""The faces of a box with its corners in the order of `_ENDS`."""
