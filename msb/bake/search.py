@@ -48,11 +48,11 @@ def try_faces(
 
 
 def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:
-    """Hide faces until `most` are shown: of some at a time the half by which the error rises least."""
+    """Hide faces until `most` are shown: of some at a time the quarter by which the error rises least."""
     while (over := int(soup.keep.sum()) - most) > 0:
         chosen = _some(soup, random, soup.keep)
         total = _rise(soup, raster, random, chosen, show=False).sum(axis=0)
-        worst = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // 2))]
+        worst = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // 4))]
         soup.keep[chosen[worst]] = False
 
 

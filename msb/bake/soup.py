@@ -89,6 +89,12 @@ class Soup:
         colors[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
         return with_faces(replace(mesh, vertex_colors=colors), self.keep)
 
+    def shown(self) -> Self:
+        """Return the faces that are shown, with vertices of their own."""
+        return type(self)(
+            self.corners[self.keep], self.colors[self.keep], np.ones(int(self.keep.sum()), bool)
+        )
+
     def cut(self) -> Self:
         """Return it with every face cut into four by the middles of its sides."""
         corners, colors = _quartered(self.corners[self.keep]), _quartered(self.colors[self.keep])

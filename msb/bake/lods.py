@@ -1,0 +1,190 @@
+"""Levels of detail: what was baked with fewer faces, each taught again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from msb.bake.apart import distances, spread
+from msb.bake.descent import descend
+from msb.bake.fitted import PIXELS_TO_MOVE
+from msb.bake.kept import FEWEST
+from msb.bake.search import hide_least
+from msb.bake.simpler import simpler
+from msb.bake.soup import Soup
+from msb.bake.start import Best, Watch, color, nobody, rasters
+from msb.errors import UsageError, shorten
+from msb.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    from msb.bake.lessons import Lessons
+    from msb.cl import Device
+
+ROWS = 1080
+"""Of the image in which an error of a level must be below a pixel."""
+_MOST_POINTS = 95.0
+"""Percent of the points whose error counts."""
+_STAGE = 0.7
+"""Share of the faces of a soup that stay at a time, before the others are moved to make up for those that
+went."""
+_STEPS, _LOOK = 200, 20
+_RATES = 0.03, 0.001
+"""In sizes of a face, how far a step moves its corners: at first, and at last."""
+
+
+def shares_of(text: str) -> tuple[float, ...]:
+    """Return the shares that a text such as "0.5,0.25,0.1" names.
+
+    Raises
+    ------
+    UsageError
+        USAGE, as `checked_shares`, or where it names none.
+    """
+    try:
+        return checked_shares([float(part) for part in text.split(",")])
+    except ValueError:
+        raise _no_shares(shorten(text, 40)) from None
+
+
+def checked_shares(shares: Sequence[float]) -> tuple[float, ...]:
+    """Return shares of all faces that are between 0 and 1, each smaller than the one before it.
+
+    Raises
+    ------
+    UsageError
+        USAGE: they are not.
+    """
+    falls = all(after < before for before, after in zip((1.0, *shares), shares, strict=False))
+    if not falls or not all(0 < share < 1 for share in shares):
+        raise _no_shares(",".join(f"{share:g}" for share in shares))
+    return tuple(shares)
+
+
+def _no_shares(given: str) -> UsageError:
+    text = f"levels of detail are {given}; they must be falling shares of the faces, such as 0.5,0.25,0.1"
+    return UsageError("USAGE", text)
+
+
+def lods(
+    mesh: Mesh,
+    lessons: Lessons,
+    aside: Lessons,
+    shares: Sequence[float],
+    *,
+    seed: int = 0,
+    device: str | Device | None = None,
+    watch: Watch = nobody,
+) -> list[Mesh]:
+    """Return levels of detail of `mesh` with these falling shares of its faces, coloured at vertices.
+
+    Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
+    others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
+    quadric error: closed, it stays closed, manifold and consistently wound. Textures are left out.
+
+    Raises
+    ------
+    UsageError
+        USAGE: the shares are none. EXTRA_MISSING: fast-simplification is not installed, which a mesh needs
+        whose faces share vertices.
+    DeviceError
+    """
+    counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
+    if len(mesh.vertices) == 3 * len(mesh.faces):
+        return list(_of_soup(mesh, lessons, aside, counts, seed, device, watch))
+    return list(_of_mesh(mesh, lessons, aside, counts, device, watch))
+
+
+def _of_soup(
+    mesh: Mesh,
+    lessons: Lessons,
+    aside: Lessons,
+    counts: Sequence[int],
+    seed: int,
+    device: str | Device | None,
+    watch: Watch,
+) -> Iterator[Mesh]:
+    random = np.random.default_rng(seed)
+    soup = Soup.of(mesh, shares=False)
+    stages = _stages(len(mesh.faces), counts)
+    for stage, count in enumerate(stages):
+        # Larger faces need fewer pixels; at half the faces those are enough by which all of them were moved.
+        pixels = 2 * PIXELS_TO_MOVE * count // len(mesh.faces)
+        small = lessons.within(pixels), aside.within(pixels)
+        # Faces that are gone do not come back: they would count as some of those that are tried at a time.
+        with rasters(soup, *small, device) as (raster, judge):
+            unseen = np.flatnonzero(soup.refit(raster).most == 0)
+            soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
+            hide_least(soup, raster, random, count)
+            soup.refit(raster)
+            best = Best(judge)
+            best.look(soup)
+
+            def done(step: int, soup: Soup = soup, best: Best = best, stage: int = stage) -> float:
+                watch("levels of detail", stage * _STEPS + step, len(stages) * _STEPS)
+                if step % _LOOK == 0:
+                    best.look(soup)
+                return step / _STEPS
+
+            if raster.pixels_a_face(soup.keep) >= FEWEST:
+                descend(soup, raster, random, rates=_RATES, most=count, done=done)
+                soup.refit(raster)
+                best.look(soup)
+        soup = best.soup.shown()
+        if count in counts:
+            level = soup.copy()
+            color(level, lessons, aside, device)
+            yield level.mesh()
+
+
+def _stages(faces: int, counts: Sequence[int]) -> list[int]:
+    """Return numbers of faces from `faces` down through all `counts`, of which none is far from the next."""
+    stages: list[int] = []
+    for count in counts:
+        turns = math.ceil(math.log(faces / count) / math.log(1 / _STAGE) - 1e-9)
+        stages += [round(faces * (count / faces) ** (turn / turns)) for turn in range(1, turns)] + [count]
+        faces = count
+    return stages
+
+
+def _of_mesh(
+    mesh: Mesh,
+    lessons: Lessons,
+    aside: Lessons,
+    counts: Sequence[int],
+    device: str | Device | None,
+    watch: Watch,
+) -> Iterator[Mesh]:
+    from scipy.spatial import cKDTree
+
+    points = mesh.vertices.astype(np.float64)
+    for level, count in enumerate(counts):
+        watch("levels of detail", level, len(counts))
+        placed, faces = simpler(points, mesh.faces, count)
+        fewer = Mesh(placed.astype(np.float32), faces, up=mesh.up)
+        if mesh.vertex_colors is not None:  # what no view sees keeps the colour of the vertex next to it
+            nearest = cKDTree(points).query(placed)[1]
+            fewer = replace(fewer, vertex_colors=mesh.vertex_colors[nearest])
+        soup = Soup.of(fewer, shares=True)
+        color(soup, lessons, aside, device)
+        yield soup.on(fewer)
+
+
+def screen_share(mesh: Mesh, lod: Mesh, *, rows: int = ROWS) -> float:
+    """Return the share of an image's height below which `lod` is enough in the place of `mesh`.
+
+    The height that counts is that of the model's bounding sphere: about the middle of its box, through its
+    farthest vertex. Of points all over either surface 95 % are nearer to the other one than a pixel of an
+    image of so many rows; 1 where that holds even if the model is as high as the image. That colours are
+    coarser does not count.
+    """
+    ends = [(each.vertices.astype(np.float64), each.faces) for each in (mesh, lod)]
+    apart = [distances(spread(*one)[0], *other) for one, other in (ends, ends[::-1])]
+    error = float(np.percentile(np.concatenate(apart), _MOST_POINTS))
+    used = ends[0][0][np.unique(mesh.faces)]
+    middle = (used.min(axis=0) + used.max(axis=0)) / 2
+    height = 2 * float(np.linalg.norm(used - middle, axis=1).max())
+    return min(1.0, height / (rows * error)) if error > 0 else 1.0

@@ -1,0 +1,123 @@
+"""Levels of detail: as few faces as asked for, as closed as before, in the right colours."""
+
+from __future__ import annotations
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from msb.bake import lods as levels
+from msb.bake.lods import lods, screen_share, shares_of
+from msb.bake.raster import Raster
+from msb.bake.simpler import closed, simpler
+from msb.bake.soup import Soup
+from msb.errors import UsageError
+from msb.meshes.mesh import Mesh
+from tests.bake.solids import ball, box, colors_at, soup_of, together
+from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
+
+
+def error(mesh: Mesh, lessons: levels.Lessons) -> float:
+    soup = Soup.of(mesh, shares=False)
+    with closing(Raster(soup.corners, soup.colors, lessons)) as raster:
+        return soup.error(raster)
+
+
+def test_of_a_soup_the_faces_stay_that_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(levels, "_STEPS", 3)
+    corners, colors = tiles(6)
+    behind = corners + np.float32([0, 0, -50])
+    mesh = mesh_of(np.concatenate([behind, corners]), np.concatenate([colors, colors]))
+    with (
+        lessons_of(corners, colors, cameras(2)) as lessons,
+        lessons_of(corners, colors, cameras(1)) as aside,
+    ):
+        half, few = lods(mesh, lessons, aside, (0.5, 0.1))
+        assert 4 * error(half, lessons) < error(few, lessons)
+    assert len(half.faces) == len(corners)
+    assert half.vertices[:, 2].min() > -25
+    assert len(few.faces) == round(0.2 * len(corners))
+    assert few.vertex_colors is not None
+    assert few.vertex_colors.dtype == np.float32
+
+
+def test_faces_of_a_soup_move_to_make_up_for_those_that_go() -> None:
+    corners, colors = tiles(6)
+    colors = np.broadcast_to(np.float32([0.9, 0.6, 0.1]), colors.shape).copy()
+    mesh = mesh_of(corners, colors)
+    with (
+        lessons_of(corners, colors, cameras(4)) as lessons,
+        lessons_of(corners, colors, cameras(3)) as aside,
+    ):
+        (made,) = lods(mesh, lessons, aside, (0.7,))
+        (unmoved,) = _without_steps(mesh, lessons, aside)
+        assert error(made, lessons) < 0.7 * error(unmoved, lessons)
+
+
+def _without_steps(mesh: Mesh, lessons: levels.Lessons, aside: levels.Lessons) -> list[Mesh]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(levels, "_STEPS", 1)
+        return lods(mesh, lessons, aside, (0.7,))
+
+
+def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
+    mesh = ball()
+    seen = soup_of(mesh)
+    assert seen.vertex_colors is not None
+    corners, colors = seen.vertices.reshape(-1, 3, 3), seen.vertex_colors.reshape(-1, 3, 3)
+    with (
+        lessons_of(corners, colors, cameras(4)) as lessons,
+        lessons_of(corners, colors, cameras(3)) as aside,
+    ):
+        made = lods(mesh, lessons, aside, (0.5, 0.1))
+    for level, share in zip(made, (0.5, 0.1), strict=True):
+        assert len(level.faces) <= share * len(mesh.faces)
+        assert closed(level.vertices.astype(np.float64), level.faces)
+        assert level.vertex_colors is not None
+        front = level.vertices[:, 2] < -0.3
+        np.testing.assert_allclose(level.vertex_colors[front], colors_at(level.vertices[front]), atol=0.15)
+    assert screen_share(mesh, made[0]) > screen_share(mesh, made[1])
+
+
+def test_so_few_faces_that_nothing_is_left_are_more() -> None:
+    mesh = box((1, 2, 3))
+    points, faces = simpler(mesh.vertices.astype(np.float64), mesh.faces, 1)
+    assert closed(points, faces)
+
+
+def test_an_open_surface_stays_manifold() -> None:
+    half = ball()
+    faces = half.faces[half.vertices[half.faces].mean(axis=1)[:, 2] > 0]
+    points, made = simpler(half.vertices.astype(np.float64), faces, len(faces) // 4)
+    assert 0 < len(made) <= len(faces) // 4
+    assert not closed(points, made)
+    edges = np.sort(made[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    assert np.unique(edges, axis=0, return_counts=True)[1].max() <= 2
+
+
+def test_the_share_of_the_screen_is_where_the_error_is_a_pixel() -> None:
+    mesh, larger = ball(20), ball(20, radius=1.01)
+    assert screen_share(mesh, mesh) == 1
+    assert screen_share(mesh, larger) == pytest.approx(2 / (1080 * 0.01), rel=0.05)
+    assert screen_share(mesh, larger, rows=540) == pytest.approx(2 / (540 * 0.01), rel=0.05)
+    twice = together(mesh, Mesh(mesh.vertices + np.float32([2, 0, 0]), mesh.faces))
+    assert screen_share(twice, together(twice, larger)) > screen_share(mesh, larger)
+
+
+def test_shares_are_read() -> None:
+    assert shares_of("0.5, 0.25,0.1") == (0.5, 0.25, 0.1)
+
+
+@pytest.mark.parametrize("text", ["", "half", "0.5,", "1,0.5", "0", "-0.5", "nan", "0.25,0.5", "0.5,0.5"])
+def test_what_is_no_share_is_said_in_a_line(text: str) -> None:
+    with pytest.raises(UsageError, match=r"falling shares of the faces, such as 0\.5,0\.25,0\.1") as caught:
+        shares_of(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_library_that_a_surface_needs_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("msb.base.extras.is_installed", lambda module: module != "fast_simplification")
+    mesh = ball(4)
+    with pytest.raises(UsageError, match="fast_simplification is not installed"):
+        simpler(mesh.vertices.astype(np.float64), mesh.faces, 8)
