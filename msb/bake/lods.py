@@ -110,7 +110,7 @@ def _of_soup(
     random = np.random.default_rng(seed)
     soup = Soup.of(mesh, shares=False)
     stages = _stages(len(mesh.faces), counts)
-    for stage, count in enumerate(stages):
+    for stage, (count, is_level) in enumerate(stages):
         # Larger faces need fewer pixels; at half the faces those are enough by which all of them were moved.
         pixels = 2 * PIXELS_TO_MOVE * count // len(mesh.faces)
         small = lessons.within(pixels), aside.within(pixels)
@@ -134,18 +134,20 @@ def _of_soup(
                 soup.refit(raster)
                 best.look(soup)
         soup = best.soup.shown()
-        if count in counts:
+        if is_level:
             level = soup.copy()
             color(level, lessons, aside, device)
             yield level.mesh()
 
 
-def _stages(faces: int, counts: Sequence[int]) -> list[int]:
-    """Return numbers of faces from `faces` down through all `counts`, of which none is far from the next."""
-    stages: list[int] = []
+def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, bool]]:
+    """Return numbers of faces from `faces` down through all `counts`, none far from the next, and which are
+    of `counts`."""
+    stages: list[tuple[int, bool]] = []
     for count in counts:
         turns = math.ceil(math.log(faces / count) / math.log(1 / _STAGE) - 1e-9)
-        stages += [round(faces * (count / faces) ** (turn / turns)) for turn in range(1, turns)] + [count]
+        between = [round(faces * (count / faces) ** (turn / turns)) for turn in range(1, turns)]
+        stages += [*((number, False) for number in between), (count, True)]
         faces = count
     return stages
 

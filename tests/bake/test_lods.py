@@ -42,6 +42,15 @@ def test_of_a_soup_the_faces_stay_that_are_seen(monkeypatch: pytest.MonkeyPatch)
     assert few.vertex_colors.dtype == np.float32
 
 
+def test_levels_of_so_few_faces_that_some_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(levels, "_STEPS", 1)
+    corners, colors = tiles(1)
+    mesh = mesh_of(np.concatenate([corners, corners[:1] + 1]), np.concatenate([colors, colors[:1]]))
+    with lessons_of(corners, colors, cameras(1)) as lessons:
+        made = lods(mesh, lessons, lessons, (0.7, 0.4, 0.1))
+    assert [len(level.faces) for level in made] == [2, 1, 1]
+
+
 def test_faces_of_a_soup_move_to_make_up_for_those_that_go() -> None:
     corners, colors = tiles(6)
     colors = np.broadcast_to(np.float32([0.9, 0.6, 0.1]), colors.shape).copy()
