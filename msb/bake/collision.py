@@ -68,7 +68,8 @@ class Collision:
     Attributes
     ----------
     mesh : Mesh
-        Closed and wound outwards; float32, without colours. The parts of several follow each other.
+        Closed and consistently wound: hulls and a box outwards, a mesh as what is seen. float32, without
+        colours. The parts of several follow each other.
     kind : {"mesh", "hulls", "box"}
         What it is, which is not always what was asked for.
     parts : int
@@ -140,11 +141,12 @@ def collision(mesh: Mesh, kind: str, *, seconds: float = SECONDS) -> Collision:
         parts = [simpler(seen, faces, count)]
     elif made == "mesh":
         made, count, why = "hulls", max(1, count // _CORNERS), "the mesh is not closed"
-    elif solid:
+    elif solid and signed_volume(seen, faces) > 0:
         parts, why = _cut_by_coacd(seen, faces, count, seconds)
+    elif solid:
+        why = "the surface looks inward: these are hulls of patches of it"
     if not parts:
         parts = [_hull(patch) for patch in _patches(seen, faces, min(count, _MOST_HULLS))]
-    parts = [(points, own if signed_volume(points, own) >= 0 else own[:, ::-1]) for points, own in parts]
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.concatenate([points for points, _ in parts])
     joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
@@ -186,7 +188,8 @@ def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tup
         )
     made = reply.arrays
     split = (np.split(made[of], np.cumsum(made[f"{of} of each"])[:-1]) for of in ("points", "faces"))
-    return list(zip(*split, strict=True)), ""
+    parts = zip(*split, strict=True)
+    return [(own, rows if signed_volume(own, rows) >= 0 else rows[:, ::-1]) for own, rows in parts], ""
 
 
 def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:

@@ -112,9 +112,10 @@ def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
         points, faces = points[change.vertex_map], change.faces.astype(np.int64)
         faces = orient(faces, len(points)).faces.astype(np.int64)
         points, faces = _capped(points, faces)
+        faces = _without_flaps(faces)  # the cap of a lone face lies on it
         torn = _open(faces)
         if not torn.any():
-            return points, faces
+            return compacted(points, faces)
         faces = faces[~torn]
     label = parts(points, faces)
     closed = np.ones(label.max(initial=-1) + 1, bool)
