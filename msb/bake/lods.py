@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,11 +13,15 @@ import numpy as np
 from msb.bake.apart import distances, spread
 from msb.bake.descent import descend
 from msb.bake.fitted import PIXELS_TO_MOVE
+from msb.bake.fusion import Depths
 from msb.bake.kept import FEWEST
 from msb.bake.search import hide_least
-from msb.bake.simpler import simpler
+from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
+from msb.bake.space import Space
 from msb.bake.start import Best, Watch, color, nobody, rasters
+from msb.bake.surface import taught
+from msb.base.extras import need_extra
 from msb.errors import UsageError, shorten
 from msb.meshes.mesh import Mesh
 
@@ -83,18 +88,24 @@ def lods(
 
     Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
     others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
-    quadric error: closed, it stays closed, manifold and consistently wound. Textures are left out.
+    quadric error: a closed one in the space that `surface` makes it in, where its faces then move, and stays
+    closed, manifold and consistently wound. Textures are left out.
 
     Raises
     ------
     UsageError
         USAGE: the shares are none. EXTRA_MISSING: fast-simplification is not installed, which a mesh needs
         whose faces share vertices.
+    AssetError
+        TRIASSET_EMPTY: nothing closed is left of so few faces.
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
     if len(mesh.vertices) == 3 * len(mesh.faces):
         return list(_of_soup(mesh, lessons, aside, counts, seed, device, watch))
+    need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
+    if closed(mesh.vertices, mesh.faces):
+        return list(_of_surface(mesh, lessons, aside, counts, seed, device, watch))
     return list(_of_mesh(mesh, lessons, aside, counts, device, watch))
 
 
@@ -150,6 +161,31 @@ def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, bool]]:
         stages += [*((number, False) for number in between), (count, True)]
         faces = count
     return stages
+
+
+def _of_surface(
+    mesh: Mesh,
+    lessons: Lessons,
+    aside: Lessons,
+    counts: Sequence[int],
+    seed: int,
+    device: str | Device | None,
+    watch: Watch,
+) -> Iterator[Mesh]:
+    lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (lessons, aside))
+    with closing(Depths(mesh, device)) as depths:
+        seen = depths.points(lessons.cameras)
+    points = mesh.vertices.astype(np.float64)
+    space = Space.of(seen if len(seen) else points, lessons.cameras)
+    places = space.inward(points)
+    for level, count in enumerate(counts):
+
+        def stage(_: str, done: int, total: int, level: int = level) -> None:
+            watch("levels of detail", level * total + done, len(counts) * total)
+
+        yield taught(
+            places, mesh.faces, max(4, count), space, lessons, aside, seed=seed, device=device, watch=stage
+        )
 
 
 def _of_mesh(

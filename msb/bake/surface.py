@@ -87,19 +87,43 @@ def surface(
     pixels = pixels_of(space.outward(places), made, cameras, device)
     places, made = compacted(places, made[that_matter(places, made, pixels, least)])
     watch("fewer faces", 0, 1)
-    places, made = _reduced(places, made, FACES[scene] if faces is None else faces, space)
+    count = FACES[scene] if faces is None else faces
+    return taught(places, made, count, space, lessons, aside, seed=seed, device=device, watch=watch)
+
+
+def taught(
+    places: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    count: int,
+    space: Space,
+    lessons: Lessons,
+    aside: Lessons,
+    *,
+    seed: int,
+    device: str | Device | None,
+    watch: Watch,
+) -> Mesh:
+    """Return a closed surface, with places inside `space`, with about `count` faces that look right.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_EMPTY: of so few faces nothing is left.
+    DeviceError
+    """
+    places, made = _reduced(places, faces, count, space)
     if not len(made):
-        raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {faces} faces; ask for more")
+        raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     mesh = Mesh(space.outward(places).astype(np.float32), made)
-    taught = Soup.of(mesh, shares=True)
-    with rasters(taught, lessons, aside, device) as (raster, judge):
-        taught.refit(raster)
+    soup = Soup.of(mesh, shares=True)
+    with rasters(soup, lessons, aside, device) as (raster, judge):
+        soup.refit(raster)
         best = Best(judge)
-        best.look(taught)
-        settle(places, taught, raster, best, space, np.random.default_rng(seed), watch)
-        taught = best.soup
-    color(taught, lessons, aside, device)
-    return taught.on(_moved(mesh, taught))
+        best.look(soup)
+        settle(places, soup, raster, best, space, np.random.default_rng(seed), watch)
+        soup = best.soup
+    color(soup, lessons, aside, device)
+    return soup.on(_moved(mesh, soup))
 
 
 def _reduced(
