@@ -135,10 +135,10 @@ def _of_soup(
             best.look(soup)
 
             def done(step: int, soup: Soup = soup, best: Best = best, stage: int = stage) -> float:
-                watch("levels of detail", stage * _STEPS + step, len(stages) * _STEPS)
+                enough = watch("levels of detail", stage * _STEPS + step, len(stages) * _STEPS)
                 if step % _LOOK == 0:
                     best.look(soup)
-                return step / _STEPS
+                return 1.0 if enough else step / _STEPS
 
             if raster.pixels_a_face(soup.keep) >= FEWEST:
                 descend(soup, raster, random, rates=_RATES, most=count, done=done)
@@ -180,8 +180,8 @@ def _of_surface(
     places = space.inward(points)
     for level, count in enumerate(counts):
 
-        def stage(_: str, done: int, total: int, level: int = level) -> None:
-            watch("levels of detail", level * total + done, len(counts) * total)
+        def stage(_: str, done: int, total: int, level: int = level) -> bool:
+            return watch("levels of detail", level * total + done, len(counts) * total)
 
         yield taught(
             places, mesh.faces, max(4, count), space, lessons, aside, seed=seed, device=device, watch=stage
