@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from msb.topology import Audit
 
 SCHEMA = "msb.bake/1"
-Geometry = Literal["kept", "fitted"]
+Geometry = Literal["kept", "fitted", "surface"]
 Look = Literal["texture", "vertex"]
 
 
@@ -70,7 +70,7 @@ class Report:
     Attributes
     ----------
     geometry, color : str
-        What was made: "kept" or "fitted" faces with a "texture" or colours of vertices.
+        What was made: "kept" or "fitted" faces or a "surface", with a "texture" or colours of vertices.
     vertices, faces : int
     texture : (int, int) or None
         Its width and height.

@@ -24,13 +24,15 @@ from msb.bake.fitted import PIXELS_TO_MOVE, fitted
 from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
 from msb.bake.report import Geometry, Look, Psnr, Report, Verdict, mean
 from msb.bake.shares import blending_shares
+from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES, Source, Teacher
 from msb.bake.texture import most_pixels, textured
 from msb.bake.views import bake_views
 from msb.bake.written import write_all
 from msb.base.atomic import room_for_temporaries
+from msb.base.extras import need_extra
 from msb.cl.devices import choose_device
-from msb.errors import Unsupported, UsageError, about, shorten
+from msb.errors import UsageError, about, shorten
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics import psnr
 from msb.render import Renderer
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-Wanted = Literal["auto", "kept", "fitted"]
+Wanted = Literal["auto", "kept", "fitted", "surface"]
 Progress = Callable[[str, int, int], None]
 LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
 _OWN_TEXTURE = 512, 4096
@@ -112,15 +114,16 @@ def bake(
     cameras : iterable of Camera, optional
         Views instead of a scene's; every 8th is for the report alone. Default: those of the training where
         they lie beside the model, else 40 views round it or inside it.
-    geometry : {"auto", "kept", "fitted"}
-        The model's own triangles, or triangles that were moved until the opaque picture is right. "auto"
-        makes both, and takes what looks better in views that taught neither.
+    geometry : {"auto", "kept", "fitted", "surface"}
+        The model's own triangles, triangles that were moved until the opaque picture is right, or one closed
+        surface, which tools for solids can use. "auto" makes the first two, and takes what looks better in
+        views that taught neither.
     color : {"texture", "vertex"}, optional
-        Default: a texture for fitted triangles, colours of vertices for kept ones.
+        Default: colours of vertices for kept triangles, else a texture.
     teacher : {"dedicated", "photographs"}
         What teaches: the look of the method, or the photographs of the scene.
     faces : int, optional
-        The most fitted triangles.
+        The most fitted triangles, or about how many a surface has.
     texture : int, optional
         Texels along a side of the texture, 16 to 16384. Default: as many as pictures show.
     seconds : float
@@ -227,9 +230,6 @@ class _Wish:
 
     def check(self, teacher: str) -> None:
         """Refuse what is none, before anything is read."""
-        if str(self.geometry) == "surface":
-            text = "geometry surface, a closed surface, is not made by this version; kept and fitted are"
-            raise Unsupported("UNSUPPORTED_OPTION", text)
         for name, value, words in (
             ("geometry", self.geometry, get_args(Wanted)),
             ("color", self.color, (None, *get_args(Look))),
@@ -252,6 +252,9 @@ class _Wish:
             raise UsageError("USAGE", f"faces is {self.faces}; it must be 1 or more")
         if self.faces is not None and self.geometry == "kept":
             raise UsageError("USAGE", "faces limits fitted ones; kept ones are the model's own")
+        if self.geometry == "surface":
+            need_extra("bench", "skimage", what="a closed surface")
+            need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")
         if not 0 <= self.seconds < float("inf"):
             raise UsageError("USAGE", f"seconds is {self.seconds}; it must be 0 or more")
 
@@ -361,8 +364,11 @@ class _Bake:
             mesh = kept(*lessons, **shared)
         else:
             seconds = max(_SEARCH * wish.seconds, _NO_TIME)
-            mesh = fitted(*lessons, seconds=seconds, faces=wish.faces, **shared)
-        usual = "texture" if name == "fitted" or wish.texture is not None else "vertex"
+            most = wish.faces if name == "fitted" else None
+            mesh = fitted(*lessons, seconds=seconds, faces=most, **shared)
+        if name == "surface":
+            mesh = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
+        usual = "texture" if name != "kept" or wish.texture is not None else "vertex"
         if (wish.color or usual) == "texture":
             size = wish.texture or _own_size(most_pixels(mesh, self._taught, self._device))
             mesh = textured(mesh, self._taught, size, device=self._device, watch=self._watch)

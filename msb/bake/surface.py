@@ -12,6 +12,7 @@ from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import Depths, Grid
 from msb.bake.settle import settle
 from msb.bake.solid import (
+    apart,
     boundary,
     compacted,
     pixels_of,
@@ -123,7 +124,7 @@ def taught(
         settle(places, soup, raster, best, space, np.random.default_rng(seed), watch)
         soup = best.soup
     color(soup, lessons, aside, device)
-    return soup.on(_moved(mesh, soup))
+    return apart(soup.on(_moved(mesh, soup)))
 
 
 def _reduced(

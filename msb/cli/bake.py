@@ -41,19 +41,22 @@ class BakeOptions:
     geometry: Annotated[
         str,
         Option(
-            "kept: the model's triangles; fitted: moved until the picture is right; auto: the better one.",
-            metavar="auto|kept|fitted",
+            "kept: the model's triangles; fitted: moved until the picture is right; auto: the better of "
+            "these; surface: closed, for tools that need a solid.",
+            metavar="auto|kept|fitted|surface",
         ),
     ] = "auto"
     color: Annotated[
         Literal["texture", "vertex"] | None,
-        Option("Default: texture for fitted, vertex for kept."),
+        Option("Default: vertex for kept, else texture."),
     ] = None
     teacher: Annotated[
         Literal["dedicated", "photographs"],
         Option("What teaches: the method's own look, or the scene's photographs."),
     ] = "dedicated"
-    faces: Annotated[int | None, Option("At most N fitted triangles.", least=1)] = None
+    faces: Annotated[int | None, Option("At most N fitted triangles, or about N of a surface.", least=1)] = (
+        None
+    )
     texture: Annotated[
         int | None,
         Option(

@@ -112,7 +112,6 @@ def test_one_face_is_enough(here: Here, files: tuple[Path, Path]) -> None:
 REFUSED = {
     "no output": ([], "USAGE: OUT is missing; give -o"),
     "texture": (["-o", "a.glb", "--texture", "100000"], "USAGE: Invalid value for '--texture'"),
-    "surface": (["-o", "a.glb", "--geometry", "surface"], "UNSUPPORTED_OPTION: geometry surface, a closed"),
     "geometry": (
         ["-o", "a.glb", "--geometry", "solid"],
         'USAGE: geometry is "solid"; it must be one of auto,',
