@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from msb.topology.verdict import judge
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from msb.scenes.colors import Color
     from msb.topology import Audit
 
@@ -64,6 +66,44 @@ class Verdict:
 
 
 @dataclass(frozen=True)
+class Level:
+    """A level of detail, and how small it may be shown.
+
+    Attributes
+    ----------
+    share : float
+        Of the faces, as asked for.
+    faces : int
+    own_after_16 : float or None
+        dB to the own look with 16 samples a pixel; None where no view is held back.
+    screen_share : float
+        The share of an image's height below which it is enough (`msb.bake.lods.screen_share`).
+    bytes : int or None
+    output : str or None
+    """
+
+    share: float
+    faces: int
+    own_after_16: float | None
+    screen_share: float
+    bytes: int | None = None
+    output: str | None = None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A collision shape, with the facts of `msb.bake.collision.Collision`."""
+
+    kind: str
+    faces: int
+    parts: int
+    mean_distance: float
+    mid_air_share: float
+    why: str
+    output: str | None = None
+
+
+@dataclass(frozen=True)
 class Report:
     """What was made of a model, by what, and what it lost.
 
@@ -99,6 +139,8 @@ class Report:
         Geometry -> dB on the views kept aside, with 16 samples a pixel, where there was a choice.
     notes : tuple of str
         What else should be known.
+    lods : tuple of Level
+    collision : Shape or None
     path, output : str or None
         The model and the first file.
     """
@@ -124,13 +166,24 @@ class Report:
     device: str
     tried: dict[str, float]
     notes: tuple[str, ...] = ()
+    lods: tuple[Level, ...] = ()
+    collision: Shape | None = None
     bytes: int | None = None
     path: str | None = None
     output: str | None = None
 
-    def written(self, output: object, size: int) -> Report:
-        """Return the report on a file of so many bytes, with those that it needs beside it."""
-        return replace(self, output=str(output), bytes=size)
+    def written(self, files: Sequence[tuple[Path, int]]) -> Report:
+        """Return the report on files of so many bytes, with those that they need beside them.
+
+        They are that of the asset, those of its levels of detail, and that of its collision shape.
+        """
+        (output, size), *more = files
+        lods = tuple(
+            replace(one, output=str(path), bytes=count)
+            for one, (path, count) in zip(self.lods, more, strict=False)
+        )
+        shape = None if self.collision is None else replace(self.collision, output=str(more[-1][0]))
+        return replace(self, output=str(output), bytes=size, lods=lods, collision=shape)
 
     @property
     def sentence(self) -> str:
@@ -192,8 +245,8 @@ class Report:
             "psnr": psnr,
             "verdict_before": self.before.to_dict(),
             "verdict_after": self.after.to_dict(),
-            "lods": [],
-            "collision": None,
+            "lods": [asdict(one) for one in self.lods],
+            "collision": None if self.collision is None else asdict(self.collision),
             "teacher": self.teacher,
             "model_faces": self.model_faces,
             "background": list(self.background),

@@ -20,15 +20,19 @@ from msb.api.opening import as_asset
 from msb.asset.look import stored_threshold, visible_faces, written_up
 from msb.asset.texture import MAX_SIDE
 from msb.asset.tiers import why_not
+from msb.bake.collision import collision as collide
+from msb.bake.collision import kind_of
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
 from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
-from msb.bake.report import Geometry, Look, Psnr, Report, Verdict, mean
+from msb.bake.lods import checked_shares, screen_share
+from msb.bake.lods import lods as lods_of
+from msb.bake.report import Geometry, Level, Look, Psnr, Report, Shape, Verdict, mean
 from msb.bake.shares import blending_shares
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES, Source, Teacher
 from msb.bake.texture import most_pixels, textured
 from msb.bake.views import bake_views
-from msb.bake.written import write_all
+from msb.bake.written import Part, write_all
 from msb.base.atomic import room_for_temporaries
 from msb.base.extras import need_extra
 from msb.cl.devices import choose_device
@@ -68,18 +72,26 @@ class Baked:
         Of method "mesh", with a texture or colours of vertices; in memory.
     report : Report
         `print` shows it in a line, `to_dict` returns what `msb bake --json` writes.
+    lods : tuple of Asset
+        Its levels of detail, the finest first.
+    collision : Asset or None
+        A shape to bump into, without colours.
     """
 
     asset: Asset
     report: Report
+    lods: tuple[Asset, ...] = ()
+    collision: Asset | None = None
 
     def save(self, *paths: str | os.PathLike[str], overwrite: bool = False) -> Report:
         """Write it in the formats that the suffixes name, all files or none; return the report on the first.
 
-        A GLB has the report's main numbers in its `asset.extras`.
-        """
-        size = write_all(self.asset, [Path(path) for path in paths], self.report.extras(), overwrite)
-        return self.report.written(paths[0], size)
+        A GLB has the report's main numbers in its `asset.extras`. Levels of detail and the collision shape
+        stand beside each: NAME_lod1, NAME_lod2, ..., NAME_collision."""
+        parts = [Part("", self.asset, self.report.extras())]
+        parts += [Part(f"_lod{number}", one, {}) for number, one in enumerate(self.lods, 1)]
+        parts += [] if self.collision is None else [Part("_collision", self.collision, {})]
+        return self.report.written(write_all(parts, [Path(path) for path in paths], overwrite))
 
     def __repr__(self) -> str:
         return f"<Baked, {self.report.geometry}: {self.report.sentence}>"
@@ -95,6 +107,8 @@ def bake(
     teacher: Source = "dedicated",
     faces: int | None = None,
     texture: int | None = None,
+    lods: Sequence[float] = (),
+    collision: str | None = None,
     seconds: float = 60.0,
     seed: int = 0,
     up: str | None = None,
@@ -126,6 +140,10 @@ def bake(
         The most fitted triangles, or about how many a surface has.
     texture : int, optional
         Texels along a side of the texture, 16 to 16384. Default: as many as pictures show.
+    lods : sequence of float
+        Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1).
+    collision : str, optional
+        A shape to bump into: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float
         About how long it may take; 0 leaves out the search.
     seed : int
@@ -166,6 +184,9 @@ def bake(
     """
     wish = _Wish(geometry, color, faces, texture, seconds, seed)
     wish.check(teacher)
+    wanted = checked_shares(lods) if lods else ()
+    if collision is not None:
+        kind_of(collision)
     began = time.perf_counter()
     asset = as_asset(asset)
     with about(asset.opened_from), room_for_temporaries(), _stopping(keep_best) as stopped:
@@ -189,6 +210,8 @@ def bake(
             with closing(made):
                 mesh, facts = made.best(stopped)
                 own, photographs = made.measured(mesh)
+                levels = made.levels(mesh, wanted)
+    shape = None if collision is None else collide(mesh, collision)
     baked = asset_from_mesh(mesh)
     report = Report(
         geometry=facts.geometry,
@@ -212,9 +235,21 @@ def bake(
         device=choose_device(device).record.name,
         tried=facts.tried,
         notes=(*views.notes, *facts.notes),
+        lods=tuple(level for level, _ in levels),
+        collision=None
+        if shape is None
+        else Shape(
+            shape.kind,
+            len(shape.mesh.faces),
+            shape.parts,
+            shape.mean_distance,
+            shape.mid_air_share,
+            shape.why,
+        ),
         path=None if asset.opened_from is None else str(asset.opened_from),
     )
-    return Baked(baked, report)
+    bumped = None if shape is None else asset_from_mesh(shape.mesh)
+    return Baked(baked, report, tuple(asset_from_mesh(one) for _, one in levels), bumped)
 
 
 @dataclass(frozen=True)
@@ -369,8 +404,28 @@ class _Bake:
         if name == "surface":
             mesh = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
         usual = "texture" if name != "kept" or wish.texture is not None else "vertex"
-        if (wish.color or usual) == "texture":
-            size = wish.texture or _own_size(most_pixels(mesh, self._taught, self._device))
+        size = wish.texture or _own_size(most_pixels(mesh, self._taught, self._device))
+        return self._colored(mesh, size if (wish.color or usual) == "texture" else None)
+
+    def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:
+        """Return the levels of detail of what was made, with a texture as large as its own."""
+        if not shares:
+            return []
+        size = mesh.textures[0].shape[0] if mesh.textures else None
+        bare = replace(mesh, corner_uvs=None, textures=())
+        lessons = self._teaching, self._aside
+        made = lods_of(bare, *lessons, shares, seed=self._wish.seed, device=self._device, watch=self._watch)
+        found = []
+        for share, one in zip(shares, made, strict=True):
+            level = self._colored(one, size)
+            own = self.measured(level)[0]
+            facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
+            found.append((Level(share, *facts), level))
+        return found
+
+    def _colored(self, mesh: Mesh, size: int | None) -> Mesh:
+        """Return a mesh as it is written: with a texture of this size, or with its colours in bytes."""
+        if size is not None:
             mesh = textured(mesh, self._taught, size, device=self._device, watch=self._watch)
         elif mesh.vertex_colors is not None and mesh.vertex_colors.dtype != np.uint8:
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))

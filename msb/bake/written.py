@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -32,44 +32,69 @@ _LEAST_TEXTURED = Mesh(
 )
 
 
-def places(paths: Sequence[Path]) -> list[Path]:
+class Part(NamedTuple):
+    """One of the assets of a bake: what stands behind the name of its file, and data that GLBs carry."""
+
+    ending: str
+    asset: Asset
+    extras: Mapping[str, Any]
+
+    def beside(self, path: Path) -> Path:
+        """Return where it is written, if the main asset is at `path`."""
+        return path.with_name(f"{path.stem}{self.ending}{path.suffix}")
+
+
+def places(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> list[Path]:
     """Return all files that `write_all` may write to `paths`: also those beside them that a texture needs."""
     found = []
     for path in paths:
         suffix = output_suffix(path)
-        others = beside(_LEAST_TEXTURED, path, Style()) if suffix != ASSET_SUFFIX else {}
-        found += [path, *others]
+        for ending in endings:
+            place = path.with_name(f"{path.stem}{ending}{path.suffix}")
+            others = beside(_LEAST_TEXTURED, place, Style()) if suffix != ASSET_SUFFIX else {}
+            found += [place, *others]
     if len(set(found)) < len(found):
         twice = next(path for path in found if found.count(path) > 1)
         raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=twice)
     return found
 
 
-def write_all(asset: Asset, paths: Sequence[Path], extras: Mapping[str, Any], overwrite: bool = False) -> int:
-    """Write an asset to all paths, each in the format of its suffix; return the bytes of the first one.
+def write_all(
+    parts: Sequence[Part], paths: Sequence[Path], overwrite: bool = False
+) -> list[tuple[Path, int]]:
+    """Write assets to all paths, each in the format of its suffix, all or none.
 
-    Those include the files that it needs beside it. The JSON data `extras` are carried by GLBs.
+    Returns the file of each at the first path and its bytes, with those of files that it needs beside it.
     """
     if not paths:
         raise UsageError("USAGE", "no output is named")
-    places(paths)
-    mesh = mesh_from_asset(asset)
-    parts: list[tuple[Path, Write]] = []
-    first = 0
+    places(paths, [part.ending for part in parts])
+    writes: list[tuple[Path, Write]] = []
+    main: list[tuple[Path, int]] = []
     for path in paths:
-        suffix = output_suffix(path)
-        if suffix == ASSET_SUFFIX:
-            parts.append((path, partial(write_packed, asset)))
-        else:
-            held, style = as_held(mesh, suffix), Style(stem=path.stem, extras={"bake": dict(extras)})
-            others = beside(held, path, style)
-            parts += [(other, partial(_put, content)) for other, content in others.items()]
-            parts.append((path, partial(write_mesh, held, suffix=suffix, style=style)))
-        first = first or len(parts)
-    with new_files([path for path, _ in parts], overwrite=overwrite) as files:
-        for file, (_, write) in zip(files, parts, strict=True):
+        for part in parts:
+            place = part.beside(path)
+            writes += _writes(part, place)
+            if path == paths[0]:
+                main.append((place, len(writes)))
+    with new_files([path for path, _ in writes], overwrite=overwrite) as files:
+        for file, (_, write) in zip(files, writes, strict=True):
             write(file)
-        return sum(file.seek(0, 2) for file in files[:first])
+        sizes = [file.seek(0, 2) for file in files]
+    starts = [0, *(end for _, end in main)]
+    return [(place, sum(sizes[start:end])) for start, (place, end) in zip(starts, main, strict=False)]
+
+
+def _writes(part: Part, place: Path) -> list[tuple[Path, Write]]:
+    """Return the files of one asset, and what writes each."""
+    suffix = output_suffix(place)
+    if suffix == ASSET_SUFFIX:
+        return [(place, partial(write_packed, part.asset))]
+    held = as_held(mesh_from_asset(part.asset), suffix)
+    style = Style(stem=place.stem, extras={"bake": dict(part.extras)} if part.extras else {})
+    others = beside(held, place, style)
+    found: list[tuple[Path, Write]] = [(other, partial(_put, content)) for other, content in others.items()]
+    return [*found, (place, partial(write_mesh, held, suffix=suffix, style=style))]
 
 
 def _put(content: bytes, file: BinaryIO) -> None:

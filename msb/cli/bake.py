@@ -63,6 +63,17 @@ class BakeOptions:
             "Texels along a side of the texture. Default: as many as pictures show.", least=16, most=16384
         ),
     ] = None
+    lods: Annotated[
+        str | None,
+        Option(
+            "Levels of detail beside OUT (NAME_lod1, ...): shares of its faces, as 0.5,0.25,0.1.",
+            metavar="SHARES",
+        ),
+    ] = None
+    collision: Annotated[
+        str | None,
+        Option("A shape to bump into beside OUT (NAME_collision).", metavar="mesh:N|hulls:N|box"),
+    ] = None
     seconds: Annotated[float, Option("About how long it may take; 0: no search.", least=0)] = 60.0
     seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
     up: Annotated[
@@ -100,10 +111,14 @@ def bake(
     photographs with --scene, else to the model's own look.
     """
     from msb.bake import bake as make
+    from msb.bake.lods import shares_of
     from msb.bake.written import places
     from msb.cli.inputs import open_asset
 
-    for place in places(options.outputs):
+    lods = () if options.lods is None else shares_of(options.lods)
+    endings = ["", *(f"_lod{number}" for number in range(1, len(lods) + 1))]
+    endings += [] if options.collision is None else ["_collision"]
+    for place in places(options.outputs, endings):
         output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output)
@@ -119,6 +134,8 @@ def bake(
             teacher=options.teacher,
             faces=options.faces,
             texture=options.texture,
+            lods=lods,
+            collision=options.collision,
             seconds=options.seconds,
             seed=options.seed,
             up=options.up,
@@ -155,6 +172,20 @@ def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
     if output.quiet:
         return
     echo(f"taught by {report.taught} views, {report.teacher}: {one_line(report.views)}")
+    for level in report.lods:
+        own = (
+            ""
+            if level.own_after_16 is None
+            else f", {level.own_after_16:.1f} dB to its own look with 16 samples"
+        )
+        below = f"enough below {100 * level.screen_share:.0f} % of the image's height"
+        echo(f"{one_line(str(level.output))}: {level.faces:,} triangles{own}; {below}")
+    if (shape := report.collision) is not None:
+        parts = "" if shape.parts == 1 else f" in {shape.parts} parts"
+        apart = f"{100 * shape.mean_distance:.1f} % of the diagonal from what is seen in the mean"
+        echo(f"{one_line(str(shape.output))}: {shape.kind}{parts}, {shape.faces:,} triangles, {apart}")
+        if shape.why:
+            output.note(shape.why)
     if report.unseen_area:
         echo(f"{100 * report.unseen_area:.1f} % of the model's area is in no view and stays as it was")
     for text in report.notes:
