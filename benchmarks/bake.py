@@ -42,7 +42,7 @@ SCENES = {
     "walled": Path("data_stubs/scenes/mipnerf360/pebble"),
 }
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
-GEOMETRIES = ("kept", "fitted")
+GEOMETRIES = ("kept", "fitted", "surface")
 _COLUMNS = (
     *("model", "geometry", "own look", "plain, 1 sample", "baked, 1", "baked, 16"),
     *("triangles", "texture", "MB", "s", "peak MB", "verdict"),
@@ -152,7 +152,9 @@ def main() -> int:
             rows.append({"model": name, **found})
             print(row(name, found) + ("" if found.get("same_twice", True) else " OTHER BYTES"), flush=True)
     if options.picture and pictures:
-        whole = np.concatenate([np.concatenate(each, axis=1) for each in pictures], axis=0)
+        rows_of = [np.concatenate(each, axis=1) for each in pictures]
+        wide = max(one.shape[1] for one in rows_of)
+        whole = np.concatenate([np.pad(one, ((0, 0), (0, wide - one.shape[1]), (0, 0))) for one in rows_of])
         Pillow.fromarray(np.uint8(np.floor(whole.clip(0, 1) * 255 + 0.5))).save(options.picture)
     keep({"machine": facts, "rows": rows}, options.json)
     return 0 if same else 1
