@@ -77,6 +77,24 @@ def test_all_outputs_are_written_and_measured(here: Here, files: tuple[Path, Pat
     assert outs[0].read_bytes() == before, "one seed gives one result"
 
 
+def test_levels_and_a_collision_shape_stand_beside_each_output(here: Here, files: tuple[Path, Path]) -> None:
+    model, cameras = files
+    outs = [model.parent / name for name in ("a.glb", "b.ply")]
+    line = ["bake", "--geometry", "kept", "--lods", "0.5", "--collision", "box", "--cameras", cameras, model]
+    result = here(*line, "--json", "-", *(word for out in outs for word in ("-o", out)))
+    assert result.status == 0, result
+    (level,), shape = result.json["lods"], result.json["collision"]
+    assert (level["output"], shape["output"]) == tuple(
+        str(model.parent / name) for name in ("a_lod1.glb", "a_collision.glb")
+    )
+    assert (level["share"], shape["kind"], shape["faces"], shape["parts"]) == (0.5, "box", 12, 1)
+    assert level["bytes"] == Path(level["output"]).stat().st_size
+    assert msb.audit(model.parent / "b_collision.ply").verdict == "ok"
+    assert len(read_mesh(model.parent / "b_lod1.ply").faces) == level["faces"]
+    again = here(*line, "-o", model.parent / "b.glb", "-o", model.parent / "a_lod1.glb")
+    again.ends(2, f"OUTPUT_EXISTS: {model.parent / 'a_lod1.glb'}")
+
+
 def test_what_is_printed_is_a_sentence(here: Here, files: tuple[Path, Path]) -> None:
     model, cameras = files
     out = model.parent / "a.stl"

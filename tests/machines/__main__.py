@@ -46,9 +46,12 @@ ELSEWHERE_ALIKE = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "
 """How platforms are found and tried, which each of these tests sets up itself; and what runs no kernel."""
 # The slow ones are the same kernels on larger and random scenes.
 QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in ELSEWHERE_ALIKE)
-PICTURES = tuple(
-    f"tests/render/test_{name}.py"
-    for name in ("diffsoup", "splat_shares", "splatting_golden", "standard", "work_groups")
+PICTURES = (
+    "tests/bake/test_raster.py",
+    *(
+        f"tests/render/test_{name}.py"
+        for name in ("diffsoup", "splat_shares", "splatting_golden", "standard", "work_groups")
+    ),
 )
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {
