@@ -36,8 +36,12 @@ _HASTE = 5, 7
 _FLAT = 1e-5
 """Of the usual area, what is none."""
 _MENDINGS = 5
-_TURNS = 60
+_TURNS = 32
 """How often corners of faces that cross are smoothed."""
+_BACK = 60
+"""How often corners of faces that cross are put back before all are."""
+_CUTS = 6
+"""How often faces that still cross are cut out."""
 _WIDER = 8
 """Turns after which their neighbours are, too, and again after as many."""
 
@@ -152,27 +156,44 @@ def _open(faces: Faces) -> NDArray[np.bool_]:
     return np.asarray(lone.reshape(-1, 3).any(axis=1))
 
 
-def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, int]:
-    """Return points (V, 3) inside `space` of which no faces cross in the world, and how many still do.
+def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, Faces]:
+    """Return a closed surface at points (V, 3) inside `space` of which no faces cross in the world.
 
-    Corners of faces that cross are moved to the middle of their neighbours, those of faces that resist
-    together with their neighbours. So are those of faces without area, as long as that helps.
+    Corners of faces that cross are moved to the middle of their neighbours. Where that does not help, the
+    faces around are cut out and the hole is closed; what still crosses then stays.
+    """
+    best, fewest = (points, faces), np.inf
+    for _ in range(_CUTS):
+        points, crossing = _smoothed(points, faces, space)
+        if len(crossing) < fewest:
+            best, fewest = (points, faces), len(crossing)
+        if not len(crossing):
+            break
+        around = np.zeros(len(points), bool)
+        around[faces[crossing]] = True
+        points, faces = mended(points, faces[~around[faces].any(axis=1)])
+    return best
+
+
+def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray[np.int64]]:
+    """Return points of which fewer faces cross, and those that still do.
+
+    Those of faces that resist are moved together with their neighbours. So are corners of faces without
+    area, as long as that helps.
     """
     points = points.copy()
     neighbours = average(faces, len(points))
-    left = 0
     for turn in range(_TURNS):
         crossing = crossing_faces(points, faces, space)
         flat = _without_area(points, faces) if turn < _WIDER else crossing[:0]
-        left = len(crossing)
-        if not left and not len(flat):
-            break
+        if not len(crossing) and not len(flat):
+            return points, crossing
         moved = np.zeros(len(points), bool)
         moved[faces[crossing]] = moved[faces[flat]] = True
         for _ in range(turn // _WIDER):
             moved[faces[moved[faces].any(axis=1)]] = True
         points[moved] = ((points + neighbours @ points) / 2)[moved]
-    return points, left
+    return points, crossing_faces(points, faces, space)
 
 
 def _without_area(points: Reals, faces: Faces) -> NDArray[np.int64]:
@@ -186,7 +207,7 @@ def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:
     """Return points of which no faces cross: those that do go back to where they were in `good`, which has
     none."""
     points = points.copy()
-    for _ in range(_TURNS):
+    for _ in range(_BACK):
         corners = np.unique(faces[crossing_faces(points, faces, space)])
         back = corners[(points[corners] != good[corners]).any(axis=1)]
         if not len(corners):

@@ -6,7 +6,6 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import Depths, Grid
@@ -35,8 +34,8 @@ FACES = 8_000, 20_000
 """Faces of an object and of a scene, where it is not said how many."""
 CELLS = 192, 256
 """Cells along the longest side of an object, and of a scene."""
-_SHARES = 1.0, 0.93, 0.85
-"""Of the number of faces, what is tried until none of them cross."""
+_FEWEST = 4
+"""Faces of a tetrahedron."""
 LEAST_PART = 1e-4
 """Share of the pixels of all views below which a part is left out."""
 
@@ -112,7 +111,8 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    places, made = _reduced(places, faces, count, space)
+    places, made = with_fewer_faces(places, faces, max(count, _FEWEST))
+    places, made = uncrossed(places, made, space)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     mesh = Mesh(space.outward(places).astype(np.float32), made)
@@ -125,21 +125,6 @@ def taught(
         soup = best.soup
     color(soup, lessons, aside, device)
     return apart(soup.on(_moved(mesh, soup)))
-
-
-def _reduced(
-    places: NDArray[np.float64], faces: NDArray[np.int64], count: int, space: Space
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the surface with `count` faces, or with fewer if some of these would cross."""
-    found = []
-    for share in _SHARES:
-        fewer, kept = with_fewer_faces(places, faces, max(4, int(share * count)))
-        fewer, crossing = uncrossed(fewer, kept, space)
-        found.append((crossing, fewer, kept))
-        if not crossing:
-            break
-    _, places, faces = min(found, key=lambda each: each[0])
-    return places, faces
 
 
 def _moved(mesh: Mesh, soup: Soup) -> Mesh:

@@ -263,9 +263,23 @@ def test_faces_that_cross_are_smoothed_or_put_back() -> None:
     wrong = points.copy()
     wrong[7] *= -1.5
     assert len(solid.crossing_faces(wrong, faces, space)) > 0
-    smoothed, left = solid.uncrossed(wrong, faces, space)
-    assert left == len(solid.crossing_faces(smoothed, faces, space)) == 0
+    smoothed, same = solid.uncrossed(wrong, faces, space)
+    np.testing.assert_array_equal(same, faces)
+    assert len(solid.crossing_faces(smoothed, faces, space)) == 0
     np.testing.assert_array_equal(solid.put_back(wrong, points, faces, space)[7], points[7])
+
+
+def test_faces_that_cross_all_the_same_are_cut_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(solid, "_TURNS", 0)
+    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
+    corners, _ = ball(8, 12)
+    points, numbers = np.unique(corners.reshape(-1, 3).round(5), axis=0, return_inverse=True)
+    points, faces = points.astype(float), numbers.reshape(-1, 3)
+    points[7] *= -1.5
+    points, faces = solid.uncrossed(points, faces, space)
+    assert len(solid.crossing_faces(points, faces, space)) == 0
+    assert edges_closed(faces)
+    assert len(faces) > 120
 
 
 def test_parts_count_by_the_pixels_that_show_them() -> None:
