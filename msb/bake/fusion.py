@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 REACH = 3.0
 """How far before and behind a surface a view says how far, in cells."""
-DOUBT = 0.15
-"""Share of the views from which a cell is hidden that must see it, or what they see is taken for a hole."""
+DOUBT = 0.15, 0.05
+"""Of the views from which a cell is hidden as many as this share must see it, or what they see is taken for
+a hole in the soup: of an object, which is seen from all around, and of a scene."""
 _GROUP = 64
 UNKNOWN = 2.0
 """Stands for cells that no view has in its picture; equals UNKNOWN in bake_fuse.cl."""
@@ -72,16 +73,6 @@ class Depths(StandardRenderer):
             found.append((local @ camera.camera_to_world.T)[:, :3])
         return np.concatenate(found)
 
-    def solid(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> NDArray[np.float32]:
-        """Return `votes` with what is unknown continued from its surroundings.
-
-        What lies beyond a scene is solid: a shell around it, on which a sky appears."""
-        votes = self.votes(cameras, space, grid)
-        values = _filled(votes, votes != UNKNOWN)
-        if space.contracted:
-            np.minimum(values, _beyond(grid), out=values)
-        return values
-
     @in_turn
     def votes(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> NDArray[np.float32]:
         """Return how far each cell of `grid` lies before what cameras see, in `REACH` cells and at most 1.
@@ -112,29 +103,47 @@ class Depths(StandardRenderer):
                 sums,
                 votes,
             )
-        self._fuse.count_votes(count, _GROUP, sums, votes, np.float32(DOUBT), np.uint32(count))
+        self._fuse.count_votes(
+            count, _GROUP, sums, votes, np.float32(DOUBT[space.contracted]), np.uint32(count)
+        )
         values: NDArray[np.float32] = sums.read()
         return values
 
 
-def _filled(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return values of cells (nx, ny, nz) with those that are not known continued from those around them.
+def solid(votes: NDArray[np.float32], space: Space, grid: Grid) -> NDArray[np.float32]:
+    """Return votes with what is unknown continued from its surroundings, in their place.
+
+    What lies beyond a scene is solid: a shell around it, on which a sky appears."""
+    _fill(votes, votes != UNKNOWN)
+    if space.contracted:
+        np.minimum(votes, _beyond(grid), out=votes)
+    return votes
+
+
+def _fill(values: NDArray[np.float32], known: NDArray[np.bool_]) -> None:
+    """Give cells (nx, ny, nz) that are not known values from those around them.
 
     Each is the mean of the smallest block of 2, 4, 8, ... cells a side that has known ones, and smoothed."""
     from scipy.ndimage import uniform_filter
 
-    if known.all() or not known.any():
-        return np.where(known, values, np.float32(1))
-    sides = [(-(-n // 2), 2) for n in values.shape]
-    padding = [(0, 2 * n - m) for (n, _), m in zip(sides, values.shape, strict=True)]
-    blocks = tuple(each for side in sides for each in side)
-    weight = np.pad(known, padding).reshape(blocks).sum(axis=(1, 3, 5), dtype=np.float32)
-    sums = np.pad(np.where(known, values, np.float32(0)), padding).reshape(blocks).sum(axis=(1, 3, 5))
-    coarse = _filled(sums / np.maximum(weight, 1), weight > 0)
+    if known.all():
+        return
+    if not known.any():
+        values[:] = 1
+        return
+    shape = tuple(-(-n // 2) for n in values.shape)
+    sums, count = np.zeros((2, *shape), np.float32)
+    for place in np.ndindex(2, 2, 2):
+        part = tuple(slice(start, None, 2) for start in place)
+        there = tuple(slice(n) for n in known[part].shape)
+        sums[there] += np.where(known[part], values[part], 0)
+        count[there] += known[part]
+    sums /= np.maximum(count, 1)
+    _fill(sums, count > 0)
     for axis in range(3):
-        coarse = coarse.repeat(2, axis=axis)
+        sums = sums.repeat(2, axis=axis)
     nx, ny, nz = values.shape
-    return np.where(known, values, uniform_filter(coarse[:nx, :ny, :nz], 3, mode="nearest"))
+    np.copyto(values, uniform_filter(sums[:nx, :ny, :nz], 3, mode="nearest"), where=~known)
 
 
 def _beyond(grid: Grid) -> NDArray[np.float32]:

@@ -29,10 +29,12 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
-_APART = 0.02
+_APART = 0.002
 """The least distance from the surface that a cell is taken to have, in reaches of a view."""
-_HASTE = 5, 7
+_HASTE, _MORE_HASTE = 5, 7
 """How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
+_MIDDLE = 0.3
+"""Radius inside a scene's space up to which errors count about alike."""
 _FLAT = 1e-5
 """Of the usual area, what is none."""
 _MENDINGS = 5
@@ -51,8 +53,8 @@ def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[R
     from skimage.measure import marching_cubes
 
     # A value of 0 would put all points of a cell's corner at one place, and make faces without area.
-    apart = np.copysign(np.maximum(np.abs(values), np.float32(_APART)), values)
-    padded = np.pad(apart, 1, constant_values=outside)
+    padded = np.pad(values, 1, constant_values=outside)
+    np.copyto(padded, np.copysign(np.float32(_APART), padded), where=np.abs(padded) < _APART)
     points, faces, _, _ = marching_cubes(padded, 0.0)  # type: ignore[no-untyped-call]
     return grid.low + (points.astype(np.float64) - 1) * grid.cell, faces.astype(np.int64)
 
@@ -93,17 +95,33 @@ def compacted(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
     return points[used], (np.cumsum(used) - 1)[faces]
 
 
-def with_fewer_faces(points: Reals, faces: Faces, count: int) -> tuple[Reals, Faces]:
-    """Return the surface with about `count` faces, by quadric error, and mended to a closed manifold."""
+def with_fewer_faces(points: Reals, faces: Faces, count: int, space: Space) -> tuple[Reals, Faces]:
+    """Return the surface with about `count` faces, by quadric error, and mended to a closed manifold.
+
+    The middle of a scene, which its cameras look at, is given more faces: there errors count as in a space
+    where lengths grow as the logarithm of the distance to it."""
     import fast_simplification
 
-    for haste in _HASTE:
-        if len(faces) > count:
-            fewer, chosen = fast_simplification.simplify(
-                points.astype(np.float32), faces.astype(np.int32), target_count=count, agg=haste
-            )
-            points, faces = fewer.astype(np.float64), chosen.astype(np.int64)
+    if len(faces) > count:
+        seen = _to_logarithm(points) if space.contracted else points
+        fewer, kept = fast_simplification.simplify(
+            seen.astype(np.float32), faces.astype(np.int32), target_count=count, agg=_HASTE
+        )
+        if len(kept) > count:
+            fewer, kept = fast_simplification.simplify(fewer, kept, target_count=count, agg=_MORE_HASTE)
+        points, faces = fewer.astype(np.float64), kept.astype(np.int64)
+        points = _from_logarithm(points) if space.contracted else points
     return mended(points, faces)
+
+
+def _to_logarithm(points: Reals) -> Reals:
+    size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    return np.asarray(points * (np.log1p(size / _MIDDLE) / size))
+
+
+def _from_logarithm(points: Reals) -> Reals:
+    size = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
+    return np.asarray(points * (_MIDDLE * np.expm1(size) / size))
 
 
 def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:

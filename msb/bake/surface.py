@@ -6,9 +6,10 @@ from contextlib import closing
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.bake.fitted import PIXELS_TO_MOVE
-from msb.bake.fusion import Depths, Grid
+from msb.bake.fusion import Depths, Grid, solid
 from msb.bake.settle import settle
 from msb.bake.solid import (
     apart,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 FACES = 8_000, 20_000
 """Faces of an object and of a scene, where it is not said how many."""
-CELLS = 192, 256
+CELLS = 192, 288
 """Cells along the longest side of an object, and of a scene."""
 _FEWEST = 4
 """Faces of a tetrahedron."""
@@ -79,7 +80,8 @@ def surface(
         space = Space.of(points, cameras)
         scene = space.contracted
         grid = Grid.over(space, CELLS[scene])
-        values = depths.solid(cameras, space, grid)
+        votes = depths.votes(cameras, space, grid)
+    values = solid(votes, space, grid)
     if not values.min() < 0 < values.max():
         raise AssetError("TRIASSET_EMPTY", "what the views see encloses nothing; a surface needs a volume")
     places, made = boundary(values, grid, -1.0 if scene else 1.0)
@@ -111,7 +113,7 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    places, made = with_fewer_faces(places, faces, max(count, _FEWEST))
+    places, made = with_fewer_faces(places, faces, max(count, _FEWEST), space)
     places, made = uncrossed(places, made, space)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")

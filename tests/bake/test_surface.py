@@ -194,7 +194,7 @@ def test_views_vote_as_numpy_has_it(device: Device, contracted: bool) -> None:
     places = np.stack([each.reshape(-1) for each in np.meshgrid(x, y, z, indexing="ij")], axis=1)
     far = np.maximum(np.linalg.norm(places, axis=1), 1) if contracted else np.ones(len(places))
     reach = REACH * grid.cell * space.radius / np.maximum(2 - far, 0.01) ** 2
-    twin = fused(space.outward(places), reach, views, drawn, DOUBT).reshape(grid.shape)
+    twin = fused(space.outward(places), reach, views, drawn, DOUBT[contracted]).reshape(grid.shape)
     same = np.isclose(votes, np.where(np.isnan(twin), 2, twin), atol=2e-3)
     assert same.mean() > 0.995  # a cell at the edge of a pixel may fall to its neighbour
     assert 0.02 < (twin < 0).mean() < 0.98
