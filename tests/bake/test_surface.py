@@ -250,7 +250,7 @@ def test_no_face_is_without_area_where_cells_lie_on_the_surface() -> None:
     points, faces = solid.boundary(values, Grid(np.full(3, -4.0), 1.0, values.shape), 1.0)
     assert edges_closed(faces)
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
-    assert np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).min() > 1e-5
+    assert np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).min() > 1e-6
     np.testing.assert_allclose(np.abs(points).sum(axis=1), 3, atol=0.03)
 
 
