@@ -70,6 +70,7 @@ def baked(model: Path, scene: Path, options: dict[str, Any]) -> tuple[dict[str, 
         command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+        del found["path"], found["output"]
         hashed = hashlib.sha256(outs[0].read_bytes()).hexdigest()
         return found | {"sha256": hashed}, _view(msb.open(outs[1]), read(model, scene, options["scene"]))
 

@@ -199,7 +199,7 @@ class Raster(StandardRenderer):
 
     def _drawn(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
         """Queue a drawing; return its planes, the camera's record, and the number of pixels."""
-        camera = self.lessons.cameras[number]
+        camera = self.lessons.cameras[number].in_units()
         planes = self._run(camera, self.lessons.background, everything=True)
         view = self._scratch("view", len(view_record(camera)))
         return planes, view, camera.width * camera.height

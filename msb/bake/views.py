@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msb.asset.look import up_axis
+from msb.asset.tiers import why_not
 from msb.base.paths import given_path
 from msb.errors import MetricError, UsageError
 from msb.scenes.around import around
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
 
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
 """Degrees above the horizon, and views there, of a model that nobody has cameras for."""
+BELOW = (-35.0, 12)
+"""The same of views that look at a plain mesh from below."""
 _MADE_SIZE = 480, 360
 MOST_PIXELS = 1 << 20
 """Of a picture that teaches; larger cameras are scaled."""
@@ -163,8 +166,12 @@ def _of_scene(
 
 def _made(asset: Asset, up: str | None, notes: list[str], device: str | None) -> Views:
     """Return views round an asset or within it at three heights; note what is taken for up."""
-    rings = [camera for degrees, count in RINGS for camera in around(asset, count, *_MADE_SIZE, up, degrees)]
-    outside = [replace(camera, name=f"{number:05d}") for number, camera in enumerate(rings)]
+    # What no training saw is arbitrary: a trained model is not looked at from below. Of a mesh all sides do.
+    rings = RINGS if why_not(asset.manifest, "dedicated") is None else (*RINGS, BELOW)
+    cameras = [
+        camera for degrees, count in rings for camera in around(asset, count, *_MADE_SIZE, up, degrees)
+    ]
+    outside = [replace(camera, name=f"{number:05d}") for number, camera in enumerate(cameras)]
     if up is None and asset.manifest.coordinate_frame.known_up is None:
         notes.append(f"what is up is not recorded: {up_axis(asset)} is taken for it; --up names another axis")
     found = made_views(asset, outside, device, up)

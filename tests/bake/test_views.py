@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb.bake.views import MOST_PIXELS, RINGS, BakeViews, bake_views
+from msb.bake.views import BELOW, MOST_PIXELS, RINGS, BakeViews, bake_views
 from msb.errors import MetricError, SceneError, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
@@ -77,15 +77,17 @@ def test_all_cameras_of_the_training_are_taken(tmp_path: Path) -> None:
     assert are_apart(views)
 
 
-def test_made_views_are_at_three_heights_and_apart(solid: msb.Asset) -> None:
+def test_made_views_of_a_mesh_are_at_four_heights_and_apart(solid: msb.Asset) -> None:
     views = bake_views(solid, up="+z")
     every = (*views.taught, *views.held_back)
-    assert (views.origin, len(every)) == ("turntable", 40)
+    assert (views.origin, len(every)) == ("turntable", 52)
     assert are_apart(views)
     middle = np.asarray(solid.manifest.bounding_sphere.center)
     heights = [camera.center - middle for camera in every]
     degrees = [round(float(np.degrees(np.arcsin(away[2] / np.linalg.norm(away))))) for away in heights]
-    assert {angle: degrees.count(angle) for angle in degrees} == {int(angle): n for angle, n in RINGS}
+    assert {angle: degrees.count(angle) for angle in degrees} == {
+        int(angle): n for angle, n in (*RINGS, BELOW)
+    }
     assert views.said.endswith("+z up")
     assert not views.notes
     # Without the option, what is taken for up is said.
