@@ -138,7 +138,9 @@ def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
         faces = _without_flaps(faces)  # the cap of a lone face lies on it
         torn = _open(faces)
         if not torn.any():
-            return compacted(points, faces)
+            points, faces = compacted(points, faces)
+            # Copies of a vertex part here, so that what is done about crossings knows of it.
+            return apart(Mesh(points, faces)).vertices, faces
         faces = faces[~torn]
     label = parts(points, faces)
     closed = np.ones(label.max(initial=-1) + 1, bool)

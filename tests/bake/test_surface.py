@@ -240,6 +240,7 @@ def test_what_is_not_closed_and_manifold_is_mended() -> None:
     assert audit_arrays(mended.astype(np.float32), closed)[0].verdict == "ok"
     assert edges_closed(closed)
     assert len(closed) == 24
+    assert len(np.unique(mended, axis=0)) == len(mended)
 
 
 def test_no_face_is_without_area_where_cells_lie_on_the_surface() -> None:
