@@ -65,7 +65,7 @@ class Depths(StandardRenderer):
         """Return places (n, 3) of the world that cameras see."""
         found = [np.zeros((0, 3))]
         for camera in cameras:
-            depth = self.render(camera, _BLACK).depth
+            depth = self.render(camera.in_units(), _BLACK).depth * camera.unit
             row, column = (each[::_EVERY] for each in np.nonzero(depth))
             z = depth[row, column].astype(np.float64)
             x, y = (column + 0.5 - camera.cx) / camera.fx * z, (row + 0.5 - camera.cy) / camera.fy * z
@@ -87,7 +87,7 @@ class Depths(StandardRenderer):
         cells.write(np.array([*grid.low, grid.cell], np.float32))
         for camera in cameras:
             record.write(_record(camera, space))
-            planes = self._run(camera, _BLACK, everything=True)
+            planes = self._run(camera.in_units(), _BLACK, everything=True)
             self._fuse.vote(
                 count,
                 _GROUP,
@@ -97,7 +97,7 @@ class Depths(StandardRenderer):
                 np.int32(camera.width),
                 np.int32(camera.height),
                 *(np.int32(n) for n in grid.shape),
-                np.float32(space.radius),
+                np.float32(space.radius / camera.unit),
                 np.float32(REACH * grid.cell),
                 np.int32(space.contracted),
                 sums,

@@ -67,7 +67,7 @@ def pixels_of(
     mesh = Mesh(points.astype(np.float32), faces, vertex_colors=np.zeros((len(points), 3), np.float32))
     with closing(StandardRenderer(asset_from_mesh(mesh), device=device)) as renderer:
         for camera in cameras:
-            shown = renderer.render(camera, (0.0, 0.0, 0.0)).face_id
+            shown = renderer.render(camera.in_units(), (0.0, 0.0, 0.0)).face_id
             assert shown is not None
             counts += np.bincount(shown[shown >= 0], minlength=len(faces))
     return counts
