@@ -133,7 +133,7 @@ def bake(
         surface, which tools for solids can use. "auto" makes the first two, and takes what looks better in
         views that taught neither.
     color : {"texture", "vertex"}, optional
-        Default: colours of vertices for kept triangles, else a texture.
+        Default: colours of vertices for kept triangles of a model with static colours, else a texture.
     teacher : {"dedicated", "photographs"}
         What teaches: the look of the method, or the photographs of the scene.
     faces : int, optional
@@ -403,7 +403,9 @@ class _Bake:
             mesh = fitted(*lessons, seconds=seconds, faces=most, **shared)
         if name == "surface":
             mesh = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
-        usual = "texture" if name != "kept" or wish.texture is not None else "vertex"
+        # What has no static colours has its look within each face, which colours of corners do not show.
+        has_colors = why_not(self._asset.manifest, "standard") is None
+        usual = "vertex" if name == "kept" and has_colors and wish.texture is None else "texture"
         size = wish.texture or _own_size(most_pixels(mesh, self._taught, self._device))
         return self._colored(mesh, size if (wish.color or usual) == "texture" else None)
 

@@ -48,7 +48,7 @@ class BakeOptions:
     ] = "auto"
     color: Annotated[
         Literal["texture", "vertex"] | None,
-        Option("Default: vertex for kept, else texture."),
+        Option("Default: vertex for kept, if the model has static colours; else texture."),
     ] = None
     teacher: Annotated[
         Literal["dedicated", "photographs"],
