@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Self
+from typing import IO, TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,8 @@ class Lessons:
         self.background = background
         self._draw = draw
         self._places: dict[int, int] = {}
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
+        self._file: IO[bytes] | None = None
+        self._half: Lessons | None = None
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -43,6 +44,8 @@ class Lessons:
     def stored(self, number: int) -> NDArray[np.uint16]:
         """Return the same as whole numbers of `STEPS`."""
         camera = self.cameras[number]
+        if self._file is None:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         if number not in self._places:
             image = np.clip(np.nan_to_num(self._draw(camera)), 0, 1)
             self._file.seek(0, 2)
@@ -60,11 +63,17 @@ class Lessons:
     def within(self, pixels: int) -> Lessons:
         """Return these lessons, or coarser ones: their pictures halved until the largest has so many pixels.
 
-        A pixel of a halved picture is the mean of four. What is returned keeps its own file.
+        A pixel of a halved picture is the mean of four. Each size is made once, and closed with these.
         """
         largest = max(camera.width * camera.height for camera in self.cameras)
         if largest <= pixels:
             return self
+        if self._half is None:
+            self._half = self._halved()
+        return self._half.within(pixels)
+
+    def _halved(self) -> Lessons:
+        """Return lessons of half as many pixels each way."""
         halves = [camera.resized(camera.width // 2, camera.height // 2) for camera in self.cameras]
         numbers = {id(camera): number for number, camera in enumerate(halves)}
 
@@ -73,15 +82,17 @@ class Lessons:
             means: NDArray[np.float32] = image.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3))
             return means
 
-        return Lessons(halves, self.background, halved).within(pixels)
+        return Lessons(halves, self.background, halved)
 
     def close(self) -> None:
-        """Give the file back."""
-        self._file.close()
+        """Give the files back, of the coarser lessons as well."""
+        if self._half is not None:
+            self._half.close()
+        if self._file is not None:
+            self._file.close()
 
     def __del__(self) -> None:
-        # Coarser lessons have many users, none of whom is the last to know.
-        self._file.close()
+        self.close()
 
     def __enter__(self) -> Self:
         return self

@@ -12,7 +12,7 @@ from msb.cl import sort_pairs
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
-from msb.render.standard.renderer import StandardRenderer, view_record
+from msb.render.standard.renderer import VIEW_WORDS, StandardRenderer
 
 if TYPE_CHECKING:
     from msb.bake.lessons import Lessons
@@ -201,8 +201,7 @@ class Raster(StandardRenderer):
         """Queue a drawing; return its planes, the camera's record, and the number of pixels."""
         camera = self.lessons.cameras[number].in_units()
         planes = self._run(camera, self.lessons.background, everything=True)
-        view = self._scratch("view", len(view_record(camera)))
-        return planes, view, camera.width * camera.height
+        return planes, self._scratch("view", VIEW_WORDS), self._pixels(number)
 
     def _target(self, number: int) -> Buffer:
         if number in self._targets:

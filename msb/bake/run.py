@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
@@ -30,7 +29,7 @@ from msb.bake.report import Geometry, Level, Look, Psnr, Report, Shape, Verdict,
 from msb.bake.shares import blending_shares
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES, Source, Teacher
-from msb.bake.texture import most_pixels, textured
+from msb.bake.texture import textured
 from msb.bake.views import bake_views
 from msb.bake.written import Part, write_all
 from msb.base.atomic import room_for_temporaries
@@ -40,6 +39,7 @@ from msb.errors import UsageError, about, shorten
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics import psnr
 from msb.render import Renderer
+from msb.topology.faces import face_areas
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -53,8 +53,6 @@ if TYPE_CHECKING:
 Wanted = Literal["auto", "kept", "fitted", "surface"]
 Progress = Callable[[str, int, int], None]
 LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
-_OWN_TEXTURE = 512, 4096
-"""The smallest and the largest that is chosen here."""
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
 _SEARCH = 2 / 3
@@ -325,7 +323,8 @@ class _Bake:
 
     def close(self) -> None:
         """Give the pictures back."""
-        self._taught.close()
+        for lessons in (self._teaching, self._aside, self._taught):
+            lessons.close()
 
     def best(self, stopped: Callable[[], bool]) -> tuple[Mesh, _Facts]:
         """Return the mesh as it is written, and what was found out."""
@@ -367,7 +366,8 @@ class _Bake:
         )
         if teaching is None or aside is None:
             return 0.0, None
-        area = _areas(self._asset)
+        buffers = self._asset.buffers
+        area = face_areas(buffers["positions"], buffers["indices"])[0]
         shown = visible_faces(self._asset, stored_threshold(self._asset))
         if shown is not None:
             area[~shown] = 0.0
@@ -406,8 +406,7 @@ class _Bake:
         # What has no static colours has its look within each face, which colours of corners do not show.
         has_colors = why_not(self._asset.manifest, "standard") is None
         usual = "vertex" if name == "kept" and has_colors and wish.texture is None else "texture"
-        size = wish.texture or _own_size(most_pixels(mesh, self._taught, self._device))
-        return self._colored(mesh, size if (wish.color or usual) == "texture" else None)
+        return self._colored(mesh, wish.texture, has_texture=(wish.color or usual) == "texture")
 
     def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:
         """Return the levels of detail of what was made, with a texture as large as its own."""
@@ -419,15 +418,15 @@ class _Bake:
         made = lods_of(bare, *lessons, shares, seed=self._wish.seed, device=self._device, watch=self._watch)
         found = []
         for share, one in zip(shares, made, strict=True):
-            level = self._colored(one, size)
+            level = self._colored(one, size, has_texture=size is not None)
             own = self.measured(level)[0]
             facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
             found.append((Level(share, *facts), level))
         return found
 
-    def _colored(self, mesh: Mesh, size: int | None) -> Mesh:
-        """Return a mesh as it is written: with a texture of this size, or with its colours in bytes."""
-        if size is not None:
+    def _colored(self, mesh: Mesh, size: int | None, *, has_texture: bool) -> Mesh:
+        """Return a mesh as it is written: with a texture (of this size), or with its colours in bytes."""
+        if has_texture:
             mesh = textured(mesh, self._taught, size, device=self._device, watch=self._watch)
         elif mesh.vertex_colors is not None and mesh.vertex_colors.dtype != np.uint8:
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
@@ -463,21 +462,6 @@ class _Bake:
                 for values, truth in zip(found, truths, strict=True):
                     values.append(psnr(image, truth.image(number)))
         return [mean(values) for values in found]
-
-
-def _areas(asset: Asset) -> NDArray[np.float64]:
-    """Return the area (F,) of each face."""
-    corners = asset.buffers["positions"][asset.buffers["indices"]].astype(np.float64)
-    sides = corners[:, 1:] - corners[:, :1]
-    found: NDArray[np.float64] = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
-    return found
-
-
-def _own_size(pixels: NDArray[np.float64]) -> int:
-    """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
-    side = float(np.sqrt(np.maximum(pixels, 1).sum()))
-    least, most = _OWN_TEXTURE
-    return int(min(max(2 ** round(np.log2(side)), least), most))
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.colors import laplacian
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.standard.renderer import StandardRenderer
@@ -254,13 +255,9 @@ def average(faces: Faces, count: int) -> csr_matrix:
     """Return the matrix (V, V) that takes values of vertices to the means of their neighbours."""
     import scipy.sparse as sparse
 
-    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    ends = np.concatenate([ends, ends[:, ::-1]])
-    one = np.ones(len(ends))
-    joined = sparse.coo_matrix((one, (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
-    joined.data[:] = 1
-    degree = np.maximum(np.asarray(joined.sum(axis=1)).ravel(), 1)
-    return (sparse.diags(1 / degree) @ joined).tocsr()
+    tied = laplacian(faces, count)
+    degree = tied.diagonal()
+    return (sparse.diags(1 / np.maximum(degree, 1)) @ (sparse.diags(degree) - tied)).tocsr()
 
 
 def apart(mesh: Mesh) -> Mesh:

@@ -96,8 +96,9 @@ class Soup:
         )
 
     def cut(self) -> Self:
-        """Return it with every face cut into four by the middles of its sides."""
-        corners, colors = _quartered(self.corners[self.keep]), _quartered(self.colors[self.keep])
+        """Return the faces that are shown, each cut into four by the middles of its sides."""
+        shown = self.shown()
+        corners, colors = _quartered(shown.corners), _quartered(shown.colors)
         return type(self)(corners, colors, np.ones(len(corners), bool))
 
     def mesh(self) -> Mesh:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 ROUNDS = 2
 """How often the error is drawn and reduced."""
+_OWN_SIZE = 512, 4096
+"""Texels along a side, where nobody says how many: the fewest and the most."""
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
@@ -41,7 +43,7 @@ _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 def textured(
     mesh: Mesh,
     lessons: Lessons,
-    size: int,
+    size: int | None = None,
     *,
     device: str | Device | None = None,
     watch: Watch = nobody,
@@ -55,8 +57,8 @@ def textured(
         Its colours are where the search begins, and stay where no picture shows it.
     lessons : Lessons
         Of twice the pixels that will be drawn, if the texture shall be as sharp.
-    size : int
-        Texels along a side.
+    size : int, optional
+        Texels along a side; as many as pictures show if not given.
 
     Raises
     ------
@@ -64,6 +66,7 @@ def textured(
         USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
     """
     pixels = most_pixels(mesh, lessons, device)
+    size = _own_size(pixels) if size is None else size
     if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
         mesh.faces.reshape(-1), np.arange(mesh.faces.size)
     ):
@@ -96,6 +99,13 @@ def textured(
             plane[:] = np.rint(np.clip(plane + 255 * change.reshape(plane.shape), 0, 255))
         made = replace(made, textures=(texture,))
     return made
+
+
+def _own_size(pixels: Reals) -> int:
+    """Return the power of two with about as many texels as the faces (F,) have pixels at most."""
+    side = float(np.sqrt(np.maximum(pixels, 1).sum()))
+    least, most = _OWN_SIZE
+    return int(min(max(2 ** round(np.log2(side)), least), most))
 
 
 def most_pixels(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Reals:

@@ -33,6 +33,8 @@ _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
 _COARSE = 64
 """Number of coarse depths of a tile."""
 _GROUP_SIZE = 64
+VIEW_WORDS = 51
+"""Floats of a camera's record, as zbuffer_math.cl has it."""
 _GROUPS, _ROWS = 256, 16
 """Number of work-groups for triangles that one work-item would draw too slowly, and of those that share the
 rows of a huge triangle."""
@@ -132,7 +134,7 @@ class StandardRenderer(OnDevice):
         """Queue all commands of a frame; return what `Frame` calls its arrays."""
         scale = samples or self._supersample
         width, height = camera.width * scale, camera.height * scale
-        record = view_record(enlarged(camera, scale))
+        record = _view_record(enlarged(camera, scale))
         view = self._scratch("view", record.shape)
         view.write(record)
         size = (height, width) if everything else (1, 1)
@@ -231,8 +233,8 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
     return _TILES[-1]
 
 
-def view_record(camera: Camera) -> NDArray[np.float32]:
-    """Return the record of a camera as zbuffer_math.cl has it, (51,) float32, computed in float64.
+def _view_record(camera: Camera) -> NDArray[np.float32]:
+    """Return the record of a camera as zbuffer_math.cl has it, (VIEW_WORDS,) float32, computed in float64.
 
     The centre of the camera is split into its nearest float32 and a rest, so that a camera far from the
     world's origin loses no precision. The kernels subtract the first part before they rotate a point; the
