@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake.kept import FEWEST
 from msb.bake.search import some_views, try_faces
+from msb.bake.start import Best
 
 if TYPE_CHECKING:
     from msb.bake.raster import Raster
@@ -67,6 +69,38 @@ def descend(
             try_faces(soup, raster, random, show=False)
             try_faces(soup, raster, random, show=True, most=most)
         share = done(step)
+
+
+def moved(
+    soup: Soup,
+    raster: Raster,
+    judge: Raster,
+    random: np.random.Generator,
+    *,
+    rates: tuple[float, float],
+    most: int | None,
+    look: int,
+    done: Callable[[int], float],
+) -> Soup:
+    """Return the best of `soup` in the views of `judge`, on its way from where it is: as `descend`, which
+    takes the other arguments, and looked at after every `look` steps.
+
+    Where its faces have too few pixels they stay where they are.
+    """
+    soup.refit(raster)
+    best = Best(judge)
+    best.look(soup)
+
+    def looked(step: int) -> float:
+        if step % look == 0:
+            best.look(soup)
+        return done(step)
+
+    if raster.pixels_a_face(soup.keep) >= FEWEST:
+        descend(soup, raster, random, rates=rates, most=most, done=looked)
+        soup.refit(raster)
+        best.look(soup)
+    return best.soup
 
 
 def _sizes(soup: Soup) -> NDArray[np.float64]:

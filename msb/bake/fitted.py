@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.asset.tiers import why_not
-from msb.bake.descent import descend
-from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE
+from msb.bake.descent import moved
+from msb.bake.kept import PIXELS_TO_CHOOSE
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
 from msb.bake.start import Best, Watch, choose, color, nobody, plain_mesh, rasters
@@ -75,22 +75,13 @@ def fitted(
             try_faces(soup, raster, random, show=False)
         if faces is not None:
             hide_least(soup, raster, random, faces)
-        soup.refit(raster)
-        best = Best(judge)
-        best.look(soup)
         schedule = _Schedule(until)
 
         def done(step: int) -> float:
             enough = watch("moving faces", step, schedule.steps)
-            if step % _LOOK == 0:
-                best.look(soup)
             return 1.0 if enough else schedule.share(step)
 
-        if raster.pixels_a_face(soup.keep) >= FEWEST:
-            descend(soup, raster, random, rates=_RATES, most=faces, done=done)
-            soup.refit(raster)
-            best.look(soup)
-        soup = best.soup
+        soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, look=_LOOK, done=done)
     color(soup, lessons, aside, device)
     return soup.mesh()
 

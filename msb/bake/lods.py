@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.bake.apart import distances, spread
-from msb.bake.descent import descend
+from msb.bake.descent import moved
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import Depths
-from msb.bake.kept import FEWEST
 from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
 from msb.bake.space import Space
-from msb.bake.start import Best, Watch, color, nobody, rasters
+from msb.bake.start import Watch, color, nobody, rasters
 from msb.bake.surface import taught
 from msb.base.extras import need_extra
 from msb.errors import UsageError, shorten
@@ -130,21 +129,13 @@ def _of_soup(
             unseen = np.flatnonzero(soup.refit(raster).most == 0)
             soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
             hide_least(soup, raster, random, count)
-            soup.refit(raster)
-            best = Best(judge)
-            best.look(soup)
 
-            def done(step: int, soup: Soup = soup, best: Best = best, stage: int = stage) -> float:
+            def done(step: int, stage: int = stage) -> float:
                 enough = watch("levels of detail", stage * _STEPS + step, len(stages) * _STEPS)
-                if step % _LOOK == 0:
-                    best.look(soup)
                 return 1.0 if enough else step / _STEPS
 
-            if raster.pixels_a_face(soup.keep) >= FEWEST:
-                descend(soup, raster, random, rates=_RATES, most=count, done=done)
-                soup.refit(raster)
-                best.look(soup)
-        soup = best.soup.shown()
+            soup = moved(soup, raster, judge, random, rates=_RATES, most=count, look=_LOOK, done=done)
+        soup = soup.shown()
         if is_level:
             level = soup.copy()
             color(level, lessons, aside, device)

@@ -141,7 +141,7 @@ def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
         if not torn.any():
             points, faces = compacted(points, faces)
             # Copies of a vertex part here, so that what is done about crossings knows of it.
-            return apart(Mesh(points, faces)).vertices, faces
+            return parted(Mesh(points, faces)).vertices, faces
         faces = faces[~torn]
     label = parts(points, faces)
     closed = np.ones(label.max(initial=-1) + 1, bool)
@@ -260,7 +260,7 @@ def average(faces: Faces, count: int) -> csr_matrix:
     return (sparse.diags(1 / np.maximum(degree, 1)) @ (sparse.diags(degree) - tied)).tocsr()
 
 
-def apart(mesh: Mesh) -> Mesh:
+def parted(mesh: Mesh) -> Mesh:
     """Return `mesh` with no two vertices in one place, since files that double vertices at seams tell them
     by place.
 

@@ -12,9 +12,9 @@ from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import Depths, Grid, solid
 from msb.bake.settle import settle
 from msb.bake.solid import (
-    apart,
     boundary,
     compacted,
+    parted,
     pixels_of,
     that_matter,
     uncrossed,
@@ -126,7 +126,7 @@ def taught(
         settle(places, soup, raster, best, space, np.random.default_rng(seed), watch)
         soup = best.soup
     color(soup, lessons, aside, device)
-    return apart(soup.on(_moved(mesh, soup)))
+    return parted(soup.on(_moved(mesh, soup)))
 
 
 def _moved(mesh: Mesh, soup: Soup) -> Mesh:
