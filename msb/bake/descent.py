@@ -23,12 +23,40 @@ if TYPE_CHECKING:
     from msb.bake.soup import Soup
 
 _MOMENTUM, _SCALE = 0.9, 0.99
-_MEMORY = 0.9
+_TINY = 1e-30
+MEMORY = 0.9
 """What a step leaves of the sums of the steps before it."""
-_RECOLOR, _TRY = 5, 40
+RECOLOR, _TRY = 5, 40
 """Steps after which colours are solved, and after which faces are hidden and shown."""
 _FARTHEST = 3.0
 """How many times the rate a corner moves at most in a step."""
+
+
+class Adam:
+    """Which way and how far to move at each step, in rates of the step, by Adam's rule.
+
+    What moves together has one scale. No place moves farther than `farthest` rates.
+    """
+
+    def __init__(self, farthest: float) -> None:
+        self._farthest = farthest
+        self._step = 0
+        self._slope: NDArray[np.float64] | float = 0.0
+        self._square: NDArray[np.float64] | float = 0.0
+
+    def move(self, slope: NDArray[np.float64], square: NDArray[np.float64] | float) -> NDArray[np.float64]:
+        """Return what to take from places, as slopes (..., 3) of the error there say.
+
+        `square` is the mean square of the slopes that have one scale, and fits to `slope`.
+        """
+        self._step += 1
+        self._slope = _MOMENTUM * self._slope + (1 - _MOMENTUM) * slope
+        self._square = _SCALE * self._square + (1 - _SCALE) * square
+        size = np.sqrt(self._square / (1 - _SCALE**self._step)) + _TINY
+        move: NDArray[np.float64] = self._slope / (1 - _MOMENTUM**self._step) / size
+        length = np.linalg.norm(move, axis=-1, keepdims=True)
+        move *= np.minimum(1, self._farthest / np.maximum(length, _TINY))
+        return move
 
 
 def descend(
@@ -44,26 +72,20 @@ def descend(
 
     A rate is relative to the size of a face. No more than `most` are shown. ``done(step)`` is called after
     each step and says how much of all is done, from 0 to 1, where it ends."""
-    slope = np.zeros(soup.corners.shape)
-    scale = np.zeros(len(soup.corners))
+    adam = Adam(_FARTHEST)
     memory = None
     step, share = 0, 0.0
     while share < 1:
         step += 1
         soup.put_on(raster)
         seen = raster.seen(some_views(raster, random))
-        new = seen.slopes.astype(np.float64)
-        slope = _MOMENTUM * slope + (1 - _MOMENTUM) * new
-        scale = _SCALE * scale + (1 - _SCALE) * np.square(new).mean(axis=(1, 2))
-        size = np.sqrt(scale / (1 - _SCALE**step)) + 1e-30
-        move = slope / (1 - _MOMENTUM**step) / size[:, None, None]
-        length = np.linalg.norm(move, axis=2, keepdims=True)
-        move *= np.minimum(1, _FARTHEST / np.maximum(length, 1e-30))
+        slopes = seen.slopes.astype(np.float64)
+        move = adam.move(slopes, np.square(slopes).mean(axis=(1, 2), keepdims=True))
         first, last = rates
         rate = first + (last - first) * share
         soup.corners -= (rate * _sizes(soup)[:, None, None] * move).astype(np.float32)
-        memory = seen.sums if memory is None else _MEMORY * memory + seen.sums
-        if step % _RECOLOR == 0:
+        memory = seen.sums if memory is None else MEMORY * memory + seen.sums
+        if step % RECOLOR == 0:
             soup.recolor(seen._replace(sums=memory))
         if step % _TRY == 0:
             try_faces(soup, raster, random, show=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,46 +100,87 @@ def lods(
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
+    levels = _Levels(mesh, lessons, aside, counts, seed, device, watch)
     if len(mesh.vertices) == 3 * len(mesh.faces):
-        return list(_of_soup(mesh, lessons, aside, counts, seed, device, watch))
+        return list(levels.of_soup())
     need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
-    if closed(mesh.vertices, mesh.faces):
-        return list(_of_surface(mesh, lessons, aside, counts, seed, device, watch))
-    return list(_of_mesh(mesh, lessons, aside, counts, device, watch))
+    return list(levels.of_surface() if closed(mesh.vertices, mesh.faces) else levels.of_mesh())
 
 
-def _of_soup(
-    mesh: Mesh,
-    lessons: Lessons,
-    aside: Lessons,
-    counts: Sequence[int],
-    seed: int,
-    device: str | Device | None,
-    watch: Watch,
-) -> Iterator[Mesh]:
-    random = np.random.default_rng(seed)
-    soup = Soup.of(mesh, shares=False)
-    stages = _stages(len(mesh.faces), counts)
-    for stage, (count, is_level) in enumerate(stages):
-        # Larger faces need fewer pixels; at half the faces those are enough by which all of them were moved.
-        pixels = 2 * PIXELS_TO_MOVE * count // len(mesh.faces)
-        small = lessons.within(pixels), aside.within(pixels)
-        # Faces that are gone do not come back: they would count as some of those that are tried at a time.
-        with rasters(soup, *small, device) as (raster, judge):
-            unseen = np.flatnonzero(soup.refit(raster).most == 0)
-            soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
-            hide_least(soup, raster, random, count)
+@dataclass(frozen=True)
+class _Levels:
+    """Levels of a mesh of so many faces each, and the pictures that they are taught by."""
 
-            def done(step: int, stage: int = stage) -> float:
-                enough = watch("levels of detail", stage * _STEPS + step, len(stages) * _STEPS)
-                return 1.0 if enough else step / _STEPS
+    mesh: Mesh
+    lessons: Lessons
+    aside: Lessons
+    counts: Sequence[int]
+    seed: int
+    device: str | Device | None
+    watch: Watch
 
-            soup = moved(soup, raster, judge, random, rates=_RATES, most=count, look=_LOOK, done=done)
-        soup = soup.shown()
-        if is_level:
-            level = soup.copy()
-            color(level, lessons, aside, device)
-            yield level.mesh()
+    def of_soup(self) -> Iterator[Mesh]:
+        """Yield what is left of a soup when the faces go that are worth least."""
+        whole = len(self.mesh.faces)
+        random = np.random.default_rng(self.seed)
+        soup = Soup.of(self.mesh, shares=False)
+        stages = _stages(whole, self.counts)
+        for stage, (count, is_level) in enumerate(stages):
+            # Larger faces need fewer pixels; at half the faces those are enough by which all were moved.
+            pixels = 2 * PIXELS_TO_MOVE * count // whole
+            small = self.lessons.within(pixels), self.aside.within(pixels)
+            # Faces that are gone do not come back: they would count as some of those tried at a time.
+            with rasters(soup, *small, self.device) as (raster, judge):
+                unseen = np.flatnonzero(soup.refit(raster).most == 0)
+                soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
+                hide_least(soup, raster, random, count)
+
+                def done(step: int, stage: int = stage) -> float:
+                    return 1.0 if self._watched(stage, len(stages), step, _STEPS) else step / _STEPS
+
+                soup = moved(soup, raster, judge, random, rates=_RATES, most=count, look=_LOOK, done=done)
+            soup = soup.shown()
+            if is_level:
+                level = soup.copy()
+                color(level, self.lessons, self.aside, self.device)
+                yield level.mesh()
+
+    def of_surface(self) -> Iterator[Mesh]:
+        """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
+        lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (self.lessons, self.aside))
+        with closing(Depths(self.mesh, self.device)) as depths:
+            seen = depths.points(lessons.cameras)
+        points = self.mesh.vertices.astype(np.float64)
+        space = Space.of(seen if len(seen) else points, lessons.cameras)
+        made = space.inward(points), self.mesh.faces
+        for level, count in enumerate(self.counts):
+
+            def watch(_: str, done: int, total: int, level: int = level) -> bool:
+                return self._watched(level, len(self.counts), done, total)
+
+            given = *made, max(4, count), space, lessons, aside
+            yield taught(*given, seed=self.seed, device=self.device, watch=watch)
+
+    def of_mesh(self) -> Iterator[Mesh]:
+        """Yield an open surface with fewer faces, which stay where they are."""
+        from scipy.spatial import cKDTree
+
+        points = self.mesh.vertices.astype(np.float64)
+        for level, count in enumerate(self.counts):
+            self._watched(level, len(self.counts), 0, 1)
+            placed, faces = simpler(points, self.mesh.faces, count)
+            fewer = Mesh(placed.astype(np.float32), faces, up=self.mesh.up)
+            if self.mesh.vertex_colors is not None:
+                # What no view sees keeps the colour of the vertex next to it.
+                nearest = cKDTree(points).query(placed)[1]
+                fewer = replace(fewer, vertex_colors=self.mesh.vertex_colors[nearest])
+            soup = Soup.of(fewer, shares=True)
+            color(soup, self.lessons, self.aside, self.device)
+            yield soup.on(fewer)
+
+    def _watched(self, level: int, levels: int, done: int, total: int) -> bool:
+        """Tell how much of all levels is done; return whether to end."""
+        return self.watch("levels of detail", level * total + done, levels * total)
 
 
 def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, bool]]:
@@ -152,54 +193,6 @@ def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, bool]]:
         stages += [*((number, False) for number in between), (count, True)]
         faces = count
     return stages
-
-
-def _of_surface(
-    mesh: Mesh,
-    lessons: Lessons,
-    aside: Lessons,
-    counts: Sequence[int],
-    seed: int,
-    device: str | Device | None,
-    watch: Watch,
-) -> Iterator[Mesh]:
-    lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (lessons, aside))
-    with closing(Depths(mesh, device)) as depths:
-        seen = depths.points(lessons.cameras)
-    points = mesh.vertices.astype(np.float64)
-    space = Space.of(seen if len(seen) else points, lessons.cameras)
-    places = space.inward(points)
-    for level, count in enumerate(counts):
-
-        def stage(_: str, done: int, total: int, level: int = level) -> bool:
-            return watch("levels of detail", level * total + done, len(counts) * total)
-
-        yield taught(
-            places, mesh.faces, max(4, count), space, lessons, aside, seed=seed, device=device, watch=stage
-        )
-
-
-def _of_mesh(
-    mesh: Mesh,
-    lessons: Lessons,
-    aside: Lessons,
-    counts: Sequence[int],
-    device: str | Device | None,
-    watch: Watch,
-) -> Iterator[Mesh]:
-    from scipy.spatial import cKDTree
-
-    points = mesh.vertices.astype(np.float64)
-    for level, count in enumerate(counts):
-        watch("levels of detail", level, len(counts))
-        placed, faces = simpler(points, mesh.faces, count)
-        fewer = Mesh(placed.astype(np.float32), faces, up=mesh.up)
-        if mesh.vertex_colors is not None:  # what no view sees keeps the colour of the vertex next to it
-            nearest = cKDTree(points).query(placed)[1]
-            fewer = replace(fewer, vertex_colors=mesh.vertex_colors[nearest])
-        soup = Soup.of(fewer, shares=True)
-        color(soup, lessons, aside, device)
-        yield soup.on(fewer)
 
 
 def screen_share(mesh: Mesh, lod: Mesh, *, rows: int = ROWS) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake import colors
+from msb.bake.descent import MEMORY, RECOLOR, Adam
 from msb.bake.search import some_views
 from msb.bake.solid import put_back
 
@@ -29,8 +30,6 @@ STIFF = 0.5
 STEPS, LOOK = 200, 20
 RATES = 0.12, 0.01
 """In edges, how far a step moves a vertex in the mean: at first, and at last."""
-_MOMENTUM, _SCALE = 0.9, 0.99
-_MEMORY, _RECOLOR = 0.9, 5
 _FARTHEST = 4.0
 """How many times the rate a vertex moves at most in a step."""
 
@@ -54,22 +53,18 @@ def settle(
     bending = identity(count, format="csr") + STIFF * colors.laplacian(faces, count)
     smooth = splu(bending.tocsc()).solve
     good, moved = points, bending @ points
-    slope, scale = np.zeros_like(points), 0.0
+    adam = Adam(_FARTHEST)
     memory = None
     for step in range(1, STEPS + 1):
         seen = raster.seen(some_views(raster, random))
         new = _at_vertices(seen.slopes.astype(np.float64), faces, count)
         new = smooth(space.pulled(points, new))
-        slope = _MOMENTUM * slope + (1 - _MOMENTUM) * new
-        scale = _SCALE * scale + (1 - _SCALE) * float(np.square(new[new.any(axis=1)]).sum(axis=1).mean())
-        move = slope / (1 - _MOMENTUM**step) / (np.sqrt(scale / (1 - _SCALE**step)) + 1e-30)
-        length = np.linalg.norm(move, axis=1, keepdims=True)
-        move *= np.minimum(1, _FARTHEST / np.maximum(length, 1e-30))
+        move = adam.move(new, float(np.square(new[new.any(axis=1)]).sum(axis=1).mean()))
         first, last = RATES
         rate = first + (last - first) * step / STEPS
         moved -= rate * _edge(points, faces) * move
         points = space.held(smooth(moved))
-        memory = seen.sums if memory is None else _MEMORY * memory + seen.sums
+        memory = seen.sums if memory is None else MEMORY * memory + seen.sums
         if step % LOOK == 0:
             good = put_back(points, good, faces, space)
             points, moved = good, bending @ good
@@ -79,7 +74,7 @@ def settle(
             soup.refit(raster)
             best.look(soup)
             watch("moving vertices", step, STEPS)
-        elif step % _RECOLOR == 0:
+        elif step % RECOLOR == 0:
             soup.recolor(seen._replace(sums=memory))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.fitted import PIXELS_TO_MOVE
-from msb.bake.fusion import Depths, Grid, solid
+from msb.bake.fusion import REACH, Depths, Grid, solid
 from msb.bake.settle import settle
 from msb.bake.solid import (
     boundary,
@@ -28,8 +28,11 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from msb.bake.lessons import Lessons
     from msb.cl import Device
+    from msb.scenes import Camera
 
 FACES = 8_000, 20_000
 """Faces of an object and of a scene, where it is not said how many."""
@@ -71,15 +74,39 @@ def surface(
     need_extra("bench", "skimage", what="a closed surface")
     need_extra("trial", "fast_simplification", what="a closed surface")
     lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (lessons, aside))
-    cameras = lessons.cameras
     watch("solid", 0, 1)
+    places, made, space = enclosed(soup, lessons.cameras, CELLS, device=device)
+    watch("fewer faces", 0, 1)
+    count = FACES[space.contracted] if faces is None else faces
+    return taught(places, made, count, space, lessons, aside, seed=seed, device=device, watch=watch)
+
+
+def enclosed(
+    soup: Mesh,
+    cameras: Sequence[Camera],
+    cells: tuple[int, int],
+    margin: float = REACH,
+    *,
+    device: str | Device | None = None,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], Space]:
+    """Return the surface of what cameras see of a soup, closed: places inside a space, faces, the space.
+
+    So many `cells` lie along the longest side of an object, and of a scene, and `margin` around an object:
+    what no camera looks at is closed that far away.
+
+    Raises
+    ------
+    AssetError
+        TRIASSET_EMPTY: no camera sees anything that has a volume.
+    DeviceError
+    """
     with closing(Depths(soup, device)) as depths:
         points = depths.points(cameras)
         if not len(points):
             raise AssetError("TRIASSET_EMPTY", "no view sees anything opaque; a surface is made of what is")
         space = Space.of(points, cameras)
         scene = space.contracted
-        grid = Grid.over(space, CELLS[scene])
+        grid = Grid.over(space, cells[scene], margin)
         votes = depths.votes(cameras, space, grid)
     values = solid(votes, space, grid)
     if not values.min() < 0 < values.max():
@@ -87,10 +114,7 @@ def surface(
     places, made = boundary(values, grid, -1.0 if scene else 1.0)
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
     pixels = pixels_of(space.outward(places), made, cameras, device)
-    places, made = compacted(places, made[that_matter(places, made, pixels, least)])
-    watch("fewer faces", 0, 1)
-    count = FACES[scene] if faces is None else faces
-    return taught(places, made, count, space, lessons, aside, seed=seed, device=device, watch=watch)
+    return *compacted(places, made[that_matter(places, made, pixels, least)]), space
 
 
 def taught(
