@@ -8,12 +8,12 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from msb.base.version import __version__
-from msb.bench.aggregate import SCENES
 from msb.errors import UsageError, shorten
 from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
 from msb.report.figures import Figure, figures
 from msb.report.findings import find
+from msb.report.layout import PAPER_ROW
 from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.pictures import View, view_names, views
@@ -21,7 +21,7 @@ from msb.report.report import Report, Section, places_of
 from msb.report.tables import measured
 from msb.report.tables.features import deployment_features, native_features
 from msb.report.tables.gaps import gaps_table, slowdown_table
-from msb.report.tables.reproducibility import reproducibility, reproducibility_statistics
+from msb.report.tables.reproducibility import SOURCES, reproducibility, reproducibility_statistics
 
 if TYPE_CHECKING:
     from msb.report.results import ResultSet
@@ -50,6 +50,14 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "reproducibility_comparison": (reproducibility, ""),
 }
 """Label of a table of the paper -> the function that makes ours, and its dataset if it is of one."""
+_PAPER_LABELS = {
+    "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
+    "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
+    "latency-mipnerf360": "mip360_unity_gpu_latency",
+    "mesh_connectivity-mipnerf360": "mesh_connectivity",
+    "reproducibility": "reproducibility_comparison",
+}
+"""Label of a table of ours -> what the paper calls it, where that is another name."""
 
 _SECTIONS = {
     "deployment": (
@@ -111,7 +119,7 @@ def build_report(
     paper = paper_numbers() if with_paper else Numbers({}, of_paper=True)
     if published:
         paper = replace(paper, values={**paper.values, **published})
-    others = [dataset for dataset in numbers.datasets() if _has_other_scenes(numbers, dataset)]
+    others = [dataset for dataset in numbers.datasets() if numbers.has_other_scenes(dataset)]
     paper = _without(paper, others)
     findings = tuple(find(numbers, first=against_findings(compared, against or "")))
     charts = figures(numbers, paper) if pictures else []
@@ -157,11 +165,7 @@ def paper_report(*, pictures: bool = True) -> Report:
             tuple(figures(numbers)) if pictures else (),
         ),
     )
-    # A finding may point at a table that the paper has under another name.
-    labels = {"renderer_comparison-mipnerf360": "mip360_renderer_comparison",
-              "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
-              "mesh_connectivity-mipnerf360": "mesh_connectivity"}  # fmt: skip
-    findings = [replace(one, table=labels.get(one.table, one.table)) for one in find(numbers)]
+    findings = [replace(one, table=_PAPER_LABELS.get(one.table, one.table)) for one in find(numbers)]
     summary = "The tables of the MeshSplatBench paper, from its own numbers; nothing here was measured."
     return Report("The paper's tables", summary, sections, tuple(findings), (), numbers)
 
@@ -170,6 +174,15 @@ def _with_contradictions(*own: Table) -> tuple[Table, ...]:
     """Return tables of the paper with notes on what contradicts them elsewhere in the paper."""
     known = contradictions()
     return tuple(replace(table, notes=(*table.notes, *known.get(table.label, ()))) for table in own)
+
+
+def _with_paper_notes(table: Table) -> Table:
+    """Return a table of ours with notes on what contradicts the paper's numbers in it, if it has any."""
+    beside = any(SOURCES["meshsplatbench"] in column.groups for column in table.columns)
+    if not beside and not any(row.paper for row in table.rows):
+        return table
+    known = contradictions().get(_PAPER_LABELS.get(table.label, table.label), ())
+    return replace(table, notes=(*table.notes, *(f"{PAPER_ROW}: {note}" for note in known)))
 
 
 def _sections(
@@ -211,7 +224,8 @@ def _sections(
     }
     sections = []
     for name, (title, intro, kind) in _SECTIONS.items():
-        own = tuple(table for table in made.get(name, ()) if table.rows and table.columns)
+        tables = (table for table in made.get(name, ()) if table.rows and table.columns)
+        own = tuple(map(_with_paper_notes, tables))
         figures = tuple(chart for chart in charts if chart.name.partition("-")[0] == kind)
         looks = shown if name == "looks" else ()
         if own or figures or looks:
@@ -225,12 +239,6 @@ def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:
         if name not in known:
             example = f"; {min(known)} is one" if known else ""
             raise UsageError("USAGE", f'there is no test view "{shorten(name, 80)}"{example}')
-
-
-def _has_other_scenes(numbers: Numbers, dataset: str) -> bool:
-    """Return whether a dataset has a published name but none of its scenes, such as the stubs."""
-    published = SCENES.get(dataset, ())
-    return bool(published) and not any(scene in published for scene in numbers.scenes(dataset))
 
 
 def _without(paper: Numbers, datasets: Sequence[str]) -> Numbers:

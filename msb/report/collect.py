@@ -25,7 +25,7 @@ from msb.report.numbers import (
     RatioKey,
     condition_order,
     gap_tiers,
-    in_place_of,
+    ratio_tiers,
     scene_title,
 )
 from msb.report.results import Place, ResultSet
@@ -51,9 +51,11 @@ REFERENCE = "rendered by our reference renderer, not by the method's own code"
 SOUP = "a soup: no two faces share a vertex, so nothing of its connectivity can be good or bad"
 LPIPS = "LPIPS of VGG16's features, version 0.1, of images scaled to [-1, 1]"
 RESIZED = "against photographs resized here, not shipped in this size"
+STE = "ste_threshold is on: faces of less opacity are left out, where Standard knows of no opacity otherwise"
 WHITE = "photographs and renderings over white, as in the dataset's protocol"
 _OVER_WHITE = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
+_DRAWERS = {"upstream": "own code", "msb_reference": "NumPy"}
 _CAMERAS = {
     "gs_fov": "gs_fov (the principal point in the middle)",
     "full_K": "full_K (the principal point where it is)",
@@ -70,19 +72,35 @@ def collect(results: ResultSet) -> Numbers:
     views = _views(records)
     gaps: dict[GapKey, Gaps] = {}
     ratios: dict[RatioKey, Ratio] = {}
+    drawn_by: dict[tuple[str, str], str] = {}
     for dataset in _ordered({place.dataset for place in records}, SCENES):
         scenes = _ordered({p.scene for p in records if p.dataset == dataset}, SCENES.get(dataset, ()))
+        drawers = _drawers(records, dataset)
+        drawn_by |= {(dataset, condition): name for condition, name in drawers.items()}
         for method in _ordered({p.method for p in records if p.dataset == dataset}, METHODS):
             of_scenes = {scene: records.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = _conditions(records, dataset, method)
             for condition in conditions:
                 _add_condition(values, views, dataset, method, condition, of_scenes)
-            _add_gaps(gaps, dataset, method, conditions, of_scenes)
+            _add_gaps(gaps, dataset, method, gap_tiers(conditions, drawers), of_scenes)
             expected = expected_scenes(dataset, scenes)
-            for dedicated in ("dedicated", *in_place_of(conditions, "dedicated")):
-                for pair in (("standard", dedicated), (dedicated, "non_engine")):
+            for standard, dedicated in ratio_tiers(conditions, drawers):
+                for pair in ((standard, dedicated), (dedicated, "non_engine")):
                     ratios[RatioKey(dataset, method, *pair)] = slowdown(of_scenes, expected, *pair)
-    return Numbers(_with_setups(values, records), gaps, ratios, views)
+    return Numbers(_with_setups(values, records), gaps, ratios, views, drawn_by)
+
+
+def _drawers(records: Mapping[Place, Mapping[str, Result]], dataset: str) -> dict[str, str]:
+    """Return condition -> what drew it in a dataset: an engine, OpenCL, NumPy, or the methods' own code."""
+    names: dict[str, dict[str, None]] = {}
+    for place, conditions in records.items():
+        for condition, result in conditions.items():
+            if place.dataset == dataset and condition != "exported_mesh":
+                kind = "" if result.renderer is None else result.renderer.kind
+                own = "OpenCL" if result.cell.condition != "non_engine" else _DRAWERS.get(kind)
+                if name := result.cell.renderer or own:
+                    names.setdefault(condition, {})[name] = None
+    return {condition: ", ".join(own) for condition, own in names.items()}
 
 
 def _views(records: Mapping[Place, Mapping[str, Result]]) -> dict[Key, dict[str, float]]:
@@ -210,6 +228,9 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
             yield REFERENCE
         if result.setup is not None and result.setup.gt_resized:
             yield RESIZED
+        settings = {} if result.renderer is None else result.renderer.settings
+        if result.cell.condition == "standard" and settings.get("ste_threshold") is not None:
+            yield STE
         if metric == "lpips":
             yield LPIPS
             for one in () if result.quality is None else result.quality.metrics:
@@ -246,11 +267,11 @@ def _add_gaps(
     gaps: dict[GapKey, Gaps],
     dataset: str,
     method: str,
-    conditions: Sequence[str],
+    tiers: Sequence[tuple[str, str]],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
     expected = expected_scenes(dataset, of_scenes)
-    for pair in gap_tiers(conditions):
+    for pair in tiers:
         named = dict(zip(("non_engine", "standard", "dedicated"), ("non_engine", *pair), strict=True))
         compared = {
             scene: {name: own[condition] for name, condition in named.items() if condition in own}

@@ -129,7 +129,7 @@ def deployment_gap(numbers: Numbers, dataset: str) -> Figure | None:
         "condition that supports the method; its means are over the scenes that all of its conditions have. "
         "A thin line with open markers goes through a variant of Dedicated."
     )
-    return _figure("deployment_gap", dataset, caption, draw)
+    return _figure("deployment_gap", dataset, caption, draw, _other_scenes(numbers, dataset))
 
 
 def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str) -> list[tuple[int, float]]:
@@ -203,7 +203,7 @@ def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
         "quality against speed. Up is better, right is faster; the markers are the conditions, the line "
         "styles the methods."
     )
-    return _figure("quality_speed", dataset, caption, draw)
+    return _figure("quality_speed", dataset, caption, draw, _other_scenes(numbers, dataset))
 
 
 def differences(published: Sequence[Pair], dataset: str) -> Figure | None:
@@ -290,8 +290,15 @@ def _legend(axes: Axes, handles: Sequence[Any] = ()) -> None:
     figure.set_size_inches(width, height + _ROW * max(rows - _ROWS, 0))
 
 
-def _figure(kind: str, dataset: str, caption: str, draw: Callable[[Axes], None]) -> Figure:
-    title = dataset_title(dataset)
+def _other_scenes(numbers: Numbers, dataset: str) -> str:
+    """Return which scenes go by the name of a published dataset that has none of them."""
+    scenes = list(map(scene_title, numbers.scenes(dataset)))
+    shown = ", ".join([*scenes[:3], *(["..."] if len(scenes) > 3 else [])])
+    return f" ({shown})" if numbers.has_other_scenes(dataset) else ""
+
+
+def _figure(kind: str, dataset: str, caption: str, draw: Callable[[Axes], None], scenes: str = "") -> Figure:
+    title = f"{dataset_title(dataset)}{scenes}"
     return Figure(f"{kind}-{slug(dataset)}", f"{title}: {caption}", partial(_drawn, title, draw))
 
 

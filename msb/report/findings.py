@@ -14,6 +14,7 @@ from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import digits, text
 from msb.report.numbers import (
     MEAN,
+    ON_CPU,
     QUALITY,
     GapKey,
     Key,
@@ -22,15 +23,26 @@ from msb.report.numbers import (
     dataset_title,
     method_title,
 )
-from msb.report.safe_names import slug
+from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED
 
-_MOST = 10
+_MOST = 12
 """Findings; more are not read."""
+_ALWAYS = ("slowdown", "engine_slowdown", "structure", "training", "unsupported")
+"""Kinds of findings whose place no number of others takes."""
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 """Kinds of what is as one expects, or is no finding on deployment."""
 _NOTHING = 0.005
 """A difference of less than this many dB is printed as 0.00."""
+_COSTS = {
+    "chamfer": "non_engine",
+    "fps": "dedicated",
+    "memory": "dedicated",
+    "asset_size": "dedicated",
+    "train_seconds": "non_engine",
+    "train_memory": "non_engine",
+}
+"""Metrics besides image quality that a method may lead by -> the condition whose number is the method's."""
 _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
 
 
@@ -85,20 +97,27 @@ def _sure(difference: Interval | None) -> str:
 
 
 def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
-    """Return at most ten findings, those in `first` and then the most important. No numbers, no findings."""
+    """Return at most twelve findings, those in `first` and then the most important. No numbers, no findings.
+
+    Those on speed and structure stay, whatever there is to be said of quality.
+    """
     findings = [
         *first,
         *_gap_findings(numbers),
         *_monotone_findings(numbers),
         *_ranking_findings(numbers),
         *_leader_findings(numbers),
+        *_surface_findings(numbers),
         *_training_findings(numbers),
         *_speed_findings(numbers),
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
     # What did not change, and what there is not, comes last; else the order is that above.
-    return sorted(findings, key=lambda one: one.kind in _MINOR)[:_MOST]
+    findings.sort(key=lambda one: one.kind in _MINOR)
+    others = [one for one in findings if one.kind not in _ALWAYS]
+    left_out = others[max(0, _MOST - (len(findings) - len(others))) :]
+    return [one for one in findings if one not in left_out]
 
 
 def _gap_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -211,8 +230,8 @@ def _not_monotone(broken: dict[tuple[str, str, str], list[tuple[GapKey, Gaps]]],
 
 def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield where the order of the methods by PSNR changes from one condition to another, and where not."""
-    same: list[str] = []
-    label = ""
+    changed: dict[str, str] = {}
+    same: dict[str, str] = {}
     for dataset in numbers.datasets():
         conditions = [name for name in numbers.conditions(dataset) if not name.startswith("standard/")]
         changes: dict[str, list[str]] = {}
@@ -231,18 +250,20 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 changes.setdefault(f"{_order(before)} becomes {_order(after)}", []).append(names)
         if changes:
             every = "; ".join(f"{', '.join(names)} ({order})" for order, names in changes.items())
-            sentence = f"On {dataset_title(dataset)} the ranking by PSNR changes between {every}."
-            yield Finding("ranking", sentence, f"renderer_comparison-{slug(dataset)}")
+            changed[dataset] = f"On {dataset_title(dataset)} the ranking by PSNR changes between {every}."
         elif compared:
-            same.append(dataset_title(dataset))
-            label = label or f"renderer_comparison-{slug(dataset)}"
+            same[dataset] = dataset_title(dataset)
+    sentences = [*changed.values()]
     if same:
-        sentence = f"On {', '.join(same)} the ranking by PSNR is the same under every condition."
-        yield Finding("same_ranking", sentence, label)
+        names = ", ".join(same.values())
+        sentences.append(f"On {names} the ranking by PSNR is the same under every condition.")
+    if sentences:
+        label = f"renderer_comparison-{slug(next(iter({**changed, **same})))}"
+        yield Finding("ranking" if changed else "same_ranking", " ".join(sentences), label)
 
 
 def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
-    """Yield on which datasets another method leads by another metric: images against the surface, say."""
+    """Yield on which datasets another method leads by another metric: images against speed, say."""
     sentences: list[str] = []
     table = ""
     for dataset in numbers.datasets():
@@ -250,9 +271,7 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
             leaders = _leaders(numbers, dataset, condition)
             if len(leaders) < 2:
                 continue
-            each = ", ".join(
-                f"{method_title(method)} by {' and '.join(by)}" for method, by in leaders.items()
-            )
+            each = ", ".join(f"{method_title(method)} by {_listed(by)}" for method, by in leaders.items())
             sentences.append(f"on {dataset_title(dataset)} ({condition_title(condition)}) {each}")
             own = condition == "non_engine"
             table = table or ("native_summary" if own else f"renderer_comparison-{slug(dataset)}")
@@ -262,28 +281,64 @@ def _leader_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[str]]:
-    """Return method -> by what it leads; the Chamfer distance stands with the Non-Engine results."""
+    """Return method -> by what it leads; none if there is no image quality to compare."""
     leaders: dict[str, list[str]] = {}
-    for metric in (*QUALITY, "chamfer"):
-        best = _leader(numbers, dataset, "non_engine" if metric == "chamfer" else condition, metric)
+    seen = any(_ordered(numbers, dataset, condition, metric) for metric in QUALITY)
+    for metric in (*QUALITY, *_COSTS) if seen else ():
+        best = _leader(numbers, dataset, _COSTS.get(metric, condition), metric)
         if best is not None:
-            unit = f" {METRICS[metric].unit}" if METRICS[metric].unit in ("dB", "mm") else ""
-            leaders.setdefault(best[0], []).append(f"{METRICS[metric].title} {text(metric, best[1])}{unit}")
+            leaders.setdefault(best[0], []).append(f"{METRICS[metric].title} {_with_unit(metric, best[1])}")
     return leaders
+
+
+def _with_unit(metric: str, value: float) -> str:
+    unit = METRICS[metric].unit
+    return text(metric, value) + (f" {unit}" if unit in ("dB", "mm") else "")
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def _leader(numbers: Numbers, dataset: str, condition: str, metric: str) -> tuple[str, float] | None:
     """Return the best of at least two methods with whole means, and its value; None where two are equal."""
-    means = {
-        method: number.value
+    ranked = _ordered(numbers, dataset, condition, metric)
+    return ranked[0] if len(ranked) > 1 and _ahead(metric, ranked[0][1], ranked[1][1]) else None
+
+
+def _ordered(numbers: Numbers, dataset: str, condition: str, metric: str) -> list[tuple[str, float]]:
+    """Return the methods with whole means, best first; a rate of a CPU says as much of what else it did."""
+    means = [
+        (method, number.value)
         for method in numbers.methods(dataset, condition)
         if (number := numbers.number(Key(dataset, MEAN, method, condition, metric))).value is not None
         and number.present == number.expected
-    }
-    ranked = sorted(means.items(), key=lambda one: one[1], reverse=METRICS[metric].better == "higher")
-    if len(ranked) < 2 or abs(ranked[0][1] - ranked[1][1]) < METRICS[metric].last_digit:
-        return None
-    return ranked[0]
+        and not any(note.startswith(ON_CPU) for note in number.notes)
+    ]
+    return sorted(means, key=lambda one: one[1], reverse=METRICS[metric].better == "higher")
+
+
+def _ahead(metric: str, value: float, other: float) -> bool:
+    """Return whether `value` is better than `other` by what a table shows."""
+    difference = value - other if METRICS[metric].better == "higher" else other - value
+    return difference >= METRICS[metric].last_digit
+
+
+def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield where the order of the methods by their images is another than that by their surfaces."""
+    for dataset in numbers.datasets():
+        surfaces = _ordered(numbers, dataset, "non_engine", "chamfer")
+        orders = []
+        for metric in ("psnr", "lpips"):
+            images = _ordered(numbers, dataset, "non_engine", metric)
+            both = dict(images).keys() & dict(surfaces).keys()
+            first, second = ([one for one in order if one[0] in both] for order in (images, surfaces))
+            if _swapped(first, second, metric, "chamfer"):
+                orders.append(f"by {METRICS[metric].title} it is {_order(first, metric)}")
+        if orders:
+            orders.append(f"by {METRICS['chamfer'].title} {_order(surfaces, 'chamfer')}")
+            where = f"On {dataset_title(dataset)} the order by images is not that by surfaces"
+            yield Finding("surface_order", f"{where}: {'; '.join(orders)} mm.", "native_summary")
 
 
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -292,28 +347,29 @@ def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     if not cases:
         return
     first, last = min(cases), max(cases)
-    if last.value - first.value >= METRICS["train_seconds"].last_digit:
+    if first.detail != last.detail:
         sentence = f"A training takes from {first.detail} ({first.name}) to {last.detail} ({last.name})."
         yield Finding("training", sentence, "native_summary")
 
 
 def _ranking(numbers: Numbers, dataset: str, condition: str, other: str) -> list[tuple[str, float]]:
     """Return the methods that have whole means in both conditions, best in `condition` first."""
-    ranking = []
-    for method in numbers.methods(dataset, condition):
-        both = [numbers.number(Key(dataset, MEAN, method, c, "psnr")) for c in (condition, other)]
-        if both[0].value is not None and all(n.value is not None and n.present == n.expected for n in both):
-            ranking.append((method, both[0].value))
-    return sorted(ranking, key=lambda pair: -pair[1])
+    there = dict(_ordered(numbers, dataset, other, "psnr"))
+    return [one for one in _ordered(numbers, dataset, condition, "psnr") if one[0] in there]
 
 
-def _swapped(before: list[tuple[str, float]], after: list[tuple[str, float]]) -> list[tuple[str, str]]:
-    """Return the pairs of methods of which the second overtakes the first, by what a table shows."""
-    digit, values = METRICS["psnr"].last_digit, dict(after)
+def _swapped(
+    before: list[tuple[str, float]], after: list[tuple[str, float]], metric: str = "psnr", then: str = "psnr"
+) -> list[tuple[str, str]]:
+    """Return the pairs of methods of which the second overtakes the first, by what a table shows.
+
+    `before` are values of `metric`, best first, and `after` of `then`.
+    """
+    values = dict(after)
     return [
         (better, worse)
         for (better, first), (worse, second) in combinations(before, 2)
-        if first - second >= digit and values[worse] - values[better] >= digit
+        if _ahead(metric, first, second) and _ahead(then, values[worse], values[better])
     ]
 
 
@@ -336,8 +392,8 @@ def _p(difference: Interval) -> float:
     return 2.0 if difference.p is None else difference.p
 
 
-def _order(ranking: list[tuple[str, float]]) -> str:
-    return ", ".join(f"{method_title(method)} {value:.2f}" for method, value in ranking)
+def _order(ranking: list[tuple[str, float]], metric: str = "psnr") -> str:
+    return ", ".join(f"{method_title(method)} {text(metric, value)}" for method, value in ranking)
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -348,6 +404,12 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
             "Dedicated runs at {} times the frame rate of Non-Engine",
         ),
     }
+    for _, _, standard, dedicated in numbers.ratios:
+        if engine := standard.partition("/")[2]:  # two conditions of one engine, as in the paper
+            sentence = f"Both drawn by {plain_text(engine)}, Standard is {{}} times as fast as "
+            sentence += condition_title(dedicated)
+            sentence += _engine_loss(numbers, standard, dedicated)
+            sentences[standard, dedicated] = "engine_slowdown", sentence
     for pair, (kind, sentence) in sentences.items():
         cases = [
             _Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
@@ -360,7 +422,19 @@ def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
         range_ = low.detail if len(cases) == 1 else f"{low.detail} to {high.detail}"
         of = f"least {low.name}, most {high.name}; by mean frame rates"
         of = f"{low.name}, by frame rate" if len(cases) == 1 else of
-        yield Finding(kind, f"{sentence.format(range_)} ({of}).", "slowdown")
+        yield Finding(kind, f"{sentence.replace('{}', range_)} ({of}).", "slowdown")
+
+
+def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
+    """Return what Standard costs in an engine that draws both conditions."""
+    losses = [
+        gaps.port.signed
+        for key, gaps in numbers.gaps.items()
+        if (key.scene, key.metric, key.standard, key.dedicated) == (MEAN, "psnr", standard, dedicated)
+        and gaps.port.signed is not None
+    ]
+    shown = dict.fromkeys(digits(loss, 2) for loss in (min(losses), max(losses))) if losses else ()
+    return f" and costs {' to '.join(shown)} dB of PSNR" if losses else ""
 
 
 def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
@@ -379,7 +453,9 @@ def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
     if pieces is not None:
         count = text("components", pieces)
         sentence += f", in {count} {'piece' if count == '1' else 'pieces'}"
-    if len(cases) > 1:
+    if len(cases) > 1 and low.detail == high.detail:
+        sentence += f"; all {len(cases)} indexed meshes have the same share"
+    elif len(cases) > 1:
         sentence += f", the most of {len(cases)} indexed meshes; the least are {low.detail}, of {low.name}"
     yield Finding("structure", f"{sentence}.", label)
 

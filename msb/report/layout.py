@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from msb.bench.aggregate import METRICS
-from msb.report.metric_format import digits, printed_value, text, title
+from msb.report.metric_format import decimals, digits, printed_value, text, title
 from msb.report.numbers import ON_CPU, Key, Number, Numbers, condition_title, dataset_title, method_title
 from msb.report.table import Cell, Column, Row, Table
 
@@ -124,7 +124,7 @@ def mark_best(cells: Sequence[Cell], groups: Sequence[Hashable], *, alone: bool)
 
 def _as_printed(cell: Cell) -> float:
     assert isinstance(cell.value, float)
-    return round(cell.value, METRICS[cell.metric].decimals)
+    return round(cell.value, decimals(cell.metric, cell.value))
 
 
 def _rows(numbers: Numbers, grid: list[tuple[Line, list[Key]]], best_of: Sequence[str]) -> list[Row]:

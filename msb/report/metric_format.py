@@ -5,8 +5,8 @@ from __future__ import annotations
 from msb.bench.aggregate import METRICS
 from msb.topology.shown import structure_text
 
-_SMALL_MIB = 10.0
-"""Memory of fewer MiB is printed with decimals, because "0" would say that there is none."""
+_SMALL = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
+"""Unit -> below which value how many decimals are printed, because "0" would say that there is nothing."""
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
 
@@ -44,6 +44,12 @@ def digits(value: float, decimals: int, *, sign: bool = False) -> str:
     return shown if float(shown) else shown.lstrip("+-")
 
 
+def decimals(metric: str, shown: float) -> int:
+    """Return how many decimals of `shown`, in the unit it is printed in, are printed."""
+    unit = METRICS[metric].unit
+    return next((more for below, more in _SMALL.get(unit, ()) if 0 < shown < below), METRICS[metric].decimals)
+
+
 def text(metric: str, value: float) -> str:
     """Return `value`, in the records' unit, as a table prints it.
 
@@ -51,12 +57,14 @@ def text(metric: str, value: float) -> str:
     --------
     >>> text("psnr", 28.164), text("memory", 1140.1 * 2**20)
     ('28.16', '1140')
+    >>> text("train_seconds", 1.2), text("train_seconds", 90), text("memory", 300_000)
+    ('0.02', '1.5', '0.3')
     >>> text("components", 715_000), text("components", 17)
     ('0.71 M', '17')
     """
     if metric == "components":
         return structure_text(metric, value)
     shown = printed_value(metric, value)
-    if METRICS[metric].unit == "MiB" and 0 < shown < _SMALL_MIB:
-        return f"{shown:.1f}" if shown >= 0.1 else f"{shown:.2f}" if shown >= 0.01 else "<0.01"
-    return digits(shown, METRICS[metric].decimals)
+    if METRICS[metric].unit in _SMALL and 0 < shown < 0.01:
+        return "<0.01"
+    return digits(shown, decimals(metric, shown))

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from msb.bench.aggregate import CONDITION_TITLES, TITLES
+from msb.bench.aggregate import CONDITION_TITLES, SCENES, TITLES
 from msb.bench.records import CONDITIONS, TIER_OF
 from msb.metrics.registry import IMAGE_METRICS
 from msb.registry import METHODS
@@ -97,13 +97,15 @@ class RatioKey(NamedTuple):
 class Numbers:
     """All numbers of a set of results, or of the paper (`of_paper`). Names come in the order of `values`.
 
-    `views` has the values of every view, of the image metrics of a scene.
+    `views` has the values of every view, of the image metrics of a scene; `drawn_by` what drew a dataset's
+    condition: "OpenCL", an engine, the methods' own code.
     """
 
     values: Mapping[Key, Number]
     gaps: Mapping[GapKey, Gaps] = field(default_factory=dict)
     ratios: Mapping[RatioKey, Ratio] = field(default_factory=dict)
     views: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
+    drawn_by: Mapping[tuple[str, str], str] = field(default_factory=dict)
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
@@ -122,6 +124,11 @@ class Numbers:
         own = (key for key in self._of(dataset) if not conditions or key.condition in conditions)
         return list(dict.fromkeys(key.method for key in own))
 
+    def has_other_scenes(self, dataset: str) -> bool:
+        """Return whether a dataset has a published name but none of its scenes, such as the stubs."""
+        published = SCENES.get(dataset, ())
+        return bool(published) and not any(scene in published for scene in self.scenes(dataset))
+
     def scenes(self, dataset: str) -> list[str]:
         """Return the scenes of a dataset, means apart."""
         return list(dict.fromkeys(key.scene for key in self._of(dataset) if key.scene not in MEANS))
@@ -136,6 +143,17 @@ class Numbers:
     def in_place_of(self, dataset: str, condition: str) -> list[str]:
         """Return the variants or engines of a condition in a dataset."""
         return in_place_of(self.conditions(dataset), condition)
+
+    def gap_tiers(self, dataset: str) -> list[tuple[str, str]]:
+        """Return the pairs (standard, dedicated) that gaps of a dataset go through."""
+        return gap_tiers(self.conditions(dataset), self._drawn_by(dataset))
+
+    def ratio_tiers(self, dataset: str) -> list[tuple[str, str]]:
+        """Return the pairs (standard, dedicated) whose frame rates are held against each other."""
+        return ratio_tiers(self.conditions(dataset), self._drawn_by(dataset))
+
+    def _drawn_by(self, dataset: str) -> dict[str, str]:
+        return {condition: name for (of, condition), name in self.drawn_by.items() if of == dataset}
 
     def _of(self, dataset: str) -> Iterable[Key]:
         return (key for key in self.values if key.dataset == dataset)
@@ -161,13 +179,29 @@ def in_place_of(conditions: Iterable[str], condition: str) -> list[str]:
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 
-def gap_tiers(conditions: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the pairs (standard, dedicated) that gaps go through: the tiers, each variant, each engine."""
-    return [
-        ("standard", "dedicated"),
-        *(("standard", variant) for variant in in_place_of(conditions, "dedicated")),
+def gap_tiers(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return the pairs (standard, dedicated) that gaps go through.
+
+    They are the tiers, each variant, each engine, and each engine's two tiers where it draws both.
+    """
+    variants = in_place_of(conditions, "dedicated")
+    pairs = [
+        *(("standard", dedicated) for dedicated in ("dedicated", *variants)),
         *((engine, "dedicated") for engine in in_place_of(conditions, "standard")),
+        *ratio_tiers(conditions, drawn_by),
     ]
+    return list(dict.fromkeys(pairs))
+
+
+def ratio_tiers(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Return the pairs (standard, dedicated) whose frame rates may be held against each other.
+
+    With Dedicated and each variant of it goes the Standard of the engine that draws it, where there is one:
+    rates of two engines are of two devices.
+    """
+    engines = {drawn_by.get(name): name for name in in_place_of(conditions, "standard")}
+    dedicated = ("dedicated", *in_place_of(conditions, "dedicated"))
+    return [(engines.get(drawn_by.get(name, ""), "standard"), name) for name in dedicated]
 
 
 def condition_order(condition: str) -> tuple[int, bool]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -15,7 +16,19 @@ from msb.bench.aggregate import METRICS
 from msb.bench.checked import checked, read_json
 from msb.bench.gaps import Gaps, Ratio, value_gaps
 from msb.registry import METHODS
-from msb.report.numbers import DRAWN_CONDITIONS, MEAN, QUALITY, GapKey, Key, Number, Numbers, RatioKey
+from msb.report.numbers import (
+    DRAWN_CONDITIONS,
+    MEAN,
+    QUALITY,
+    GapKey,
+    Key,
+    Number,
+    Numbers,
+    RatioKey,
+    dataset_title,
+    method_title,
+)
+from msb.report.table import NOT_THERE
 
 PAPER_TABLES = (
     "native_summary",
@@ -45,6 +58,14 @@ _OUR_METRICS = {
 ENGINE_FLOOR = (
     "the paper's Standard memory is nearly the same for all methods and smaller than their meshes: what its "
     "engine takes without them, so it is not comparable with ours, which counts every buffer"
+)
+
+ENGINE_PICTURE = (
+    "the paper's Dedicated is an engine's picture, ours the official one; its like is a variant with the "
+    "order global and the sampling engine"
+)
+LPIPS_ELSEWHERE = (
+    "LPIPS as it was published, which may be of another network, version or scaling of the images"
 )
 
 
@@ -78,7 +99,11 @@ def paper_numbers(*tables: str) -> Numbers:
     for label in tables or PAPER_TABLES:
         for key, number in _table(label).items():
             values.setdefault(key, number)
-    return Numbers(values, _gaps(values), _ratios(values), of_paper=True)
+    drawn_by = {
+        (key.dataset, key.condition): "own code" if key.condition == "non_engine" else "Unity"
+        for key in values
+    }
+    return Numbers(values, _gaps(values), _ratios(values), drawn_by=drawn_by, of_paper=True)
 
 
 def paper_row(table: str, **where: str) -> dict[str, float]:
@@ -155,9 +180,16 @@ def _entry(cell: _Cell) -> tuple[Key, Number]:
 def _noted(key: Key, number: Number) -> Number:
     """Return `number` with what is known to be wrong with it (docs/report.md, "in the paper")."""
     if number.value is None:
-        return number
+        if key.source != "paper" or number.absent != NOT_THERE:
+            return number
+        where = f"{method_title(key.method)}'s own paper reports no results on {dataset_title(key.dataset)}"
+        return replace(number, reason=where)
     if key.metric == "memory" and key.condition == "standard":
         return Number(number.value, notes=(ENGINE_FLOOR,))
+    if key.condition == "dedicated" and (key.metric in QUALITY or key.metric == "fps"):
+        return Number(number.value, notes=(ENGINE_PICTURE,))
+    if key.metric == "lpips" and key.source in ("paper", "public"):
+        return Number(number.value, notes=(LPIPS_ELSEWHERE,))
     own = METHODS[key.method].paper_notes if key.method in METHODS else ()
     if key.condition != "non_engine" or key.source not in ("", "meshsplatbench"):
         own = ()

@@ -112,7 +112,9 @@ def measure(
     if psnr is not None:
         changes["quality"] = quality(psnr, ssim, shifts=shifts, cell=made.cell)
     for part, value in changes.items():
-        changes[part] = getattr(made, part).model_copy(update=value) if isinstance(value, dict) else value
+        held = getattr(made, part)
+        part_of = isinstance(value, dict) and not isinstance(held, dict)
+        changes[part] = held.model_copy(update=value) if part_of else value
     made = made.model_copy(update=changes)
     write(root, made, images=images)
     return made

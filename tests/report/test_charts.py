@@ -74,3 +74,13 @@ def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     assert "per scene" in figure.caption
     assert ">train<" in figure.svg
     assert differences(found, "dtu") is None
+
+
+def test_a_chart_names_the_scenes_that_only_borrow_a_datasets_name() -> None:
+    for scene, title in (("pebble", "Mip-NeRF 360 (pebble): "), ("garden", "Mip-NeRF 360: ")):
+        values = {
+            Key("mipnerf360", row, "two_dts", condition, "psnr"): Number(20.0)
+            for row in (scene, "mean")
+            for condition in ("non_engine", "dedicated")
+        }
+        assert deployment_gap(Numbers(values), "mipnerf360").caption.startswith(title)

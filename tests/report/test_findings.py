@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 
 from msb.bench.documents import ChamferDocument
 from msb.report.figures import deployment_gap
-from msb.report.findings import find
+from msb.report.findings import Finding, find
 from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, GapKey, Key, Numbers
 from msb.report.paper import paper_numbers
-from msb.report.tables.gaps import gaps_table
+from msb.report.tables.gaps import gaps_table, slowdown_table
 from tests.report.documents import chamfer
 from tests.report.factory import measure, numbers_of
 
@@ -40,7 +40,8 @@ def test_findings_are_the_papers_with_its_numbers() -> None:
     assert "not_monotone" not in said
     # The paper says that 2DTS and Triangle-Splatting lead under Dedicated; its own numbers do not.
     assert "becomes 2DTS 23.28, DiffSoup 23.15, Triangle-Splatting 22.96" in said["ranking"][0]
-    assert len(said["ranking"]) == 2  # one a dataset
+    (both,) = said["ranking"]
+    assert all(f"On {name} the ranking" in both for name in ("Mip-NeRF 360", "Tanks and Temples"))
 
 
 def test_what_is_not_monotone_is_said_with_its_excess_in_sentence_and_table(tmp_path: Path) -> None:
@@ -76,12 +77,27 @@ def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:
             measure(tmp_path, "non_engine", psnr, ssim, **named, chamfer=distance, training=training)
     found = sentences(numbers_of(tmp_path))
     assert found["leaders"] == [
-        "No method leads by every metric: on capture (Non-Engine) 2DTS by PSNR 31.00 dB and SSIM 0.900, "
-        "MeshSplatting by CD 0.50 mm."
+        "No method leads by every metric: on capture (Non-Engine) 2DTS by PSNR 31.00 dB, SSIM 0.900 and "
+        "Train time (min) 20.0, MeshSplatting by CD 0.50 mm."
+    ]
+    assert found["surface_order"] == [
+        "On capture the order by images is not that by surfaces: by PSNR it is 2DTS 31.00, MeshSplatting "
+        "29.00; by CD MeshSplatting 0.50, 2DTS 0.80 mm."
     ]
     assert found["training"] == [
         "A training takes from 20.0 min (2DTS on capture) to 40.0 min (MeshSplatting on capture)."
     ]
+
+
+@pytest.mark.parametrize(("kind", "led"), [("gpu", True), ("cpu", False)])
+def test_who_leads_by_images_may_not_lead_by_cost(tmp_path: Path, kind: str, led: bool) -> None:
+    for method, psnr, fps in (("two_dts", 31.0, 50.0), ("mesh_splatting", 29.0, 400.0)):
+        timing = {"fps": fps, "device_kind": kind}
+        memory = {"geometry": 300 << 20 if method == "two_dts" else 200 << 20}
+        measure(tmp_path, "dedicated", psnr, method=method, timing=timing, memory=memory)
+    (said,) = sentences(numbers_of(tmp_path))["leaders"]
+    rate = "FPS 400 and " if led else ""
+    assert said.endswith(f"on capture (Dedicated) 2DTS by PSNR 31.00 dB, MeshSplatting by {rate}Memory 200.")
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.004])
@@ -133,6 +149,53 @@ def test_what_rounds_to_nothing_has_no_sign_and_is_monotone(tmp_path: Path) -> N
         "0.00", "10.00", "10.00", "0.00", "+10.00", "+10.00", "yes", "0.00",
     ]  # fmt: skip
     assert "not_monotone" not in sentences(numbers)
+
+
+def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(numbers: Numbers) -> None:
+    assert len(numbers.datasets()) == 4
+    many = [Finding("against", f"Number {number}.", "against") for number in range(20)]
+    for first in ([], many):
+        kinds = [one.kind for one in find(numbers, first)]
+        assert {"slowdown", "structure", "training", "unsupported"} <= set(kinds)
+        assert len(kinds) <= 12
+        assert kinds.count("ranking") <= 1
+    assert (kinds[0], len(kinds)) == ("against", 12)
+
+
+def test_meshes_of_one_share_are_not_ranked(tmp_path: Path) -> None:
+    for method in ("two_dts", "mesh_splatting"):
+        measure(tmp_path, "exported_mesh", method=method)
+    (said,) = sentences(numbers_of(tmp_path))["structure"]
+    assert said.endswith("; all 2 indexed meshes have the same share.")
+
+
+def test_two_tiers_of_one_engine_are_held_against_each_other(tmp_path: Path) -> None:
+    measure(tmp_path, "non_engine", 30.0)
+    measure(tmp_path, "dedicated", 30.0, timing={"fps": 50.0})
+    measure(tmp_path, "standard", 20.0, timing={"fps": 100.0})
+    here: dict[str, Any] = {"device": {"device": {"name": "Another GPU", "platform": "Vulkan"}}}
+    engine = {"renderer": "wgpu"}
+    measure(tmp_path, "standard", 18.0, cell=engine, timing={"fps": 900.0}, **here)
+    for label, psnr, fps in (("hardware", 29.0, 300.0), ("coarse", 27.0, 450.0)):
+        measure(tmp_path, "dedicated", psnr, cell={**engine, "variant": label}, timing={"fps": fps}, **here)
+    numbers = numbers_of(tmp_path)
+    rows = {row.labels[1]: [cell.text for cell in row.cells] for row in slowdown_table(numbers).rows}
+    assert rows == {
+        "2DTS": ["2.00", "2.00 to 2.00", "0.56", "0.56 to 0.56"],
+        "2DTS, hardware, wgpu": ["3.00", "3.00 to 3.00", "--", "--"],
+        "2DTS, coarse, wgpu": ["2.00", "2.00 to 2.00", "--", "--"],
+    }
+    shown = gaps_table(numbers, "capture").rows
+    gaps = {row.labels[1]: [cell.text for cell in row.cells[:3]] for row in shown if "PSNR" in row.labels[0]}
+    assert gaps["2DTS, hardware, wgpu"] == ["1.00", "11.00", "12.00"]
+    assert gaps["2DTS, hardware"] == ["1.00", "9.00", "10.00"]
+    assert gaps["2DTS, wgpu"] == ["0.00", "12.00", "12.00"]
+    assert sentences(numbers)["engine_slowdown"] == [
+        "Both drawn by wgpu, Standard is 2.0 times as fast as Dedicated, coarse and costs 9.00 dB of PSNR "
+        "(2DTS on capture, by frame rate).",
+        "Both drawn by wgpu, Standard is 3.0 times as fast as Dedicated, hardware and costs 11.00 dB of PSNR "
+        "(2DTS on capture, by frame rate).",
+    ]
 
 
 @pytest.mark.parametrize("value", [-0.04, 0.04])

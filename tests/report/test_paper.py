@@ -16,7 +16,15 @@ from msb.report.build import paper_report
 from msb.report.layout import number_cell
 from msb.report.metric_format import title
 from msb.report.numbers import MEAN, GapKey, Key, condition_title, dataset_title, scene_title
-from msb.report.paper import PAPER_TABLES, contradictions, paper_numbers, paper_row, published_numbers
+from msb.report.paper import (
+    ENGINE_PICTURE,
+    LPIPS_ELSEWHERE,
+    PAPER_TABLES,
+    contradictions,
+    paper_numbers,
+    paper_row,
+    published_numbers,
+)
 from msb.report.table import Cell, Table
 from msb.report.tables.reproducibility import SOURCES
 from tests.conftest import ROOT
@@ -204,6 +212,18 @@ def test_numbers_that_are_not_comparable_say_so() -> None:
     lpips = numbers.number(Key("mipnerf360", MEAN, "three_dgs", "non_engine", "lpips"))
     assert "not comparable" in lpips.notes[0]
     assert number_cell("lpips", lpips).footnotes == lpips.notes
+
+
+def test_an_engines_picture_and_lpips_from_elsewhere_are_noted() -> None:
+    numbers = paper_numbers()
+    dedicated = Key("mipnerf360", MEAN, "two_dts", "dedicated", "psnr")
+    assert numbers.number(dedicated).notes == (ENGINE_PICTURE,)
+    assert ENGINE_PICTURE not in numbers.number(dedicated._replace(condition="standard")).notes
+    lpips = Key("mipnerf360", MEAN, "diffsoup", "non_engine", "lpips", "paper")
+    assert numbers.number(lpips).notes == (LPIPS_ELSEWHERE,)
+    assert numbers.number(lpips._replace(source="meshsplatbench")).notes == ()
+    missing = numbers.number(lpips._replace(dataset="tanksandtemples"))
+    assert missing.reason == "DiffSoup's own paper reports no results on Tanks and Temples"
 
 
 def test_paper_row_is_in_units_of_one() -> None:

@@ -12,13 +12,15 @@ from msb.bench.aggregate import SCENES
 from msb.bench.records import Cell as Place
 from msb.bench.records import Reason, RendererInfo, Result
 from msb.metrics.vgg import weights_source
-from msb.report.collect import NOT_RUN, REFERENCE
+from msb.report.build import build_report
+from msb.report.collect import NOT_RUN, REFERENCE, STE
 from msb.report.layout import mark_best
 from msb.report.metric_format import text
 from msb.report.numbers import MEAN, Key, Number, Numbers
-from msb.report.paper import paper_numbers
+from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
 from msb.report.results import Place as ResultPlace
+from msb.report.results import read_results
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables import measured
 from msb.report.tables.asset import asset_tables
@@ -98,9 +100,9 @@ def test_a_single_value_is_best_only_in_the_paper() -> None:
 def test_the_best_condition_of_each_method_is_bold(numbers: Numbers) -> None:
     table = measured.renderer_comparison(numbers, "mipnerf360")
     methods = [column.title for column in table.columns]
-    fps = row_of(table, "Dedicated", "FPS ↑").cells[methods.index("DiffSoup")]
+    fps = row_of(table, "Dedicated", "OpenCL", "FPS ↑").cells[methods.index("DiffSoup")]
     assert (fps.text, fps.bold) == ("1995", True)
-    assert not row_of(table, "Dedicated", "FPS ↑").cells[methods.index("2DTS")].bold
+    assert not row_of(table, "Dedicated", "OpenCL", "FPS ↑").cells[methods.index("2DTS")].bold
 
 
 def partial(root: Path) -> Numbers:
@@ -116,7 +118,7 @@ def partial(root: Path) -> Numbers:
 def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
     numbers = partial(tmp_path)
     table = measured.renderer_comparison(numbers, "mipnerf360")
-    cell = row_of(table, "Standard", "PSNR ↑").cells[0]
+    cell = row_of(table, "Standard", "OpenCL", "PSNR ↑").cells[0]
     assert cell.text.endswith(" (7/9)")
     assert any(note.startswith("(7/9) is the mean over bicycle, ") for note in cell.notes)
     assert cell.to_dict()["partial"] is True
@@ -160,7 +162,7 @@ def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
         measure(tmp_path, "standard", 11.0, 0.3, **there, renderer=own)
     numbers = numbers_of(tmp_path)
     table = measured.renderer_comparison(numbers, "tanksandtemples")
-    assert row_of(table, "Standard, blender_cycles", "PSNR ↑").cells[0].text == "11.00"
+    assert row_of(table, "Standard, blender_cycles", "blender_cycles", "PSNR ↑").cells[0].text == "11.00"
     gaps = gaps_table(numbers, "tanksandtemples")
     assert row_of(gaps, "PSNR ↑", "2DTS, blender_cycles").cells[1].text == "8.26"
 
@@ -279,6 +281,47 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
     means = row_of(table, "Public", "means of datasets", "PSNR")
     assert means.cells[0].text == "8"
     assert means.cells[3].value == pytest.approx(100 * 0.93 / 18.38, rel=1e-6)
+
+
+def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report, results: Path) -> None:
+    (known,) = [note for note in contradictions()["slowdown"] if "on the host" in note]
+    assert f"in the paper: {known}" in whole.tables["slowdown"].notes
+    alone = build_report(read_results(results), pictures=False, with_paper=False)
+    assert not any("in the paper" in note for table in alone.tables.values() for note in table.notes)
+
+
+def test_short_trainings_and_small_memory_show_digits_and_the_best_by_them(tmp_path: Path) -> None:
+    for method, seconds in (("two_dts", 1.2), ("mesh_splatting", 2.4), ("diffsoup", 90.0)):
+        training = {"seconds": seconds, "peak_memory_bytes": 1 << 33}
+        measure(tmp_path, "non_engine", method=method, training=training)
+    cells = [row.cells for row in measured.native_summary(numbers_of(tmp_path)).rows]
+    shown = {cell.text: cell.bold for row in cells for cell in row if cell.metric == "train_seconds"}
+    assert shown == {"0.02": True, "0.04": False, "1.5": False}
+
+
+@pytest.mark.parametrize("threshold", [None, 0.1])
+def test_opacity_that_hides_faces_on_standard_is_noted(tmp_path: Path, threshold: float | None) -> None:
+    for condition in ("dedicated", "standard"):
+        measure(tmp_path, condition, 20.0, renderer={"settings": {"ste_threshold": threshold}})
+    numbers = numbers_of(tmp_path)
+    key = Key("capture", "desk", "two_dts", "standard", "psnr")
+    assert (STE in numbers.number(key).notes) == (threshold is not None)
+    assert STE not in numbers.number(key._replace(condition="dedicated")).notes
+
+
+@pytest.mark.parametrize(
+    ("dataset", "scene", "beside"),
+    [("mipnerf360", "garden", True), ("mipnerf360", "pebble", False), ("dtu", "scan24", False)],
+)
+def test_the_papers_mesh_stands_beside_meshes_of_its_dataset(
+    tmp_path: Path, dataset: str, scene: str, beside: bool
+) -> None:
+    made = measure(tmp_path, "exported_mesh", dataset=dataset, scene=scene)
+    place = ResultPlace(dataset, scene, "two_dts")
+    table = asset_tables(place, {"exported_mesh": made}, numbers_of(tmp_path))["structure"]
+    name = "MeshSplatting, mean of Mip-NeRF 360 in the paper"
+    assert [row.labels[0] for row in table.rows] == ["this mesh", *([name] if beside else [])]
+    assert any("by looking at the mesh" in note for note in table.notes)
 
 
 def test_components_are_in_millions_unless_that_says_nothing() -> None:

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from msb.bench.aggregate import METRICS
+from msb.bench.aggregate import METRICS, SCENES
 from msb.report.layout import line, make_table, number_cell
 from msb.report.metric_format import text, title_with_unit
-from msb.report.numbers import QUALITY, Number, Numbers, condition_title, method_title
+from msb.report.numbers import (
+    QUALITY,
+    Number,
+    Numbers,
+    condition_title,
+    dataset_title,
+    method_title,
+)
 from msb.report.paper import methods_in, paper_row
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.gaps import scene_gaps_table
-from msb.report.tables.measured import DRIVER_NOTE, connectivity_columns
+from msb.report.tables.measured import DRIVER_NOTE, STRUCTURE_NOTES, connectivity_columns
 
 if TYPE_CHECKING:
     from msb.bench.records import Memory, Result
@@ -42,7 +49,7 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
         tables["memory"] = _memory_table(held)
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
     if audit is not None:
-        tables["structure"] = _structure_table(vars(audit.metrics))
+        tables["structure"] = _structure_table(place, vars(audit.metrics))
     return tables
 
 
@@ -65,20 +72,21 @@ def _memory_table(held: Mapping[str, Memory]) -> Table:
     )
 
 
-def _structure_table(metrics: Mapping[str, float | None]) -> Table:
-    paper = paper_row("mesh_connectivity", scene="mean")
-    methods = ", ".join(map(method_title, methods_in("mesh_connectivity")))
+def _structure_table(place: Place, metrics: Mapping[str, float | None]) -> Table:
+    """Return the diagnostics of a mesh, over the paper's mean if that is of the same dataset's scenes."""
     columns = connectivity_columns()
 
     def cells(values: Mapping[str, float | None]) -> tuple[Cell, ...]:
         own = [(column.of["metric"], values.get(column.of["metric"])) for column in columns]
         return tuple(number_cell(name, Number(value, reason="nothing to divide by")) for name, value in own)
 
-    rows = (
-        Row(("this mesh",), cells(metrics)),
-        Row((f"{methods}, mean in the paper",), cells(paper), paper=True),
-    )
-    return Table("structure", "The mesh, as stored.", ("",), tuple(columns), rows)
+    rows = [Row(("this mesh",), cells(metrics))]
+    if place.scene in SCENES.get(place.dataset, ()):
+        for method in methods_in("mesh_connectivity"):
+            paper = paper_row("mesh_connectivity", dataset=place.dataset, method=method, scene="mean")
+            name = f"{method_title(method)}, mean of {dataset_title(place.dataset)} in the paper"
+            rows += [Row((name,), cells(paper), paper=True)] if paper else []
+    return Table("structure", "The mesh, as stored.", ("",), tuple(columns), tuple(rows), STRUCTURE_NOTES)
 
 
 def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:

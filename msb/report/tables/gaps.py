@@ -19,7 +19,6 @@ from msb.report.numbers import (
     RatioKey,
     condition_title,
     dataset_title,
-    gap_tiers,
     method_title,
 )
 from msb.report.safe_names import plain_text, slug
@@ -63,11 +62,11 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric of a dataset.
 
-    Engines take the place of Standard, variants that of Dedicated.
+    Engines take the place of Standard, variants that of Dedicated, and an engine that draws both of both.
     """
     rows: list[Row] = []
     for metric in QUALITY:
-        for standard, dedicated in gap_tiers(numbers.conditions(dataset)):
+        for standard, dedicated in numbers.gap_tiers(dataset):
             for method in numbers.methods(dataset, dedicated, standard):
                 key = GapKey(dataset, MEAN, method, metric, standard, dedicated)
                 if not key.own_tiers and key not in numbers.gaps:
@@ -121,15 +120,15 @@ def slowdown_table(numbers: Numbers, paper: Numbers | None = None) -> Table:
     """Return how many times faster Standard is than Dedicated, and Dedicated than Non-Engine."""
     rows: list[Row] = []
     for dataset in numbers.datasets():
-        for dedicated in ("dedicated", *numbers.in_place_of(dataset, "dedicated")):
+        for standard, dedicated in numbers.ratio_tiers(dataset):
             for method in numbers.methods(dataset, dedicated):
-                both = dedicated, "standard"
+                both = standard, dedicated
                 if all(numbers.value(Key(dataset, MEAN, method, c, "fps")) is None for c in both):
                     continue
-                key = GapKey(dataset, MEAN, method, "fps", dedicated=dedicated)
+                key = GapKey(dataset, MEAN, method, "fps", standard, dedicated)
                 labels = dataset_title(dataset), gap_title(key)
                 rows.append(Row(labels, _ratio_cells(numbers, key)))
-                if paper is not None and RatioKey(dataset, method, "standard", dedicated) in paper.ratios:
+                if paper is not None and RatioKey(dataset, method, *both) in paper.ratios:
                     rows.append(Row((labels[0], PAPER_ROW), _ratio_cells(paper, key), paper=True))
     return Table(
         "slowdown",
@@ -197,14 +196,19 @@ def gap_cell(
 
 def _ends(numbers: Numbers, key: GapKey, name: GapName) -> list[Number]:
     """Return the two numbers whose difference a gap is."""
-    conditions = [{"standard": key.standard, "dedicated": key.dedicated}.get(end, end) for end in PAIRS[name]]
+    conditions = _through(key, PAIRS[name])
     return [numbers.number(Key(key.dataset, key.scene, key.method, c, key.metric)) for c in conditions]
+
+
+def _through(key: GapKey, tiers: Iterable[str]) -> list[str]:
+    """Return the conditions that stand for `tiers` in a gap."""
+    return [{"standard": key.standard, "dedicated": key.dedicated}.get(tier, tier) for tier in tiers]
 
 
 def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
     cells: list[Cell] = []
     for pair in _RATIOS:
-        own = [key.dedicated if condition == "dedicated" else condition for condition in pair]
+        own = _through(key, pair)
         ratio = numbers.ratios.get(RatioKey(key.dataset, key.method, *own))
         if ratio is None or ratio.value is None:
             ends = [numbers.number(Key(*key[:3], condition, "fps")) for condition in own]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from msb.bench.aggregate import METRICS, scene_groups
 from msb.report.collect import SOUP
 from msb.report.layout import Line, line, make_table, metric_columns
-from msb.report.metric_format import title_with_unit
+from msb.report.metric_format import title, title_with_unit
 from msb.report.numbers import (
     MEAN,
     MEANS,
@@ -20,7 +20,7 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.safe_names import slug
-from msb.report.table import NOT_SUPPORTED, Column, Table
+from msb.report.table import NOT_SUPPORTED, NOT_THERE, Column, Table
 
 TIME_NOTE = (
     "P50 and P95 of the device time of a frame, from the start of its first command to the end of its last, "
@@ -42,7 +42,11 @@ PARTS_NOTES = (
 STRUCTURE_NOTES = (
     "of the mesh as it is stored: nothing was merged, removed or repaired before",
     "a boundary may be legitimate: of an open scene, of a sheet, of what no camera saw",
-    "the number of components depends on the resolution of the mesh and on the scene",
+    "V/F and valence measure how often vertices are reused, not whether the mesh is manifold or its geometry "
+    "right; seams of UVs, normals and materials double vertices in place, which raises V/F",
+    "components and their largest one say nothing of right geometry or of manifoldness; their number depends "
+    "on the resolution of the mesh and on the scene, so it is read with the LCC fractions and by looking at "
+    "the mesh",
     "self-intersections are not looked at",
 )
 """What must be known to read the diagnostics of a mesh (paper, "Interpretation")."""
@@ -133,13 +137,20 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
         f"renderer_comparison-{slug(dataset)}",
         f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
         "scenes. Bold: a method's best condition.",
-        ("Condition", "Metric"),
+        ("Condition", "Drawn by", "Metric"),
         [
             Column(method_title(method), (), {"method": method})
             for method in numbers.methods(dataset, *conditions)
         ],
         [
-            line(condition=condition, metric=metric)
+            Line(
+                (
+                    condition_title(condition),
+                    numbers.drawn_by.get((dataset, condition), NOT_THERE),
+                    title(metric),
+                ),
+                {"condition": condition, "metric": metric},
+            )
             for condition in conditions
             for metric in (*QUALITY, "fps")
         ],
