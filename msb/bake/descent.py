@@ -8,6 +8,7 @@ pays (`msb.bake.search`)."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,24 @@ RECOLOR, _TRY = 5, 40
 """Steps after which colours are solved, and after which faces are hidden and shown."""
 _FARTHEST = 3.0
 """How many times the rate a corner moves at most in a step."""
+_PACE = 10
+"""Steps after which it is known what one takes."""
+
+
+class Schedule:
+    """How many steps there are: as many as planned, or as there is time for."""
+
+    def __init__(self, steps: int, until: float) -> None:
+        self.steps = steps
+        self._began, self._until = time.monotonic(), until
+
+    def share(self, step: int) -> float:
+        """Return how much of all is done after a step."""
+        now = time.monotonic()
+        if step == _PACE and now < self._until < np.inf:
+            pace = (now - self._began) / step
+            self.steps = min(self.steps, max(step, int((self._until - self._began) / pace)))
+        return 1.0 if now > self._until else step / self.steps
 
 
 class Adam:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.asset.tiers import why_not
-from msb.bake.descent import moved
+from msb.bake.descent import Schedule, moved
 from msb.bake.kept import PIXELS_TO_CHOOSE
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 _HIDDEN_FIRST = 12
 """Rounds in which faces are hidden before any moves."""
-_STEPS, _LOOK, _PACE = 400, 20, 10
-"""Steps, after how many views aside are looked at, and after how many it is known what one takes."""
+_STEPS, _LOOK = 400, 20
+"""Steps, and after how many views aside are looked at."""
 _RATES = 0.015, 0.0005
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 PIXELS_TO_MOVE = 1 << 18
@@ -75,7 +75,7 @@ def fitted(
             try_faces(soup, raster, random, show=False)
         if faces is not None:
             hide_least(soup, raster, random, faces)
-        schedule = _Schedule(until)
+        schedule = Schedule(_STEPS, until)
 
         def done(step: int) -> float:
             enough = watch("moving faces", step, schedule.steps)
@@ -84,19 +84,3 @@ def fitted(
         soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, look=_LOOK, done=done)
     color(soup, lessons, aside, device)
     return soup.mesh()
-
-
-class _Schedule:
-    """How many steps there are: as many as planned, or as there is time for."""
-
-    def __init__(self, until: float) -> None:
-        self.steps = _STEPS
-        self._began, self._until = time.monotonic(), until
-
-    def share(self, step: int) -> float:
-        """Return how much of all is done after a step."""
-        now = time.monotonic()
-        if step == _PACE:
-            pace = (now - self._began) / step
-            self.steps = min(_STEPS, max(step, int((self._until - self._began) / pace)))
-        return 1.0 if now > self._until else step / self.steps

@@ -21,11 +21,19 @@ if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
     from msb.scenes import Camera
 
-REACH = 3.0
-"""How far before and behind a surface a view says how far, in cells."""
+    Reals = NDArray[np.float64]
+
+REACH, BEHIND = 3.0, 1.5
+"""How far before and behind a surface a view says how far, in cells. Less far behind, since there views of
+the other side of a sheet say the opposite."""
+THICK = 1.0
+"""How far out from what is seen the surface is made, in cells, so that a sheet of no thickness and a stem
+become solids that cells can hold."""
 DOUBT = 0.15, 0.05
 """Of the views from which a cell is hidden as many as this share must see it, or what they see is taken for
 a hole in the soup: of an object, which is seen from all around, and of a scene."""
+_DRAWS = 5
+"""Steps by which a surface is drawn in."""
 _GROUP = 64
 UNKNOWN = 2.0
 """Stands for cells that no view has in its picture; equals UNKNOWN in bake_fuse.cl."""
@@ -99,12 +107,19 @@ class Depths(StandardRenderer):
                 *(np.int32(n) for n in grid.shape),
                 np.float32(space.radius / camera.unit),
                 np.float32(REACH * grid.cell),
+                np.float32(BEHIND * grid.cell),
                 np.int32(space.contracted),
                 sums,
                 votes,
             )
         self._fuse.count_votes(
-            count, _GROUP, sums, votes, np.float32(DOUBT[space.contracted]), np.uint32(count)
+            count,
+            _GROUP,
+            sums,
+            votes,
+            np.float32(DOUBT[space.contracted]),
+            np.float32(THICK / REACH),
+            np.uint32(count),
         )
         values: NDArray[np.float32] = sums.read()
         return values
@@ -118,6 +133,30 @@ def solid(votes: NDArray[np.float32], space: Space, grid: Grid) -> NDArray[np.fl
     if space.contracted:
         np.minimum(votes, _beyond(grid), out=votes)
     return votes
+
+
+def drawn_in(points: Reals, values: NDArray[np.float32], grid: Grid) -> Reals:
+    """Return points (V, 3) on the surface of what is solid half as far out as `THICK` puts them, where solid
+    is thick; the two sides of a sheet, which would meet, stay.
+
+    Half as far, since views from the side, which find all of a cell free, draw the mean inward."""
+    from scipy.ndimage import map_coordinates
+
+    def at(places: Reals) -> Reals:
+        found: Reals = map_coordinates(values, places.T, np.float64, order=1, mode="nearest")
+        return found
+
+    places = (points - grid.low) / grid.cell
+    inward = np.stack([at(places - step) - at(places + step) for step in np.eye(3)], axis=1)
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-12)
+    depth = THICK / REACH
+    thick = at(places + (THICK + BEHIND) * inward) < -1.5 * depth
+    move = THICK / _DRAWS * thick[:, None] * inward
+    for _ in range(_DRAWS):
+        here, there = at(places), at(places + move)
+        share = np.clip((here + depth / 2) / np.maximum(here - there, 1e-12), 0, 1)
+        places = places + share[:, None] * move
+    return grid.low + grid.cell * places
 
 
 def _fill(values: NDArray[np.float32], known: NDArray[np.bool_]) -> None:

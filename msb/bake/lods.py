@@ -159,7 +159,7 @@ class _Levels:
                 return self._watched(level, len(self.counts), done, total)
 
             given = *made, max(4, count), space, lessons, aside
-            yield taught(*given, seed=self.seed, device=self.device, watch=watch)
+            yield taught(*given, seed=self.seed, device=self.device, watch=watch)[0]
 
     def of_mesh(self) -> Iterator[Mesh]:
         """Yield an open surface with fewer faces, which stay where they are."""

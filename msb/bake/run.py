@@ -56,7 +56,7 @@ LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
 _SEARCH = 2 / 3
-"""Of the time that a bake has, what its search has."""
+"""Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
 _NO_TIME = 1e-3
 
 
@@ -336,7 +336,8 @@ class _Bake:
         made: dict[Geometry, Mesh] = {}
         for name in wanted:
             if not (made and stopped()):
-                made[name] = self._made(name, shares)
+                made[name], more = self._made(name, shares)
+                notes += more
         tried: dict[str, float] = {}
         if len(made) > 1:
             judged = {
@@ -390,23 +391,25 @@ class _Bake:
             return ["kept"], [f"fitted is not tried with {count:,} faces, which pictures are too small for"]
         return ["kept", "fitted"], []
 
-    def _made(self, name: Geometry, shares: Shares | None) -> Mesh:
-        """Return the mesh of a geometry with its colours, as it is written."""
+    def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
+        """Return the mesh of a geometry in its colours, as it is written, and what should be known of it."""
         wish = self._wish
         shared: dict[str, Any] = {"seed": wish.seed, "device": self._device, "watch": self._watch}
         lessons = self._asset, self._teaching, self._aside, shares
+        seconds = max(_SEARCH * wish.seconds, _NO_TIME)
+        notes: list[str] = []
         if name == "kept":
             mesh = kept(*lessons, **shared)
         else:
-            seconds = max(_SEARCH * wish.seconds, _NO_TIME)
             most = wish.faces if name == "fitted" else None
             mesh = fitted(*lessons, seconds=seconds, faces=most, **shared)
         if name == "surface":
-            mesh = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
+            shared["seconds"] = seconds
+            mesh, notes = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
         # What has no static colours has its look within each face, which colours of corners do not show.
         has_colors = why_not(self._asset.manifest, "standard") is None
         usual = "vertex" if name == "kept" and has_colors and wish.texture is None else "texture"
-        return self._colored(mesh, wish.texture, has_texture=(wish.color or usual) == "texture")
+        return self._colored(mesh, wish.texture, has_texture=(wish.color or usual) == "texture"), notes
 
     def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:
         """Return the levels of detail of what was made, with a texture as large as its own."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake import colors
-from msb.bake.descent import MEMORY, RECOLOR, Adam
+from msb.bake.descent import MEMORY, RECOLOR, Adam, Schedule
 from msb.bake.search import some_views
 from msb.bake.solid import put_back
 
@@ -42,9 +42,13 @@ def settle(
     space: Space,
     random: np.random.Generator,
     watch: Watch,
-) -> None:
-    """Move the vertices at `points` (V, 3) inside `space`, of which no faces cross, where `soup`, whose faces
-    share them, looks better for it; `best` looks every few steps."""
+    until: float,
+) -> float:
+    """Move the vertices at `points` (V, 3) inside `space` where `soup`, whose faces share them, looks better
+    for it; no more faces cross than did. `best` looks every few steps.
+
+    It ends early where the time is up (`until`, of `time.monotonic`) or `watch` says so; return which share
+    of the steps were taken."""
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
 
@@ -55,27 +59,31 @@ def settle(
     good, moved = points, bending @ points
     adam = Adam(_FARTHEST)
     memory = None
-    for step in range(1, STEPS + 1):
+    schedule, step, share = Schedule(STEPS, until), 0, 0.0
+    while share < 1:
+        step += 1
         seen = raster.seen(some_views(raster, random))
         new = _at_vertices(seen.slopes.astype(np.float64), faces, count)
         new = smooth(space.pulled(points, new))
         move = adam.move(new, float(np.square(new[new.any(axis=1)]).sum(axis=1).mean()))
         first, last = RATES
-        rate = first + (last - first) * step / STEPS
+        rate = first + (last - first) * share
         moved -= rate * _edge(points, faces) * move
         points = space.held(smooth(moved))
         memory = seen.sums if memory is None else MEMORY * memory + seen.sums
-        if step % LOOK == 0:
+        share = 1.0 if watch("moving vertices", step, schedule.steps) else schedule.share(step)
+        looks = step % LOOK == 0 or share >= 1
+        if looks:
             good = put_back(points, good, faces, space)
             points, moved = good, bending @ good
         soup.corners[:] = space.outward(points)[faces]
         soup.put_on(raster)
-        if step % LOOK == 0:
+        if looks:
             soup.refit(raster)
             best.look(soup)
-            watch("moving vertices", step, STEPS)
         elif step % RECOLOR == 0:
             soup.recolor(seen._replace(sums=memory))
+    return step / STEPS
 
 
 def _at_vertices(values: Reals, faces: NDArray[np.int64], count: int) -> Reals:

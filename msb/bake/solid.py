@@ -225,16 +225,14 @@ def _without_area(points: Reals, faces: Faces) -> NDArray[np.int64]:
 
 
 def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:
-    """Return points of which no faces cross: those that do go back to where they were in `good`, which has
-    none."""
+    """Return points of which no faces cross but those that do in `good`, too: others go back to where they
+    were there."""
     points = points.copy()
     for _ in range(_BACK):
         corners = np.unique(faces[crossing_faces(points, faces, space)])
         back = corners[(points[corners] != good[corners]).any(axis=1)]
-        if not len(corners):
-            return points
         if not len(back):
-            break
+            return points
         points[back] = good[back]
     return good.copy()
 

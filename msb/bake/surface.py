@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from contextlib import closing
 from typing import TYPE_CHECKING
 
@@ -9,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.fitted import PIXELS_TO_MOVE
-from msb.bake.fusion import REACH, Depths, Grid, solid
+from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
 from msb.bake.settle import settle
 from msb.bake.solid import (
     boundary,
     compacted,
+    crossing_faces,
     parted,
     pixels_of,
     that_matter,
@@ -50,15 +53,17 @@ def surface(
     aside: Lessons,
     *,
     faces: int | None = None,
+    seconds: float = math.inf,
     seed: int = 0,
     device: str | Device | None = None,
     watch: Watch = nobody,
-) -> Mesh:
-    """Return a closed, manifold, consistently wound mesh that looks like `soup`, with colours at vertices.
+) -> tuple[Mesh, list[str]]:
+    """Return a closed, manifold, consistently wound mesh that looks like `soup`, coloured at vertices, and
+    what should be known of it.
 
     What the cameras of the lessons see of the soup, which is opaque, says what is solid. That has about so
-    many `faces`, which then move where pictures that teach nothing (`aside`) look better for it. Colours are
-    fitted to all.
+    many `faces`, which then move for so many `seconds` at most where pictures that teach nothing (`aside`)
+    look better for it. Colours are fitted to all.
 
     An object is enclosed from outside. A scene, which reaches beyond its cameras, encloses these: its faces
     look inward, and a shell far out shows the sky.
@@ -78,7 +83,9 @@ def surface(
     places, made, space = enclosed(soup, lessons.cameras, CELLS, device=device)
     watch("fewer faces", 0, 1)
     count = FACES[space.contracted] if faces is None else faces
-    return taught(places, made, count, space, lessons, aside, seed=seed, device=device, watch=watch)
+    return taught(
+        places, made, count, space, lessons, aside, seconds=seconds, seed=seed, device=device, watch=watch
+    )
 
 
 def enclosed(
@@ -112,6 +119,7 @@ def enclosed(
     if not values.min() < 0 < values.max():
         raise AssetError("TRIASSET_EMPTY", "what the views see encloses nothing; a surface needs a volume")
     places, made = boundary(values, grid, -1.0 if scene else 1.0)
+    places = drawn_in(places, values, grid)
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
     pixels = pixels_of(space.outward(places), made, cameras, device)
     return *compacted(places, made[that_matter(places, made, pixels, least)]), space
@@ -125,11 +133,13 @@ def taught(
     lessons: Lessons,
     aside: Lessons,
     *,
+    seconds: float = math.inf,
     seed: int,
     device: str | Device | None,
     watch: Watch,
-) -> Mesh:
-    """Return a closed surface, with places inside `space`, with about `count` faces that look right.
+) -> tuple[Mesh, list[str]]:
+    """Return a closed surface, with places inside `space`, with about `count` faces that look right, and what
+    should be known of it.
 
     Raises
     ------
@@ -147,10 +157,15 @@ def taught(
         soup.refit(raster)
         best = Best(judge)
         best.look(soup)
-        settle(places, soup, raster, best, space, np.random.default_rng(seed), watch)
+        until, random = time.monotonic() + seconds, np.random.default_rng(seed)
+        share = settle(places, soup, raster, best, space, random, watch, until)
         soup = best.soup
     color(soup, lessons, aside, device)
-    return parted(soup.on(_moved(mesh, soup)))
+    mesh = parted(soup.on(_moved(mesh, soup)))
+    notes = [] if share == 1 else [f"there was time for {share:.0%} of the steps by which vertices move"]
+    if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
+        notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
+    return mesh, notes
 
 
 def _moved(mesh: Mesh, soup: Soup) -> Mesh:

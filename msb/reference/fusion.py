@@ -18,15 +18,17 @@ if TYPE_CHECKING:
 def fused(
     places: Reals,
     reach: Reals,
+    behind: Reals,
     cameras: Sequence[Camera],
     depths: Sequence[NDArray[np.floating]],
     share: float,
+    thick: float,
 ) -> Reals:
-    """Return how far places (n, 3) of the world lie before what cameras see, in the mean, (n,); NaN where no
-    view has one in its picture.
+    """Return how far places (n, 3) of the world lie before what cameras see, in the mean and less `thick`,
+    (n,); NaN where no view has one in its picture.
 
     Distances are along z, in units of `reach` (n,), and cut at 1; `depths` are (H, W), 0 where nothing is
-    seen. From views that find a place farther behind than `reach` it is hidden. It is solid, -1, if it is
+    seen. From views that find a place farther than `behind` (n,) that it is hidden. It is solid, -1, if it is
     seen by fewer views than `share` of these, and partly so if by fewer than twice as many.
     """
     total, seen, hidden = np.zeros((3, len(places)))
@@ -37,7 +39,7 @@ def fused(
         for i in np.flatnonzero(inside):
             there = _depth_at(depth.astype(np.float64), u[i], v[i], reach[i])
             before = (there - away[i]) / reach[i] if there > 0 else 1.0
-            if before < -1:
+            if before * reach[i] < -behind[i]:
                 hidden[i] += 1
             else:
                 total[i] += min(before, 1.0)
@@ -45,7 +47,7 @@ def fused(
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / seen
         doubt = np.clip(2 * share * hidden / seen - 1, 0, 1)
-        mean -= doubt * (mean + 1)
+        mean = np.maximum(mean - doubt * (mean + 1) - thick, -1)
     return np.where(seen > 0, mean, np.where(hidden > 0, -1.0, np.nan))
 
 

@@ -3,12 +3,13 @@
 #define UNKNOWN 2.0f
 
 // What one view says of every cell. `camera` has the rows of the pose (12), fx, fy, cx and cy, for places in units of
-// `unit`; `grid` the lowest corner and the size of a cell. A cell that lies more than `reach` behind what is seen is
-// hidden. Depths are those of the pixels' centres, and are mixed only where they belong to one surface. Where a picture
-// shows nothing, `depth` is 0, and all before it is air. `votes` has two numbers a cell: views that see it, and views
-// that it is hidden from.
+// `unit`; `grid` the lowest corner and the size of a cell. A cell that lies more than `behind` what is seen is hidden;
+// how far it lies before that counts up to `reach`. Depths are those of the pixels' centres, and are mixed only where
+// they belong to one surface. Where a picture shows nothing, `depth` is 0, and all before it is air. `votes` has two
+// numbers a cell: views that see it, and views that it is hidden from.
 __kernel void vote(__constant float *camera, __constant float *grid, __global const float *depth, int width, int height,
-    int nx, int ny, int nz, float unit, float reach, int contracted, __global float *sums, __global ushort *votes)
+    int nx, int ny, int nz, float unit, float reach, float behind, int contracted, __global float *sums,
+    __global ushort *votes)
 {
     size_t i = get_global_id(0);
     if (i >= (size_t)nx * ny * nz)
@@ -20,7 +21,7 @@ __kernel void vote(__constant float *camera, __constant float *grid, __global co
         float size = fmax(sqrt(x * x + y * y + z * z), 1.0f), left = fmax(2.0f - size, 0.01f);
         float grow = 1.0f / (size * left);
         x *= grow, y *= grow, z *= grow;
-        reach /= left * left;
+        reach /= left * left, behind /= left * left;
     }
     float away = camera[8] * x + camera[9] * y + camera[10] * z + camera[11];
     if (away < 1e-4f)
@@ -42,7 +43,7 @@ __kernel void vote(__constant float *camera, __constant float *grid, __global co
     }
     if (seen > 0.0f)
         before = seen - away;
-    if (before < -reach) {
+    if (before < -behind) {
         votes[2 * i + 1]++;
         return;
     }
@@ -50,11 +51,10 @@ __kernel void vote(__constant float *camera, __constant float *grid, __global co
     votes[2 * i]++;
 }
 
-// The mean of what was said, which is negative where a cell is solid. A soup has holes, and what a view sees through
-// one is not there: where a cell is seen by less than a `share` of the views from which it is hidden, it is solid, and
-// seen by twice as many it is what these say. One that no view has in its picture is
-// unknown.
-__kernel void count_votes(__global float *sums, __global const ushort *votes, float share, uint count)
+// The mean of what was said less `thick`, which is negative where a cell is solid. A soup has holes, and what a view
+// sees through one is not there: where a cell is seen by less than a `share` of the views from which it is hidden, it
+// is solid, and seen by twice as many it is what these say. One that no view has in its picture is unknown.
+__kernel void count_votes(__global float *sums, __global const ushort *votes, float share, float thick, uint count)
 {
     size_t i = get_global_id(0);
     if (i >= count)
@@ -62,5 +62,5 @@ __kernel void count_votes(__global float *sums, __global const ushort *votes, fl
     float seen = (float)votes[2 * i], hidden = share * (float)votes[2 * i + 1];
     float mean = seen > 0.0f ? sums[i] / seen : hidden > 0.0f ? -1.0f : UNKNOWN;
     float doubt = seen > 0.0f ? clamp(2.0f * hidden / seen - 1.0f, 0.0f, 1.0f) : 0.0f;
-    sums[i] = mean - doubt * (mean + 1.0f);
+    sums[i] = seen > 0.0f ? fmax(mean - doubt * (mean + 1.0f) - thick, -1.0f) : mean;
 }
