@@ -29,9 +29,9 @@ the other side of a sheet say the opposite."""
 THICK = 1.0
 """How far out from what is seen the surface is made, in cells, so that a sheet of no thickness and a stem
 become solids that cells can hold."""
-DOUBT = 0.15, 0.05
+DOUBT = 0.05
 """Of the views from which a cell is hidden as many as this share must see it, or what they see is taken for
-a hole in the soup: of an object, which is seen from all around, and of a scene."""
+a hole in the soup."""
 _DRAWS = 5
 """Steps by which a surface is drawn in."""
 _GROUP = 64
@@ -117,7 +117,7 @@ class Depths(StandardRenderer):
             _GROUP,
             sums,
             votes,
-            np.float32(DOUBT[space.contracted]),
+            np.float32(DOUBT),
             np.float32(THICK / REACH),
             np.uint32(count),
         )

@@ -292,8 +292,7 @@ def test_views_vote_as_numpy_has_it(device: Device, contracted: bool) -> None:
     places = np.stack([each.reshape(-1) for each in np.meshgrid(x, y, z, indexing="ij")], axis=1)
     far = np.maximum(np.linalg.norm(places, axis=1), 1) if contracted else np.ones(len(places))
     cell = grid.cell * space.radius / np.maximum(2 - far, 0.01) ** 2
-    share, thick = DOUBT[contracted], THICK / REACH
-    twin = fused(space.outward(places), REACH * cell, BEHIND * cell, views, drawn, share, thick)
+    twin = fused(space.outward(places), REACH * cell, BEHIND * cell, views, drawn, DOUBT, THICK / REACH)
     twin = twin.reshape(grid.shape)
     same = np.isclose(votes, np.where(np.isnan(twin), 2, twin), atol=2e-3)
     assert same.mean() > 0.995  # a cell at the edge of a pixel may fall to its neighbour
