@@ -103,6 +103,9 @@ _OTHERS: dict[str, Metric] = {
     "memory": Metric("Memory", "MiB", 0, "lower", _memory, _MIB),
     "driver_memory": Metric("By the driver", "MiB", 0, "lower", _at("memory.driver_bytes"), _MIB),
     "asset_size": Metric("Asset", "MiB", 0, "lower", _at("asset.bytes"), _MIB),
+    "flicker": Metric("Flicker (levels)", "levels", 2, "lower", _at("walk.flicker")),
+    "flicker_worst": Metric("Worst second (levels)", "levels", 2, "lower", _at("walk.flicker_worst")),
+    "holes": Metric("Holes (%)", "%", 2, "lower", _at("walk.holes"), 0.01),
     "train_seconds": Metric("Train time (min)", "min", 1, "lower", _at("training.seconds"), 60.0),
     "train_memory": Metric("Peak mem. (MiB)", "MiB", 0, "lower", _at("training.peak_memory_bytes"), _MIB),
     "chamfer": Metric("CD", "mm", 2, "lower", _at("chamfer.overall")),
@@ -126,7 +129,7 @@ METRICS: Mapping[str, Metric] = Lazy(_metrics)
 """All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes.
 
 `spread_ms` is P95 less P50, `host_ms` the part of a frame's wall-clock time outside of the device's work,
-and `unsteady` how far the rates of the timing's rounds are apart."""
+and `unsteady` how far the rates of the timing's rounds are apart. `flicker` and `holes` are the walk's."""
 
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
 """Dataset -> the scenes over which the dataset's mean is taken."""

@@ -23,6 +23,7 @@ from msb.bench.parts import (
 )
 from msb.bench.quality import measure_quality
 from msb.bench.records import Reason, Result
+from msb.bench.walk import measure_walk
 from msb.errors import MsbError, shorten
 
 INTERNAL = "INTERNAL"
@@ -32,6 +33,7 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "audit": measure_audit,
     "trial": measure_trial,
     "repairs": measure_repairs,
+    "walk": measure_walk,
     "chamfer": measure_chamfer,
     "training": read_training,
     "renderer_timing": read_own_timing,

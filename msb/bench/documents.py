@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator
 
-from msb.bench.checked import Count, Record
+from msb.bench.checked import Amount, Count, Record
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from msb.topology.verdict import Level
@@ -182,3 +182,21 @@ class ChamferDocument(Record):
     scan: Count
     metric: dict[str, Any]
     mesh: str
+
+
+class WalkDocument(Record):
+    """What a walk off the path of the capture shows of a condition (`msb.bench.walk`)."""
+
+    frames: Count
+    width: Count
+    height: Count
+    flicker: Amount
+    """Root mean square in levels of 255 of `msb.metrics.steadiness.unexplained_change` over all frames."""
+    flicker_worst: Amount
+    """The same over the worst second, and the number of its first frame."""
+    worst_frame: Count
+    holes: Annotated[float, Field(ge=0, le=1)]
+    """Pixels of `msb.metrics.steadiness.holes` as a share of those that show the model or are such."""
+    film: str | None
+    """The file of the worst second, beside the record; None without the extra `video`."""
+    seconds: Amount

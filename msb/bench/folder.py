@@ -22,6 +22,8 @@ from msb.errors import InputError, MsbError, OutputError, UsageError
 RESULT = "result.json"
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
 """The folders beside a record with the pictures of its trials and of repairs."""
+WALK_FILM = "walk.mp4"
+"""The film beside a record of the worst second of its walk."""
 _LOCK = ".lock"
 _RUN = ".run.json"
 _MAX_RUN = 1 << 16

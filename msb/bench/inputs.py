@@ -12,21 +12,24 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msb.base.extras import is_installed
 from msb.base.files import file_sha256
 from msb.base.version import __version__
 from msb.bench.digest import digest
 from msb.bench.parts import compared_tasks, mask_files, scan_number
-from msb.bench.photographs import Views, views_of
+from msb.bench.photographs import Views, numbers_of, views_of
 from msb.bench.quality import metrics_digest
 from msb.bench.renders import find_renders
+from msb.bench.walk import flight
 from msb.errors import MsbError
 from msb.metrics.identity import defined
+from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
 
 if TYPE_CHECKING:
     from msb.bench.job import Inputs, Job, Part
     from msb.bench.models import Model
-    from msb.bench.protocol_tables import TrialTable
+    from msb.bench.protocol_tables import TrialTable, WalkTable
 
 _SHORT = 16
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
@@ -45,6 +48,7 @@ class Known:
         self.hash = cache(_hash)
         self.metrics = cache(metrics_digest)
         self.renderer = cache(_renderer)
+        self.flight = cache(_flight)
 
     def _views(self, at: SceneAt) -> Views:
         return views_of(self.scene(at))
@@ -93,6 +97,13 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
             parts["chamfer"] = _chamfer(job, known)
     else:
         parts["quality"] = {**views, **_images(job, known), "metrics": known.metrics(job.vgg_weights)}
+        if job.walk is not None:
+            parts["walk"] = {
+                "flight": known.flight(job.scene, job.walk),
+                **_images(job, known),
+                "definition": f"blur {BLUR:g}, reach {REACH}, depths {SAME:g}",
+                "film": "mp4" if is_installed("av") else "none",
+            }
         if condition != "non_engine" and job.frames:
             parts["timing"] = {
                 "cameras": job.views.cameras,
@@ -105,6 +116,15 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     if job.renderer_timing is not None:
         parts["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
     return parts
+
+
+def _flight(at: SceneAt, wanted: WalkTable) -> str:
+    """Return a hash of the cameras of a walk and of what is behind the model."""
+    scene = at.read()
+    try:
+        return digest([[numbers_of(camera) for camera in flight(scene, wanted)], scene.background])
+    except MsbError as error:  # the part will say it again, and in full
+        return error.code
 
 
 def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:

@@ -13,11 +13,13 @@ from msb.bench.records import TIER_OF, Cell, Status
 if TYPE_CHECKING:
     from msb.bench.models import Model
     from msb.bench.photographs import Views
-    from msb.bench.protocol_tables import TrialTable
+    from msb.bench.protocol_tables import TrialTable, WalkTable
     from msb.registry import Tier
     from msb.scenes.datasets import SceneAt
 
-Part = Literal["quality", "audit", "trial", "repairs", "timing", "chamfer", "training", "renderer_timing"]
+Part = Literal[
+    "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
+]
 MAIN: tuple[Part, ...] = ("quality", "audit")
 """Parts without which a cell has failed; any other missing part leaves a reason."""
 Inputs = dict[str, str]
@@ -54,6 +56,7 @@ class Job:
     chamfer_data: Path | None = None
     chamfer_seed: int = 0
     trial: TrialTable | None = None
+    walk: WalkTable | None = None
     trained: tuple[str, ...] = ()
     """What the model's training did otherwise, as `trained_otherwise` says it."""
 

@@ -58,7 +58,7 @@ def views_of(scene: Scene) -> Views:
         [(camera.width, camera.height) for camera in scene.test],
     ]
     return Views(
-        cameras=digest([_numbers(camera) for camera in scene.test]),
+        cameras=digest([numbers_of(camera) for camera in scene.test]),
         photographs=digest([files, rules]),
         setup=Setup(
             camera_convention=scene.camera_convention,
@@ -76,7 +76,8 @@ def _hashes(scene: Scene, camera: Camera) -> list[str]:
     return [file_sha256(path) for path in paths if path is not None]
 
 
-def _numbers(camera: Camera) -> list[object]:
+def numbers_of(camera: Camera) -> list[object]:
+    """Return all that decides what a camera sees, and its name, as JSON data."""
     pose = camera.world_to_camera.tolist()
     lens = [camera.fx, camera.fy, camera.cx, camera.cy]
     return [camera.name, camera.width, camera.height, *lens, pose]
@@ -160,7 +161,7 @@ def _hashes_below(folder: Path) -> dict[str, str]:
 def checked_scene(at: SceneAt, views: Views) -> Scene:
     """Return the scene, if its cameras are those with which the run was planned."""
     scene = at.read()
-    if digest([_numbers(camera) for camera in scene.test]) != views.cameras:
+    if digest([numbers_of(camera) for camera in scene.test]) != views.cameras:
         text = "its cameras are not those the run was planned with: changed since, or another folder here"
         raise UsageError("RUN_SCHEDULER", text, file=at.path)
     return scene

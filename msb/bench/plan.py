@@ -238,6 +238,7 @@ class Planner:
             seconds=protocol.timing.seconds,
             chamfer_data=None if chamfer is None else path(chamfer.data),
             chamfer_seed=0 if chamfer is None else chamfer.seed,
+            walk=protocol.walk if cell.condition in ("dedicated", "standard") else None,
             trial=protocol.trial if cell.condition == "exported_mesh" else None,
             trained=trained,
         )

@@ -129,6 +129,19 @@ class VideosTable(Record):
     fps: Annotated[int, Field(ge=1, le=240)] = 24
 
 
+class WalkTable(Record):
+    """``[walk]``: a flight off the path of the capture, on which flicker and holes are measured.
+
+    Conditions that we or engines draw are walked through. `size` is the longer side of the frames in pixels.
+    """
+
+    frames: Annotated[int, Field(ge=3, le=100_000)] = 240
+    """24 of them lead from one stop to the next; 240 go round a capture of ten test views or more."""
+    reach: Annotated[float, Field(ge=0, le=10)] = 0.25
+    """How far the stops lie from the cameras, as a share of the capture's radius."""
+    size: Annotated[int, Field(ge=16, le=16_384)] = 640
+
+
 class TrialTable(Record):
     """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library."""
 
@@ -156,4 +169,5 @@ class Protocol(Record):
     timing: TimingTable = TimingTable()
     chamfer: ChamferTable | None = None
     videos: VideosTable | None = None
+    walk: WalkTable | None = None
     trial: TrialTable | None = None

@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from msb.base.version import __version__
 from msb.bench.checked import Amount, Count, Name, Record, Sha256, checked, read_json
-from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
+from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument, WalkDocument
 from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 
@@ -290,12 +290,14 @@ class Result(Record):
     """Pictures lie in "trial" beside the record."""
     repairs: RepairDocument | None = None
     """Pictures lie in "repairs"."""
+    walk: WalkDocument | None = None
+    """Of conditions that our renderers or engines draw, if the protocol has a walk."""
     training: Training | None = None
     trained: tuple[Name, ...] = ()  # sentences on its split, background or size, where they are others
     renderer_timing: RendererTiming | None = None
     """Of the method's own renderer, measured elsewhere; condition non_engine only."""
     reasons: dict[Name, Reason] = Field(default_factory=dict)
-    """Part ("timing", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
+    """Part ("timing", "walk", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
     """Part -> its inputs, name -> hash or version; one that changed is computed again."""
 

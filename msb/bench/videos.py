@@ -107,7 +107,7 @@ def write_video(task: VideoTask) -> None:
         else:
             cameras = interpolated(scene.test, task.options.frames)
             frames = _flight(task, cameras, scene.background, stack)
-        write_film(task.path, (_labelled(row, titles) for row in frames), task.options.fps)
+        write_film(task.path, (labelled(row, titles) for row in frames), task.options.fps)
     about = {
         "schema": SCHEMA,
         "inputs": task.inputs,
@@ -142,7 +142,7 @@ def _held(task: VideoTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]
         yield row
 
 
-def _labelled(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArray[np.float32]:
+def labelled(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArray[np.float32]:
     """Return images of one size, (H, W, 3) uint8, side by side with a title in the corner of each."""
     from PIL import Image, ImageDraw, ImageFont
 

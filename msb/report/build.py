@@ -69,6 +69,11 @@ _SECTIONS = {
     "looks": ("What it looks like", "The same test view under every condition.", ""),
     "native": ("With their own renderers", "The methods before any deployment.", ""),
     "runtime": ("Speed and memory", "What drawing costs.", "quality_speed"),
+    "walk": (
+        "Off the path",
+        "What flickers and where holes are on a flight between and beyond the cameras.",
+        "",
+    ),
     "structure": (
         "Structure of the meshes",
         "Whether the exported mesh is more than a set of triangles.",
@@ -213,6 +218,7 @@ def _sections(
         "gaps": (gaps_table(numbers, dataset, paper) for dataset in deployed),
         "native": [measured.native_summary(numbers, paper)] if native else [],
         "runtime": runtime,
+        "walk": (measured.walk(numbers, dataset) for dataset in deployed if _walked(numbers, dataset)),
         "structure": (measured.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
         "reproducibility": published,
         "features": [native_features(), deployment_features()],
@@ -231,6 +237,15 @@ def _sections(
         if own or figures or looks:
             sections.append(Section(name, title, intro, own, figures, looks))
     return tuple(sections)
+
+
+def _walked(numbers: Numbers, dataset: str) -> bool:
+    """Return whether a condition was walked through on a scene of a dataset."""
+    return any(
+        number.value is not None
+        for key, number in numbers.values.items()
+        if (key.dataset, key.metric) == (dataset, "flicker")
+    )
 
 
 def _check_chosen(results: ResultSet, chosen: Sequence[str]) -> None:

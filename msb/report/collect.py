@@ -35,12 +35,15 @@ if TYPE_CHECKING:
     from msb.bench.records import Result
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
-_IMAGES = (*_RATES, "memory", "driver_memory", "asset_size")
+WALK = ("flicker", "flicker_worst", "holes")
+"""Metrics of a walk off the path."""
+_IMAGES = (*_RATES, *WALK, "memory", "driver_memory", "asset_size")
 """Metrics of a condition with images, besides those of `QUALITY`."""
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
 """Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
 _PARTS = {
     **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
+    **dict.fromkeys(WALK, "walk"),
     **dict.fromkeys(("train_memory", "train_seconds"), "training"),
     "chamfer": "chamfer",
 }
@@ -216,6 +219,7 @@ def _why_missing(metric: str, result: Result) -> str:
         return "the Chamfer distance needs a reference scan, which only DTU has"
     return {
         "timing": "not timed",
+        "walk": "not walked through",
         "training": "no record of the training was given",
         "chamfer": "the Chamfer distance was not measured",
     }.get(part or "", "not measured")

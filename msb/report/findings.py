@@ -110,6 +110,7 @@ def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
         *_surface_findings(numbers),
         *_training_findings(numbers),
         *_speed_findings(numbers),
+        *_walk_findings(numbers),
         *_structure_findings(numbers),
         *_unsupported_findings(numbers),
     ]
@@ -435,6 +436,31 @@ def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
     ]
     shown = dict.fromkeys(digits(loss, 2) for loss in (min(losses), max(losses))) if losses else ()
     return f" and costs {' to '.join(shown)} dB of PSNR" if losses else ""
+
+
+def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield what flickers most and least on walks off the path, and where most is missing."""
+
+    def cases(metric: str) -> list[_Case]:
+        return [
+            _Case(
+                number.value,
+                key.dataset,
+                key.method,
+                f"{_name(key.dataset, key.method)} under {condition_title(key.condition)}",
+            )
+            for key, number in numbers.values.items()
+            if (key.scene, key.metric, key.source) == (MEAN, metric, "") and number.value is not None
+        ]
+
+    if flicker := cases("flicker"):
+        low, high, open_ = min(flicker), max(flicker), max(cases("holes"))
+        sentence = f"Off the path {high.detail} flickers by {text('flicker', high.value)} levels of 255"
+        if len(flicker) > 1:
+            sentence += f", the most of {len(flicker)} cases; {low.detail} by {text('flicker', low.value)}"
+        holes = text("holes", open_.value)
+        sentence += f". Holes take at most {holes} % of what is seen of a model ({open_.detail})"
+        yield Finding("walk", f"{sentence}.", f"walk-{slug(high.dataset)}")
 
 
 def _structure_findings(numbers: Numbers) -> Iterator[Finding]:

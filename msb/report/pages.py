@@ -7,14 +7,15 @@ import json
 import os
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.base.extras import need_extra
 from msb.base.version import __version__
-from msb.bench.folder import Results
-from msb.report.numbers import dataset_title, method_title, scene_title
+from msb.bench.folder import WALK_FILM, Results
+from msb.report.numbers import condition_title, dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
 from msb.report.report import SCHEMA, Report
 from msb.report.safe_names import slug
@@ -25,7 +26,7 @@ from msb.report.writers import WRITERS, Format, markdown, markdown_text
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from msb.report.results import Place
+    from msb.report.results import Loaded, Place
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
@@ -135,6 +136,7 @@ def _verdict_page(
         audited=audit is not None,
         level=None if audit is None else audit.verdict.level,
         video=_video(report, place, folder),
+        walks=_walks(own, folder),
     )
 
 
@@ -142,16 +144,30 @@ def _video(report: Report, place: Place, folder: Path | None) -> dict[str, str] 
     """Return the film of an asset: its data if it is small, else its address."""
     assert report.results is not None
     for root in report.results.roots:
-        path = Results(root).video(*place)
-        try:
-            if not path.is_file() or not path.resolve().is_relative_to(root.resolve()):
-                continue
+        if film := _film(Results(root).video(*place), root, folder):
+            return film
+    return None
+
+
+def _walks(own: Mapping[str, Loaded], folder: Path | None) -> list[tuple[str, dict[str, str]]]:
+    """Return title and film of each condition that was walked through."""
+    return [
+        (condition_title(name), film)
+        for name, loaded in own.items()
+        if loaded.result.walk is not None
+        and loaded.result.walk.film is not None
+        and (film := _film(loaded.path.with_name(WALK_FILM), loaded.root, folder))
+    ]
+
+
+def _film(path: Path, root: Path, folder: Path | None) -> dict[str, str] | None:
+    """Return a film below the results folder `root`: its data if it is small, else its address."""
+    with suppress(OSError, ValueError):  # not readable; a NUL in a name; another drive
+        if path.is_file() and path.resolve().is_relative_to(root.resolve()):
             if path.stat().st_size <= SMALL_VIDEO:
                 return {"data": f"data:video/mp4;base64,{base64.b64encode(path.read_bytes()).decode()}"}
             start = folder or root
             return {"link": os.path.relpath(path.resolve(), start.resolve()).replace(os.sep, "/")}
-        except (OSError, ValueError):  # not readable; a NUL in a name; another drive
-            continue
     return None
 
 

@@ -110,6 +110,7 @@ WRONG = {
     MINIMAL + "[chamfer]\n": "/chamfer/data: field required",
     MINIMAL + '[trial]\ntasks = ["uvs"]\n': '/trial/tasks: there is no task "uvs"',
     MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
+    MINIMAL + "[walk]\nframes = 2\n": "/walk/frames",
     'engines = ["standard"]\n' + MINIMAL: 'there is no engine "standard"',
     MINIMAL.replace('model = "out/{method}/{scene}"', ""): "it has no model",
     MINIMAL + 'label = "mesh"\n': '/methods/0/label: "mesh" is the name of a method',

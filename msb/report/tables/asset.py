@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS, SCENES
+from msb.report.collect import WALK
 from msb.report.layout import line, make_table, number_cell
 from msb.report.metric_format import text, title_with_unit
 from msb.report.numbers import (
@@ -34,13 +35,17 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
     tables = {}
     known = {key.condition for key in numbers.values if key[:3] == place}
     if conditions := [name for name in numbers.conditions(place.dataset) if name in known]:
+        walked = any(record.walk is not None for record in records.values())
         tables["conditions"] = make_table(
             numbers,
             None,
             "conditions",
             "Quality, speed and memory under each condition.",
             ("Condition",),
-            [Column(title_with_unit(metric), (), {"metric": metric}) for metric in (*QUALITY, *_TIMES)],
+            [
+                Column(title_with_unit(metric), (), {"metric": metric})
+                for metric in (*QUALITY, *_TIMES, *(WALK if walked else ()))
+            ],
             [line(condition=condition) for condition in conditions],
             place._asdict(),
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from msb.bench.aggregate import METRICS, scene_groups
-from msb.report.collect import SOUP
+from msb.report.collect import SOUP, WALK
 from msb.report.layout import Line, line, make_table, metric_columns
 from msb.report.metric_format import title, title_with_unit
 from msb.report.numbers import (
@@ -38,6 +38,11 @@ PARTS_NOTES = (
     "Busy P50: the sum of the times of a frame's commands; P50 less it is time between commands",
     "Host: 1000 / FPS - P50, the part of a frame's wall-clock time outside of the device's work on it",
     "Rounds apart: the fastest less the slowest of five rounds of frames, as a share of the frame rate",
+)
+WALK_NOTES = (
+    "Flicker: the change from frame to frame that the motion of what is seen does not explain, in levels of "
+    "255 (root mean square); a static opaque mesh at 64 samples a pixel has less than 0.3",
+    "Holes: pixels that show the background where the model should be, as a share of those of the model",
 )
 STRUCTURE_NOTES = (
     "of the mesh as it is stored: nothing was merged, removed or repaired before",
@@ -242,6 +247,25 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
         [line(condition=condition, method=method) for condition, method in pairs],
         {"dataset": dataset, "scene": MEAN},
         definitions=(TIME_NOTE, *PARTS_NOTES),
+        notes=omitted,
+    )
+
+
+def walk(numbers: Numbers, dataset: str) -> Table:
+    """Return what flickers and what is missing on a walk off the path; a method's best condition is bold."""
+    pairs, omitted = _deployments(numbers, dataset, "flicker")
+    return make_table(
+        numbers,
+        None,
+        f"walk-{slug(dataset)}",
+        f"{dataset_title(dataset)}: a walk between and beyond the cameras, means over scenes. Bold: a "
+        "method's steadiest condition.",
+        ("Condition", "Method"),
+        [Column(title_with_unit(metric), (), {"metric": metric}) for metric in WALK],
+        [line(condition=condition, method=method) for condition, method in pairs],
+        {"dataset": dataset, "scene": MEAN},
+        best_of=("method",),
+        definitions=WALK_NOTES,
         notes=omitted,
     )
 
