@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.extras import is_installed
+from msb.bench.aggregate import CONDITION_TITLES
 from msb.bench.documents import WalkDocument
 from msb.bench.folder import WALK_FILM
 from msb.bench.photographs import checked_scene
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 _LOOKS = 8
 """Frames, evenly spread, whose surfaces are looked for in all others."""
-_LOUDER = 8
+_LOUDER = 16
 """In a film, levels of change are shown so many times as bright."""
 
 
@@ -69,7 +70,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
         film = is_installed("av")
         if film:
             second = cameras[first : first + min(PACE, len(squares)) + 2]
-            title = job.cell.condition_name
+            title = CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name)
             write_film(job.folder / WALK_FILM, _film(renderer, second, scene, title), PACE)
     document = WalkDocument(
         frames=len(cameras),

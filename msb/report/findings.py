@@ -28,7 +28,7 @@ from msb.report.table import NOT_SUPPORTED
 
 _MOST = 12
 """Findings; more are not read."""
-_ALWAYS = ("slowdown", "engine_slowdown", "structure", "training", "unsupported")
+_ALWAYS = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
 """Kinds of findings whose place no number of others takes."""
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
 """Kinds of what is as one expects, or is no finding on deployment."""
@@ -457,7 +457,8 @@ def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
         low, high, open_ = min(flicker), max(flicker), max(cases("holes"))
         sentence = f"Off the path {high.detail} flickers by {text('flicker', high.value)} levels of 255"
         if len(flicker) > 1:
-            sentence += f", the most of {len(flicker)} cases; {low.detail} by {text('flicker', low.value)}"
+            least = f"{low.detail} by {text('flicker', low.value)}, the least"
+            sentence += f", the most of {len(flicker)} cases, and {least}"
         holes = text("holes", open_.value)
         sentence += f". Holes take at most {holes} % of what is seen of a model ({open_.detail})"
         yield Finding("walk", f"{sentence}.", f"walk-{slug(high.dataset)}")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
-from msb.bench.documents import AuditDocument, ChamferDocument
+from msb.bench.documents import AuditDocument, ChamferDocument, WalkDocument
 from msb.bench.records import File, Memory, Result, Training
-from tests.report.documents import AUDIT, chamfer
+from tests.report.documents import AUDIT, WALK, chamfer
 from tests.report.factory import quality, result, timing
 
 
@@ -44,6 +44,7 @@ def test_every_metric_is_found_in_a_record() -> None:
         training=Training(seconds=60.0, peak_memory_bytes=5, source="x"),
         chamfer=ChamferDocument.of(chamfer(0.8)),
         audit=AuditDocument.of(AUDIT),
+        walk=WalkDocument.of(WALK),
     )
     found = {name: metric.get(full) for name, metric in METRICS.items()}
     assert None not in found.values()

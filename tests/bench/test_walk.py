@@ -36,6 +36,7 @@ def test_a_walk_is_on_record_and_in_the_report_and_is_made_once(tmp_path: Path) 
     assert [path.parent.name for path in paths] == ["dedicated", "engine", "standard"]
     for path in paths:
         record = read_result(path).walk
+        assert record is not None
         assert (record.frames, max(record.width, record.height), record.film) == (6, 64, "walk.mp4")
         assert 0 < record.flicker == pytest.approx(record.flicker_worst), "all of it is within a second"
         assert 0 <= record.holes < 0.02
@@ -61,7 +62,7 @@ def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> 
 
     def reduced(values: NDArray[Any]) -> NDArray[np.float32]:
         parts = values.reshape(size, samples, size, samples, *values.shape[2:])
-        return parts.mean(axis=(1, 3), dtype=np.float32)
+        return np.asarray(parts.mean(axis=(1, 3)), np.float32)
 
     stills = []
     with msb.Renderer(PEBBLE / method, tier, **lean_options(tier, None), **options) as renderer:
@@ -69,7 +70,7 @@ def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> 
             frame = renderer.render(drawn, (1, 1, 1))
             alpha = reduced(frame.alpha)
             depth = reduced(frame.depth * frame.alpha) / np.where(alpha > 0, alpha, 1)
-            stills.append(still(camera, reduced(frame.image), alpha, depth))
+            stills.append(still(camera, reduced(frame.image), alpha, depth.astype(np.float32)))
     changes = [unexplained_change(*stills[k - 1 : k + 2]) for k in range(1, len(stills) - 1)]
     return float(np.sqrt(np.nanmean(np.square(changes))))
 
@@ -119,6 +120,12 @@ def exact_composite(
         np.add.at(color, pixels[sample], layers.color[order] * weight[:, None])
         np.add.at(depth, pixels[sample], layers.depth[order] * weight)
         through[pixels] = chain[-1]
-    planes = (color.reshape(height, width, 3), *(a.reshape(height, width) for a in (through, depth)))
-    nothing = np.zeros((height, width))
-    return blend.Composite(*planes, np.zeros_like(planes[0]), nothing, nothing.astype(np.int32))
+    size = height, width
+    return blend.Composite(
+        color=color.reshape(*size, 3),
+        transmittance=through.reshape(size),
+        depth=depth.reshape(size),
+        normal=np.zeros((*size, 3)),
+        depth_median=np.zeros(size),
+        face_median=np.full(size, -1, np.int32),
+    )

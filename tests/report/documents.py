@@ -36,6 +36,17 @@ AUDIT: dict[str, Any] = {
     "timings_ms": {},
     "computed_by": "NumPy",
 }  # fmt: skip
+WALK: dict[str, Any] = {
+    "frames": 24,
+    "width": 160,
+    "height": 120,
+    "flicker": 1.25,
+    "flicker_worst": 2.5,
+    "worst_frame": 1,
+    "holes": 0.01,
+    "film": None,
+    "seconds": 1.0,
+}
 TASK: dict[str, Any] = {
     "task": "uv",
     "title": "UV unwrapping",

@@ -8,14 +8,15 @@ from typing import Any
 import pytest
 from matplotlib.axes import Axes
 
-from msb.bench.documents import ChamferDocument
+from msb.bench.documents import ChamferDocument, WalkDocument
 from msb.report.figures import deployment_gap
 from msb.report.findings import Finding, find
 from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, GapKey, Key, Numbers
 from msb.report.paper import paper_numbers
 from msb.report.tables.gaps import gaps_table, slowdown_table
-from tests.report.documents import chamfer
+from msb.report.tables.measured import walk
+from tests.report.documents import WALK, chamfer
 from tests.report.factory import measure, numbers_of
 
 
@@ -160,6 +161,20 @@ def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(number
         assert len(kinds) <= 12
         assert kinds.count("ranking") <= 1
     assert (kinds[0], len(kinds)) == ("against", 12)
+
+
+def test_a_walk_says_what_flickers_most_and_where_holes_are(tmp_path: Path) -> None:
+    for condition, flicker, missing in (("dedicated", 1.25, 0.01), ("standard", 3.5, 0.002)):
+        own = WalkDocument.of(WALK | {"flicker": flicker, "holes": missing})
+        measure(tmp_path, condition, 20.0, walk=own)
+    numbers = numbers_of(tmp_path)
+    assert sentences(numbers)["walk"] == [
+        "Off the path 2DTS on capture under Standard flickers by 3.50 levels of 255, the most of 2 "
+        "cases, and 2DTS on capture under Dedicated by 1.25, the least. Holes take at most 1.00 % of what is seen of "
+        "a model (2DTS on capture under Dedicated)."
+    ]
+    rows = [[cell.text for cell in row.cells] for row in walk(numbers, "capture").rows]
+    assert rows == [["1.25", "2.50", "1.00"], ["3.50", "2.50", "0.20"]]
 
 
 def test_meshes_of_one_share_are_not_ranked(tmp_path: Path) -> None:
