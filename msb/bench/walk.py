@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,16 @@ _LOUDER = 16
 """In a film, levels of change are shown so many times as bright."""
 
 
+class _Moment(NamedTuple):
+    """What is measured of a frame between its neighbours, and its picture beside what flickers, as bytes."""
+
+    squares: float
+    counted: int
+    holes: int
+    shown: int
+    pictures: tuple[NDArray[np.uint8], NDArray[np.uint8]]
+
+
 def flight(scene: Scene, wanted: WalkTable) -> list[Camera]:
     """Return the cameras of a scene's walk, past its test views and off all of its views."""
     every = (*scene.train, *scene.test)
@@ -50,78 +61,66 @@ def measure_walk(job: Job) -> dict[str, Any]:
     start = time.perf_counter()
     scene = checked_scene(job.scene, job.views)
     cameras = flight(scene, job.walk)
+    squares, counted, missing, shown = 0.0, 0, 0, 0
+    worst, worst_frame, film = 0.0, 0, list[_Moment]()
+    recent: deque[_Moment] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
-        spread = [cameras[k * len(cameras) // _LOOKS] for k in range(min(_LOOKS, len(cameras)))]
-        looks = [surface_points(one) for one in _stills(renderer, spread, scene)]
-        points = np.concatenate(looks)
-        missing, shown = 0, 0
-        squares, counts = np.zeros((2, len(cameras) - 2))
-        for number, (before, here, after) in enumerate(_threes(_stills(renderer, cameras, scene))):
-            change = unexplained_change(before, here, after)
-            counts[number] = np.isfinite(change).sum()
-            squares[number] = np.nansum(np.square(change, dtype=np.float64))
-            hole = holes(here, points)
-            missing += int(hole.sum())
-            shown += int((hole | here.covered).sum())
-        if not counts.any():
-            text = "no frame of the walk shows depths of the model that can be followed into the next ones"
-            raise Unsupported("UNSUPPORTED_TIER", text)
-        first, worst = _worst_second(squares, counts)
-        film = is_installed("av")
-        if film:
-            second = cameras[first : first + min(PACE, len(squares)) + 2]
-            title = CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name)
-            write_film(job.folder / WALK_FILM, _film(renderer, second, scene, title), PACE)
+        for number, moment in enumerate(_moments(renderer, cameras, scene)):
+            squares, counted = squares + moment.squares, counted + moment.counted
+            missing, shown = missing + moment.holes, shown + moment.shown
+            recent.append(moment)
+            if len(recent) == recent.maxlen and (not film or _flicker(recent) > worst):
+                worst, worst_frame, film = _flicker(recent), number + 2 - len(recent), list(recent)
+    if not counted:
+        text = "no frame of the walk shows depths of the model that can be followed into the next ones"
+        raise Unsupported("UNSUPPORTED_TIER", text)
+    if filmed := is_installed("av"):
+        title = CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name)
+        titles = [title, f"Flicker, {_LOUDER} times"]
+        write_film(job.folder / WALK_FILM, (labelled(one.pictures, titles) for one in film), PACE)
     document = WalkDocument(
         frames=len(cameras),
         width=cameras[0].width,
         height=cameras[0].height,
-        flicker=math.sqrt(squares.sum() / counts.sum()),
+        flicker=math.sqrt(squares / counted),
         flicker_worst=worst,
-        worst_frame=first + 1,
+        worst_frame=worst_frame,
         holes=missing / max(1, shown),
-        film=WALK_FILM if film else None,
+        film=WALK_FILM if filmed else None,
         seconds=time.perf_counter() - start,
     )
     return {"walk": document}
 
 
-def _stills(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[Still]:
+def _flicker(moments: Iterable[_Moment]) -> float:
+    squares, counted = zip(*((one.squares, one.counted) for one in moments), strict=True)
+    return math.sqrt(sum(squares) / max(1, sum(counted)))
+
+
+def _moments(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_Moment]:
+    """Yield every frame of a walk but the first and the last, measured."""
+    spread = [cameras[k * len(cameras) // _LOOKS] for k in range(min(_LOOKS, len(cameras)))]
+    points = np.concatenate([surface_points(one) for one, _ in _drawn(renderer, spread, scene)])
+    frames = _drawn(renderer, cameras, scene)
+    (before, _), (here, picture) = next(frames), next(frames)
+    for after, later in frames:
+        change = unexplained_change(before, here, after)
+        hole = holes(here, points)
+        louder = to_bytes(np.nan_to_num(change) * (_LOUDER / 255))
+        yield _Moment(
+            float(np.nansum(np.square(change, dtype=np.float64))),
+            int(np.isfinite(change).sum()),
+            int(hole.sum()),
+            int((hole | here.covered).sum()),
+            (picture, louder[..., None].repeat(3, axis=2)),
+        )
+        before, here, picture = here, after, later
+
+
+def _drawn(
+    renderer: Renderer, cameras: Sequence[Camera], scene: Scene
+) -> Iterator[tuple[Still, NDArray[np.uint8]]]:
+    """Yield frames made ready to be measured, and their pictures as bytes."""
     for camera in cameras:
         frame = renderer.render(camera, scene.background)
-        yield still(camera, frame.image, frame.alpha, frame.depth)
-
-
-def _threes(stills: Iterator[Still]) -> Iterator[tuple[Still, Still, Still]]:
-    """Yield every frame but the first and the last, between its neighbours."""
-    before, here = next(stills), next(stills)
-    for after in stills:
-        yield before, here, after
-        before, here = here, after
-
-
-def _worst_second(squares: NDArray[np.float64], counts: NDArray[np.float64]) -> tuple[int, float]:
-    """Return where the second that flickers most begins, and how much it does."""
-    window = np.ones(min(PACE, len(squares)))
-    total, pixels = (np.convolve(values, window, "valid") for values in (squares, counts))
-    means = np.sqrt(total / np.maximum(pixels, 1))
-    first = int(means.argmax())
-    return first, float(means[first])
-
-
-def _film(
-    renderer: Renderer, cameras: Sequence[Camera], scene: Scene, title: str
-) -> Iterator[NDArray[np.float32]]:
-    """Yield the frames between the first and the last of `cameras`, each beside what flickers in it."""
-    pictures = []
-
-    def drawn() -> Iterator[Still]:
-        for camera in cameras:
-            frame = renderer.render(camera, scene.background)
-            pictures.append(to_bytes(frame.image))
-            yield still(camera, frame.image, frame.alpha, frame.depth)
-
-    for number, three in enumerate(_threes(drawn())):
-        louder = np.nan_to_num(unexplained_change(*three)) * (_LOUDER / 255)
-        grey = to_bytes(louder)[..., None].repeat(3, axis=2)
-        yield labelled([pictures[number + 1], grey], [title, f"Flicker, {_LOUDER} times"])
+        yield still(camera, frame.image, frame.alpha, frame.depth), to_bytes(frame.image)

@@ -86,25 +86,39 @@ def unexplained_change(before: Still, here: Still, after: Still) -> Floats:
     change. A pixel near a border shows two surfaces that move differently: it is followed as its own, as the
     nearest and as the farthest surface within `REACH`, and the least difference counts.
     """
-    from scipy.ndimage import map_coordinates
-
-    rows, columns = np.nonzero(here.inverse_depths[1] > 0)
-    own = here.smooth[rows, columns].T
+    own, nearest, farthest = here.inverse_depths
+    rows, columns = np.nonzero(nearest > 0)
+    colors = here.smooth[rows, columns].T
     least = np.full(len(rows), np.inf)
     counted = np.ones(len(rows), bool)
-    for layer, inverse_depths in enumerate(here.inverse_depths):
-        mean = np.zeros_like(own)
+    border = (nearest - farthest > SAME * nearest)[rows, columns]
+    for layer, inverse_depths in enumerate((own, nearest, farthest)):
         same = np.ones(len(rows), bool)
+        places = []
         for other in (before, after):
             place, expected = _seen_from(here, other.camera, rows, columns, inverse_depths[rows, columns])
             same &= _shows(other.inverse_depths[layer], place, expected)
-            for channel, spline in zip(mean, other.splines, strict=True):
-                channel += map_coordinates(spline, place, order=3, mode="nearest", prefilter=False) / 2
-        least = np.where(same, np.minimum(least, np.square(own - mean).mean(axis=0)), least)
+            places.append(place)
         counted &= same | (layer == 0)
-    change = np.full(here.covered.shape, np.nan, np.float32)
-    change[rows, columns] = np.where(counted, np.sqrt(least), np.nan)
+        followed = np.flatnonzero(same & (border | (layer == 0)))  # elsewhere all three are one surface
+        both = [
+            _sampled(other, place[:, followed]) for other, place in zip((before, after), places, strict=True)
+        ]
+        squares = np.square(colors[:, followed] - (both[0] + both[1]) / 2).mean(axis=0)
+        least[followed] = np.minimum(least[followed], squares)
+    change = np.full(own.shape, np.nan, np.float32)
+    change[rows, columns] = np.where(counted & np.isfinite(least), np.sqrt(least), np.nan)
     return change
+
+
+def _sampled(one: Still, place: NDArray[np.float64]) -> Floats:
+    """Return the smoothed colours (3, N) at N places."""
+    from scipy.ndimage import map_coordinates
+
+    channels = (
+        map_coordinates(spline, place, order=3, mode="nearest", prefilter=False) for spline in one.splines
+    )
+    return np.stack(list(channels))
 
 
 def _seen_from(

@@ -169,9 +169,9 @@ def test_a_walk_says_what_flickers_most_and_where_holes_are(tmp_path: Path) -> N
         measure(tmp_path, condition, 20.0, walk=own)
     numbers = numbers_of(tmp_path)
     assert sentences(numbers)["walk"] == [
-        "Off the path 2DTS on capture under Standard flickers by 3.50 levels of 255, the most of 2 "
-        "cases, and 2DTS on capture under Dedicated by 1.25, the least. Holes take at most 1.00 % of what is seen of "
-        "a model (2DTS on capture under Dedicated)."
+        "Off the path 2DTS on capture under Standard flickers by 3.50 levels of 255, the most of 2 cases, "
+        "and 2DTS on capture under Dedicated by 1.25, the least. Holes take at most 1.00 % of what is seen "
+        "of a model (2DTS on capture under Dedicated)."
     ]
     rows = [[cell.text for cell in row.cells] for row in walk(numbers, "capture").rows]
     assert rows == [["1.25", "2.50", "1.00"], ["3.50", "2.50", "0.20"]]
