@@ -48,8 +48,13 @@ def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD
 
 def read_json(path: str | os.PathLike[str], max_bytes: int) -> Any:
     """Return the JSON document in `path`: no repeated keys, no NaN, no deep nesting."""
+    return parse_json(read_bytes(path, max_bytes), max_bytes, file=path)
+
+
+def parse_json(data: bytes, max_bytes: int, *, file: object) -> Any:
+    """Return the JSON document `data` of a file, as `read_json`."""
     about: dict[str, Any] = {"name": "the file", "error": InputError, "code": "RECORD_INVALID"}
-    return parse_strict_json(read_bytes(path, max_bytes), file=path, max_bytes=max_bytes, **about)
+    return parse_strict_json(data, file=file, max_bytes=max_bytes, **about)
 
 
 def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:

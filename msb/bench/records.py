@@ -315,9 +315,14 @@ def read_renderer_timing(path: str | os.PathLike[str]) -> RendererTiming:
 
 def read_result(path: str | os.PathLike[str]) -> Result:
     """Return the record in the file `path`."""
-    result = checked(Result, read_json(path, MAX_BYTES), file=Path(path), code="RECORD_INVALID")
+    return checked_result(read_json(path, MAX_BYTES), file=Path(path))
+
+
+def checked_result(data: Any, *, file: object) -> Result:
+    """Return the record that JSON data of a file is, if its numbers are possible and its means true."""
+    result = checked(Result, data, file=file, code="RECORD_INVALID")
     for pointer, text in () if result.quality is None else _impossible(result.quality):
-        raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=path, pointer=pointer)
+        raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
     return result
 
 

@@ -38,6 +38,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "scenes": "Check scenes: what is there, what counts, what is missing.",
         "run": "Evaluate methods on scenes under one protocol.",
         "eval": "Compare images with photographs: PSNR, SSIM, LPIPS.",
+        "submit": "Make of results one file to be published.",
         "report": "Make tables, charts and verdicts from results.",
         "track": "Record time and memory of a training.",
         "demo-data": "Write small scenes and models to try.",

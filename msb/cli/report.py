@@ -93,11 +93,15 @@ class ReportOptions:
     "msb report --paper",
     "msb report --paper --table mip360_renderer_comparison --format tex",
     "msb report --paper -o out/paper --format html,tex",
+    "msb report -o out/board out/ours.zip",
 )
 def report(
     folders: Annotated[
         tuple[Path, ...],
-        Argument("Folders that msb run wrote; of the same cell, the last counts.", metavar="RESULTS..."),
+        Argument(
+            "Folders that msb run wrote, of the same cell the last counts; or files of msb submit.",
+            metavar="RESULTS...",
+        ),
     ] = (),
     *,
     options: ReportOptions,
@@ -107,14 +111,19 @@ def report(
 
     The command writes report.md, report.json, tables in every format, index.html, and a page per asset that
     says what the asset can be used for. Pages hold all they show and need no network. Nothing is computed
-    again: what the records do not have is N/A or --, with the reason.
+    again: what the records do not have is N/A or --, with the reason. Of submissions (.zip) it makes a board:
+    one page with the rows of all, whose each is, and what does not verify is refused.
     """
     from msb.base.atomic import new_folder
+    from msb.bench.submission import is_submission
     from msb.report.pages import report_files
 
     wanted = options.wanted()
     if (options.paper is True) == bool(folders):
         raise UsageError("USAGE", "give folders of results, or --paper")
+    board = any(is_submission(path) for path in folders)
+    if board:
+        _check_board(folders, options)
     if not folders and options.against is not None:
         raise UsageError("USAGE", "--against compares results; the paper's tables have no single views")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
@@ -161,13 +170,36 @@ def _print(made: Report, label: str | None, form: Printed, output: Output) -> No
         echo("\n".join(map(WRITERS[form], tables)).removesuffix("\n"))
 
 
+def _check_board(paths: tuple[Path, ...], options: ReportOptions) -> None:
+    """Refuse what does not go with submissions."""
+    from msb.bench.submission import is_submission
+
+    if others := [path for path in paths if not is_submission(path)]:
+        text = "it is no submission (.zip of msb submit); folders and submissions are reported apart"
+        raise UsageError("USAGE", text, file=others[0])
+    for name in ("views", "published", "against"):
+        if getattr(options, name):
+            raise UsageError("USAGE", f"--{name.removesuffix('s')} does not go with submissions")
+    if options.out is None and options.table is None:
+        raise UsageError("USAGE", "say with -o where the board goes")
+
+
 def _make(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, pictures: bool) -> Report:
+    from msb.bench.submission import is_submission, read_submission
+    from msb.report.board import build_board
     from msb.report.build import build_report, paper_report
     from msb.report.paper import published_numbers
     from msb.report.results import read_results
 
     if not folders:
         return paper_report(pictures=pictures)
+    if is_submission(folders[0]):
+        with output.counted("verifying submissions", len(folders)) as step:
+            submissions = []
+            for path in folders:
+                submissions.append(read_submission(path))
+                step()
+        return build_board(submissions, with_paper=options.paper is not False, pictures=pictures)
     with output.progress("reading results"):
         results = read_results(*folders, allow_mixed=options.allow_mixed)
         published = None if options.published is None else published_numbers(options.published)

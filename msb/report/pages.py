@@ -78,7 +78,7 @@ def report_files(
     if "html" in formats:
         places = [verdict.place for verdict in report.verdicts]
         pages = {place: f"verdict-{'-'.join(map(slug, place))}.html" for place in places}
-        files["index.html"] = _template("index.html", report=report, pages=pages, grid=_grid(report))
+        files["index.html"] = _template(report.page, report=report, pages=pages, grid=_grid(report))
         for verdict in report.verdicts:
             files[pages[verdict.place]] = _verdict_page(report, verdict, topology or {}, folder)
     return {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}

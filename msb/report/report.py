@@ -49,6 +49,9 @@ class Report:
     results: ResultSet | None = None
     with_paper: bool = True
 
+    page = "index.html"
+    """The template of its first page."""
+
     @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """The verdict on each asset; made when it is asked for, because renderings are compared for it."""

@@ -68,12 +68,14 @@ class Cell:
 class Column:
     """One column of values. `groups` are headings that span it and its neighbours, outermost first.
 
-    `of` are the fields that it gives to the keys of its numbers (`msb.report.layout`).
+    `of` are the fields that it gives to the keys of its numbers (`msb.report.layout`). By one that `filters`
+    a page lets rows be chosen.
     """
 
     title: str
     groups: tuple[str, ...] = ()
     of: Mapping[str, str] = field(default_factory=dict, compare=False)
+    filters: bool = False
 
     @property
     def name(self) -> str:

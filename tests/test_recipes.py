@@ -1,0 +1,70 @@
+"""The recipes for training with official code: their dry runs, since nothing here can run them."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from msb.bench.protocol_tables import MethodTable
+from msb.registry import METHODS
+from tests.conftest import ROOT
+
+RECIPES = sorted(path for path in (ROOT / "recipes").glob("*.sh") if path.stem != "common")
+SIZES = {"garden": "images_4", "room": "images_2", "truck": "images"}
+
+pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+
+
+def dry(recipe: Path, scene: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([recipe, "--dry-run", scene, out], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def scenes(tmp_path: Path) -> Path:
+    """Return a folder with the skeletons of three scenes; its name has a blank in it."""
+    for name, folder in SIZES.items():
+        scene = tmp_path / "my data" / name
+        (scene / folder).mkdir(parents=True)
+        (scene / "sparse" / "0").mkdir(parents=True)
+        (scene / "sparse" / "0" / "point_cloud.ply").touch()
+    return tmp_path / "my data"
+
+
+def test_there_is_a_recipe_for_each_method_of_the_paper() -> None:
+    assert {path.stem for path in RECIPES} == {
+        name for name, method in METHODS.items() if "dedicated" in method.retained
+    }
+
+
+@pytest.mark.parametrize("recipe", RECIPES, ids=lambda path: path.stem)
+def test_a_dry_run_shows_all_steps_and_does_none(recipe: Path, scenes: Path, tmp_path: Path) -> None:
+    for name in SIZES:
+        shown = dry(recipe, scenes / name, tmp_path / "out")
+        assert shown.returncode == 0, shown.stderr
+        assert shown.stdout.startswith("NOT TRIED: ")
+        steps = [line for line in shown.stdout.splitlines() if line.startswith("+ ")]
+        assert any(" git clone --recursive https://github.com/" in step for step in steps)
+        assert sum(" msb track -o " in step and "python" in step for step in steps) == 1
+        assert f"my\\ data/{name}" in shown.stdout or f"my\\ data {name} " in shown.stdout
+        (table,) = tomllib.loads(shown.stdout.partition("# for a protocol of msb run:")[2])["methods"]
+        assert MethodTable.model_validate(table).name == recipe.stem
+    assert not (tmp_path / "out").exists()
+
+
+def test_scenes_that_no_recipe_can_train_are_refused(scenes: Path, tmp_path: Path) -> None:
+    recipe = ROOT / "recipes" / "two_dts.sh"
+    assert subprocess.run([recipe], capture_output=True, check=False).returncode == 2
+    for scene, why in (
+        (tmp_path / "nowhere", "it is no COLMAP scene"),
+        (scenes / "garden", "2DTS starts from a dense point cloud"),
+    ):
+        (scenes / "garden" / "sparse" / "0" / "point_cloud.ply").unlink(missing_ok=True)
+        refused = dry(recipe, scene, tmp_path / "out")
+        assert (refused.returncode, refused.stdout) == (3, "")
+        assert why in refused.stderr
+    (scenes / "garden").rename(scenes / "desk")
+    assert "desk is no scene of Mip-NeRF 360" in dry(recipe, scenes / "desk", tmp_path / "out").stderr
