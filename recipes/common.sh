@@ -1,4 +1,4 @@
-# shellcheck shell=bash
+# shellcheck shell=bash disable=SC2034  # the recipes use what is set here
 # What the recipes share. Each is called as METHOD.sh [--dry-run] SCENE OUT; see docs/models.md.
 # A recipe sets repository, commit and environment, and then calls `run` and `inside` for each step.
 

@@ -109,21 +109,21 @@ def build_board(
             (_results(loaded, numbers, paper),),
         ),
         Section(
-            "files",
-            "What was measured",
-            "Hashes tell whether two rows are of the same model and photographs.",
-            (_submissions(named), _files(loaded)),
-        ),
-        Section(
             "looks",
             "What it looks like",
             "Pictures that were submitted with the numbers.",
             views=tuple(view for name, each in named for view in _views(name, each)) if pictures else (),
         ),
+        Section(
+            "files",
+            "What was measured",
+            "Hashes tell whether two rows are of the same model and photographs.",
+            (_submissions(named), _files(loaded)),
+        ),
     )
     several = "" if len(named) == 1 else "s"
-    count_all = sum(map(len, loaded.values()))
-    summary = f"{count_all} results of {len(named)} submission{several}; nothing was computed again."
+    total = sum(map(len, loaded.values()))
+    summary = f"{total} results of {len(named)} submission{several}; nothing was computed again."
     return Board(
         "MeshSplatBench board", summary, tuple(one for one in sections if one.tables or one.views), (),
         tuple(_differences(loaded)), Numbers({}), None, with_paper, named,
@@ -259,7 +259,8 @@ def _files(loaded: Mapping[str, ResultSet]) -> Table:
 
 
 def _differences(loaded: Mapping[str, ResultSet]) -> Iterator[str]:
-    """Yield what makes rows of several submissions not comparable."""
+    """Yield what makes rows of one submission, or of several, not comparable."""
+    yield from (f"{name}: {note}" for name, results in loaded.items() for note in results.notes)
     photographs: dict[tuple[str, ...], dict[str, list[str]]] = {}
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, results in loaded.items():
