@@ -37,7 +37,7 @@ def alice(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "home", lambda: Path(HOME))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def submission(small: Path) -> bytes:
     found = read_results(small)
     return write_submission("Our lab", [each.result for each in found], submitted_pictures(found))
