@@ -412,8 +412,9 @@ def _own_tables(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     from PIL import Image, JpegImagePlugin
 
     if path.suffix.lower() in (".jpg", ".jpeg"):
-        with Image.open(path, formats=("JPEG",)) as file:
-            tables, sampling = file.quantization, JpegImagePlugin.get_sampling(file)
+        opened: Any = Image.open(path, formats=("JPEG",))
+        with opened:
+            tables, sampling = opened.quantization, JpegImagePlugin.get_sampling(opened)
         if sampling >= 0:
             yield "with the tables of these files", {"qtables": tables, "subsampling": sampling}
 

@@ -304,7 +304,7 @@ class _Reader:
     def about(self) -> About:
         if ABOUT not in self.members:
             raise self.bad(f"there is no {ABOUT} in it, as msb submit writes")
-        about = checked(About, self.json(ABOUT, _MAX_ABOUT), file=self.path, code="RECORD_INVALID")
+        about = checked(About, self.document(ABOUT, _MAX_ABOUT), file=self.path, code="RECORD_INVALID")
         if others := about.files.keys() ^ (self.members.keys() - {ABOUT}):
             raise self.bad(f"{shorten(min(others), 60)} is in its list or in the file, and not in both")
         return about
@@ -313,12 +313,12 @@ class _Reader:
         about = self.about
         records, pictures = [], {}
         for name, sha256 in about.files.items():
-            if hashlib.sha256(self.bytes(name, MAX_BYTES)).hexdigest() != sha256:
+            if hashlib.sha256(self.content(name, MAX_BYTES)).hexdigest() != sha256:
                 raise self.bad(f"{name} is not the one that was submitted: its SHA-256 is another")
             if name.startswith("records/"):
-                records.append(checked_result(self.json(name, MAX_BYTES), file=f"{self.path}: {name}"))
+                records.append(checked_result(self.document(name, MAX_BYTES), file=f"{self.path}: {name}"))
             else:
-                pictures[name] = self.bytes(name, _MAX_PICTURE)
+                pictures[name] = self.content(name, _MAX_PICTURE)
         cells = [record.cell for record in records]
         if len({cell.names for cell in cells}) < len(cells) or not cells:
             raise self.bad("it holds no record" if not cells else "it holds two records of one cell")
@@ -329,11 +329,11 @@ class _Reader:
     def bad(self, text: str) -> InputError:
         return InputError("RECORD_INVALID", text, file=self.path)
 
-    def bytes(self, name: str, most: int) -> bytes:
+    def content(self, name: str, most: int) -> bytes:
         member: Member = self.members[name]
         if member.size > most:
             raise self.bad(f"{name} has {member.size:,} bytes; {most:,} are allowed")
         return bytes(self.data[member.offset : member.offset + member.size])
 
-    def json(self, name: str, most: int) -> Any:
-        return parse_json(self.bytes(name, most), most, file=f"{self.path}: {name}")
+    def document(self, name: str, most: int) -> Any:
+        return parse_json(self.content(name, most), most, file=f"{self.path}: {name}")

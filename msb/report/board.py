@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msb.bench.aggregate import AUDITED
 from msb.bench.submission import MOST_PICTURES, Shown, Submission
@@ -64,7 +64,13 @@ def submitted_pictures(results: ResultSet) -> list[tuple[Shown, bytes]]:
     shown: list[tuple[Shown, bytes]] = []
     for dataset in dict.fromkeys(place.dataset for place in results.places):
         for view in views(results, [place for place in results.places if place.dataset == dataset]):
-            of = {"dataset": dataset, "scene": view.scene, "image": view.image, "why": view.why, "file": "-"}
+            of: dict[str, Any] = {
+                "dataset": dataset,
+                "scene": view.scene,
+                "image": view.image,
+                "why": view.why,
+                "file": "-",
+            }
             if view.gt is not None:
                 shown.append((Shown(**of), view.gt.data))
             for method, shots in view.shots.items():
@@ -178,7 +184,7 @@ def _places(numbers: Mapping[str, Numbers]) -> dict[tuple[str, str, str, str], l
     datasets = list(dict.fromkeys(key.dataset for own in numbers.values() for key in own.values))
     means = list(MEANS)
 
-    def order(at: tuple[str, str, str, str]) -> tuple[object, ...]:
+    def order(at: tuple[str, str, str, str]) -> tuple[Any, ...]:
         dataset, scene, method, condition = at
         place = means.index(scene) if scene in MEANS else -1
         return datasets.index(dataset), place, scene, method, condition_order(condition), condition
@@ -261,7 +267,7 @@ def _files(loaded: Mapping[str, ResultSet]) -> Table:
 def _differences(loaded: Mapping[str, ResultSet]) -> Iterator[str]:
     """Yield what makes rows of one submission, or of several, not comparable."""
     yield from (f"{name}: {note}" for name, results in loaded.items() for note in results.notes)
-    photographs: dict[tuple[str, ...], dict[str, list[str]]] = {}
+    photographs: dict[tuple[str, str, str], dict[str, list[str]]] = {}
     metrics: dict[str, dict[str, list[str]]] = {}
     for name, results in loaded.items():
         for one in results:
