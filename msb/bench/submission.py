@@ -117,7 +117,7 @@ def write_submission(
     pictures : sequence of (Shown, bytes)
         At most `MOST_PICTURES` JPEGs; the names of their files are given here.
     private : iterable of str
-        Paths and words that must not be in the file, besides those of this machine and its user, and the
+        Paths that must not be in the file, besides the home and the current folder and the
         paths in the records.
 
     Raises
