@@ -28,7 +28,6 @@ case $name in
   train | truck) where=outdoor images=images divisor=1 ;;
   *) fail "$name is no scene of Mip-NeRF 360 or Tanks and Temples; the official scripts have arguments for these alone" ;;
 esac
-[ -d "$scene/$images" ] || fail "$scene: there is no $images in it, which the official script takes"
 out=$(realpath -m "$2")
 code=$out/code env=$out/env model=$out/model renders=$out/renders
 
@@ -51,6 +50,7 @@ inside() {
 # No recipe was run where this was written: there was no CUDA. The arguments are those of the official scripts.
 begin() {
   local repository=$1 commit=$2 tool
+  [ -d "$scene/$images" ] || fail "$scene: there is no $images in it, which the official script takes"
   echo "NOT TRIED: written from the official code's own scripts, on a machine without CUDA"
   for tool in git conda nvidia-smi nvcc msb; do
     if ! command -v "$tool" >/dev/null; then

@@ -28,7 +28,8 @@ def scenes(tmp_path: Path) -> Path:
     """Return a folder with the skeletons of three scenes; its name has a blank in it."""
     for name, folder in SIZES.items():
         scene = tmp_path / "my data" / name
-        (scene / folder).mkdir(parents=True)
+        for each in {folder, "images_4" if folder != "images" else folder}:
+            (scene / each).mkdir(parents=True)
         (scene / "sparse" / "0").mkdir(parents=True)
         (scene / "sparse" / "0" / "point_cloud.ply").touch()
     return tmp_path / "my data"
@@ -66,5 +67,8 @@ def test_scenes_that_no_recipe_can_train_are_refused(scenes: Path, tmp_path: Pat
         refused = dry(recipe, scene, tmp_path / "out")
         assert (refused.returncode, refused.stdout) == (3, "")
         assert why in refused.stderr
+    (scenes / "room" / "images_4").rmdir()
+    bare = dry(ROOT / "recipes" / "diffsoup.sh", scenes / "room", tmp_path / "out")
+    assert (bare.returncode, bare.stderr.count("there is no images_4 in it")) == (3, 1)
     (scenes / "garden").rename(scenes / "desk")
     assert "desk is no scene of Mip-NeRF 360" in dry(recipe, scenes / "desk", tmp_path / "out").stderr
