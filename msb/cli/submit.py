@@ -29,14 +29,12 @@ def submit(
     from hashlib import sha256
 
     from msb.base.atomic import new_file
-    from msb.base.extras import need_extra
     from msb.bench.submission import write_submission
     from msb.report.board import submitted_pictures
     from msb.report.results import read_results
 
     if not 0 < len(name.strip()) <= _MOST_NAME or not name.isprintable():
         raise UsageError("USAGE", f"--name: it must have 1 to {_MOST_NAME} printable characters")
-    need_extra("bench", "PIL", what="a submission")
     with output.progress("reading results"):
         found = read_results(results)
     records = [loaded.result for loaded in found]
