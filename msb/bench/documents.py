@@ -193,8 +193,9 @@ class WalkDocument(Record):
     flicker: Amount
     """Root mean square in levels of 255 of `msb.metrics.steadiness.unexplained_change` over all frames."""
     flicker_worst: Amount
-    """The same over the worst second, and the number of its first frame."""
+    """The same over the worst second."""
     worst_frame: Count
+    """The number of its first frame; the walk begins with 0."""
     holes: Annotated[float, Field(ge=0, le=1)]
     """Pixels of `msb.metrics.steadiness.holes` as a share of those that show the model or are such."""
     film: str | None

@@ -246,6 +246,8 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
         yield SOUP
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
         yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"
+    elif metric in WALK and result.walk is not None:
+        yield f"on a walk of {result.walk.frames} frames of {result.walk.width} x {result.walk.height} pixels"
     elif metric in _RATES and result.timing is not None and result.timing.device_kind != "gpu":
         kind = ON_CPU if result.timing.device_kind == "cpu" else "measured on a device that is no GPU"
         name = result.drawn_on.get("name")
