@@ -69,6 +69,7 @@ ALLOWED: dict[str, set[str]] = {
         "cl",
         "repair",
         "trial",
+        "bake",
     },
     "repair": GROUND | {"api", "meshes", "topology", "metrics", "render"},
     # A trial can be of the repaired mesh.

@@ -180,8 +180,17 @@ def bake(
     >>> baked.report.geometry, baked.asset.manifest.method
     ('kept', 'mesh')
     """
+    check_options(
+        geometry=geometry,
+        color=color,
+        teacher=teacher,
+        faces=faces,
+        texture=texture,
+        seconds=seconds,
+        seed=seed,
+    )
+    need_libraries(geometry)
     wish = _Wish(geometry, color, faces, texture, seconds, seed)
-    wish.check(teacher)
     wanted = checked_shares(lods) if lods else ()
     if collision is not None:
         kind_of(collision)
@@ -250,6 +259,48 @@ def bake(
     return Baked(baked, report, tuple(asset_from_mesh(one) for _, one in levels), bumped)
 
 
+def check_options(
+    *,
+    geometry: str = "auto",
+    color: str | None = None,
+    teacher: str = "dedicated",
+    faces: int | None = None,
+    texture: int | None = None,
+    seconds: float = 60.0,
+    seed: int = 0,
+) -> None:
+    """Refuse options of `bake` that are none or do not go together, before anything is read."""
+    for name, value, words in (
+        ("geometry", geometry, get_args(Wanted)),
+        ("color", color, (None, *get_args(Look))),
+        ("teacher", teacher, get_args(Source)),
+    ):
+        if value not in words:
+            one_of = ", ".join(word for word in words if word)
+            raise UsageError("USAGE", f'{name} is "{shorten(str(value), 40)}"; it must be one of {one_of}')
+    if texture is not None:
+        if not LEAST_TEXTURE <= texture <= MOST_TEXTURE:
+            text = f"texture is {texture}; it must be {LEAST_TEXTURE} to {MOST_TEXTURE} texels a side"
+            raise UsageError("USAGE", text)
+        if color == "vertex":
+            raise UsageError("USAGE", "texture is the size of a texture, which color vertex has none of")
+    if faces is not None and faces < 1:
+        raise UsageError("USAGE", f"faces is {faces}; it must be 1 or more")
+    if faces is not None and geometry == "kept":
+        raise UsageError("USAGE", "faces limits fitted ones; kept ones are the model's own")
+    if not 0 <= seconds < float("inf"):
+        raise UsageError("USAGE", f"seconds is {seconds}; it must be 0 or more")
+    if seed < 0:
+        raise UsageError("USAGE", f"seed is {seed}; it must be 0 or more")
+
+
+def need_libraries(geometry: str) -> None:
+    """Refuse a geometry whose libraries are not installed."""
+    if geometry == "surface":
+        need_extra("bench", "skimage", what="a closed surface")
+        need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")
+
+
 @dataclass(frozen=True)
 class _Wish:
     """What is asked for of the faces and their colours."""
@@ -260,36 +311,6 @@ class _Wish:
     texture: int | None
     seconds: float
     seed: int
-
-    def check(self, teacher: str) -> None:
-        """Refuse what is none, before anything is read."""
-        for name, value, words in (
-            ("geometry", self.geometry, get_args(Wanted)),
-            ("color", self.color, (None, *get_args(Look))),
-            ("teacher", teacher, get_args(Source)),
-        ):
-            if value not in words:
-                one_of = ", ".join(word for word in words if word)
-                raise UsageError(
-                    "USAGE", f'{name} is "{shorten(str(value), 40)}"; it must be one of {one_of}'
-                )
-        if self.texture is not None:
-            if not LEAST_TEXTURE <= self.texture <= MOST_TEXTURE:
-                text = (
-                    f"texture is {self.texture}; it must be {LEAST_TEXTURE} to {MOST_TEXTURE} texels a side"
-                )
-                raise UsageError("USAGE", text)
-            if self.color == "vertex":
-                raise UsageError("USAGE", "texture is the size of a texture, which color vertex has none of")
-        if self.faces is not None and self.faces < 1:
-            raise UsageError("USAGE", f"faces is {self.faces}; it must be 1 or more")
-        if self.faces is not None and self.geometry == "kept":
-            raise UsageError("USAGE", "faces limits fitted ones; kept ones are the model's own")
-        if self.geometry == "surface":
-            need_extra("bench", "skimage", what="a closed surface")
-            need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")
-        if not 0 <= self.seconds < float("inf"):
-            raise UsageError("USAGE", f"seconds is {self.seconds}; it must be 0 or more")
 
 
 @dataclass(frozen=True)

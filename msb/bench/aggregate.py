@@ -13,6 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from msb.base.packages import Lazy
+from msb.bench.records import BAKED
 from msb.metrics.registry import IMAGE_METRICS
 from msb.scenes.datasets.catalog import DATASETS
 from msb.topology.shown import DECIMALS
@@ -80,6 +81,23 @@ def _fps(result: Result) -> float | None:
     return getattr(result.timing or result.renderer_timing, "fps", None)
 
 
+def _faces(result: Result) -> float | None:
+    if result.bake is not None:
+        return result.bake.faces
+    return None if result.audit is None else result.audit.counts.faces
+
+
+def _tasks(result: Result) -> float | None:
+    """Return how many of the tasks that were tried work, with care or without."""
+    trials = [] if result.trial is None else result.trial.trials
+    return sum(one.outcome in ("works", "care") for one in trials) if trials else None
+
+
+def _psnr_16(result: Result) -> float | None:
+    photographs = None if result.bake is None else result.bake.psnr["photographs"]
+    return None if photographs is None else photographs["after_16"]
+
+
 _STRUCTURE: dict[str, tuple[str, Better | None]] = {
     "vf_ratio": ("V/F", None),
     "mean_valence": ("Valence", None),
@@ -108,6 +126,10 @@ _OTHERS: dict[str, Metric] = {
     "holes": Metric("Holes (%)", "%", 2, "lower", _at("walk.holes"), 0.01),
     "train_seconds": Metric("Train time (min)", "min", 1, "lower", _at("training.seconds"), 60.0),
     "train_memory": Metric("Peak mem. (MiB)", "MiB", 0, "lower", _at("training.peak_memory_bytes"), _MIB),
+    "psnr_16": Metric("PSNR, 16 samples", "dB", 2, "higher", _psnr_16),
+    "faces": Metric("Triangles", "1", 0, None, _faces),
+    "tasks": Metric("Tasks", "1", 0, "higher", _tasks),
+    "bake_seconds": Metric("Seconds", "s", 0, "lower", _at("bake.seconds")),
     "chamfer": Metric("CD", "mm", 2, "lower", _at("chamfer.overall")),
     **{
         key: Metric(title, "1", DECIMALS, better, _at(f"audit.metrics.{key}"))
@@ -139,9 +161,10 @@ CONDITION_TITLES: dict[str, str] = {
     "non_engine": "Non-Engine",
     "dedicated": "Dedicated",
     "standard": "Standard",
+    BAKED: "Baked",
     "exported_mesh": "Exported mesh",
 }
-"""Condition -> its heading."""
+"""Condition, or bakes of the model -> the heading, in the order of tables."""
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,8 @@ def compute(job: Job) -> Done:
         reason=failed,
         checkpoint=None if job.model is None else job.model.checkpoint,
         asset=None if job.model is None else job.model.asset,
+        source=None if job.model is None else job.model.source,
+        bake=None if job.model is None else job.model.bake,
         trained=job.trained,
         **record,
     )

@@ -90,6 +90,36 @@ class Looks(Record):
     dedicated: Look
 
 
+class BakeDocument(Record):
+    """What `msb bake --json` writes (`msb.bake.report.Report.to_dict`)."""
+
+    schema_: Literal["msb.bake/1"] = Field(alias="schema")
+    path: str | None
+    output: str | None
+    geometry: Literal["kept", "fitted", "surface"]
+    color: Literal["texture", "vertex"]
+    vertices: Count
+    faces: Count
+    texture: tuple[int, int] | None
+    bytes: Count | None
+    seconds: float
+    views: dict[str, Any]
+    unseen_area: float
+    psnr: dict[str, dict[str, float | None] | None]
+    verdict_before: AuditVerdict
+    verdict_after: AuditVerdict
+    lods: tuple[dict[str, Any], ...]
+    collision: dict[str, Any] | None
+    teacher: str
+    model_faces: Count
+    background: tuple[float, float, float]
+    seed: int
+    device: str
+    tried: dict[str, float]
+    notes: tuple[str, ...]
+    sentence: str
+
+
 class _Way(Record):
     strategy: str
     plan: tuple[str, ...]

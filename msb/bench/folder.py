@@ -70,6 +70,10 @@ class Results:
         """Return the place of the asset made from a checkpoint; `model` is its label, else its method."""
         return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
+    def bake(self, dataset: str, scene: str, model: str, label: str) -> Path:
+        """Return the place of a bake of a model; `model` is its label, else its method."""
+        return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
+
     def video(self, dataset: str, scene: str, model: str) -> Path:
         """Return the film that shows the conditions side by side; `model` is its label, else its method."""
         return self.root / "videos" / dataset / scene / f"{model}.mp4"

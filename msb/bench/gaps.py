@@ -183,9 +183,9 @@ def incomparable(
     "asset_mismatch", "device_mismatch" or "whole_command" (a time of more than drawing).
 
     The records must have the same images and sizes, ground truth, background and definition of the metric,
-    the same asset if both have one, and for speed and memory the same device. Versions of libraries may
-    differ. Of two methods (`one_asset` false) the background and the convention of cameras may differ, too:
-    each method has its own.
+    the same asset, or bakes of it, if both have one, and for speed and memory the same device. Versions of
+    libraries may differ. Of two methods (`one_asset` false) the background and the convention of cameras may
+    differ, too: each method has its own.
     """
     for result in (first, second):
         if result is None:
@@ -196,7 +196,8 @@ def incomparable(
             return "not_measured"
     assert first is not None
     assert second is not None
-    if one_asset and first.asset and second.asset and first.asset.sha256 != second.asset.sha256:
+    assets = first.model_asset, second.model_asset
+    if one_asset and assets[0] and assets[1] and assets[0].sha256 != assets[1].sha256:
         return "asset_mismatch"
     if metric in _OF_A_DEVICE and (reason := _other_device(first, second)):
         return reason

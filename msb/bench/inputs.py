@@ -88,11 +88,9 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
     if condition == "exported_mesh":
         if job.model is not None:
-            parts["audit"] = {"asset": _asset(job), "tool": __version__}
-            if job.trial is not None:
-                parts["trial"] = _trial(job, job.trial.tasks, job.trial)
-                if job.trial.compare:
-                    parts["repairs"] = _repairs(job, job.trial)
+            parts |= _of_mesh(job)
+            if job.trial is not None and job.trial.compare:
+                parts["repairs"] = _repairs(job, job.trial)
         if job.cell.dataset == "dtu" and job.chamfer_data is not None:
             parts["chamfer"] = _chamfer(job, known)
     else:
@@ -111,6 +109,8 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
                 "device": _device(known.device),
                 "clock": f"{job.frames} frames, {job.seconds:g} s",
             }
+        if job.cell.bake is not None:
+            parts |= _of_mesh(job)
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": known.hash(job.training)}
     if job.renderer_timing is not None:
@@ -125,6 +125,14 @@ def _flight(at: SceneAt, wanted: WalkTable) -> str:
         return digest([[numbers_of(camera) for camera in flight(scene, wanted)], scene.background])
     except MsbError as error:  # the part will say it again, and in full
         return error.code
+
+
+def _of_mesh(job: Job) -> dict[Part, Inputs]:
+    """Return what decides the parts about a mesh as it is stored."""
+    parts: dict[Part, Inputs] = {"audit": {"asset": _asset(job), "tool": __version__}}
+    if job.trial is not None:
+        parts["trial"] = _trial(job, job.trial.tasks, job.trial)
+    return parts
 
 
 def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:

@@ -15,6 +15,7 @@ from msb.asset.manifest import MANIFEST_NAME
 from msb.base.atomic import new_file
 from msb.bench.checked import Record, checked, read_json
 from msb.bench.digest import describe_file, digest, list_sha256, stamp
+from msb.bench.documents import BakeDocument
 from msb.bench.folder import Results, check_run
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import File
@@ -42,6 +43,9 @@ class Model(Record):
     """Path and method as the protocol gives them."""
     warnings: tuple[str, ...] = ()
     """The assumptions that the export had to make."""
+    source: File | None = None
+    """The asset that a bake was made of; the bake's own is `asset`."""
+    bake: BakeDocument | None = None
 
     def open(self) -> Asset:
         """Return the asset."""
@@ -99,11 +103,10 @@ def prepare_model(task: ModelTask) -> Model:
         path = results.asset(task.dataset, task.scene, task.label or asset.manifest.method)
         write_asset(asset, path)
     held = describe_file(path)
-    inside = _contents(path)
     model = Model(
         method=asset.manifest.method,
         checkpoint=_checkpoint(asset, source),
-        asset=held.model_copy(update={"bytes": sum(size for _, size in inside)}),
+        asset=held.model_copy(update={"bytes": stored_size(path)}),
         background=stated_background(asset.manifest),
         training=asset.manifest.training,
         stamps=tuple(stamp(file) for file in (*files, *_files(path))),
@@ -142,12 +145,12 @@ def _files(asset: Path) -> list[Path]:
     return [asset / MANIFEST_NAME, *sorted((asset / "buffers").glob("*"))]
 
 
-def _contents(asset: Path) -> list[tuple[str, int]]:
-    """Return name and size of the files in a container of either form."""
+def stored_size(asset: Path) -> int:
+    """Return the bytes of the files in a container of either form."""
     if asset.is_dir():
-        return [(file.name, file.stat().st_size) for file in _files(asset)]
+        return sum(file.stat().st_size for file in _files(asset))
     with zipfile.ZipFile(asset) as container:
-        return [(item.filename, item.file_size) for item in container.infolist()]
+        return sum(item.file_size for item in container.infolist())
 
 
 def _checkpoint(asset: Asset, source: Path) -> File | None:

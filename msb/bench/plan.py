@@ -10,13 +10,21 @@ from pathlib import Path
 from typing import Any, Literal
 
 from msb.base.files import file_sha256
+from msb.bench.bakes import BakeTask, bake_key, bake_options, known_bake
 from msb.bench.cell import reason_of
 from msb.bench.folder import Results, check_names
 from msb.bench.inputs import Known, inputs_of
 from msb.bench.job import MAIN, Inputs, Job, Part
 from msb.bench.models import Model, ModelTask, method_of
 from msb.bench.protocol import ProtocolFile, overrides
-from msb.bench.protocol_tables import AUTO, REFERENCE, DatasetTable, MethodTable, VariantTable
+from msb.bench.protocol_tables import (
+    AUTO,
+    REFERENCE,
+    BakeTable,
+    DatasetTable,
+    MethodTable,
+    VariantTable,
+)
 from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason, Result
 from msb.errors import InputError, MsbError, UsageError
 from msb.registry import METHODS, TIERS, lookup
@@ -50,12 +58,14 @@ class Planned:
     cell: Cell
     job: Job | None
     """The parts to be computed; None if there is nothing to do, or nothing can be done."""
-    why: Mapping[Part, str] = field(default_factory=dict)
-    """The reason to compute each part: "new", "failed before", "asked for", what changed, or what is wrong
-    with its record or a rendering."""
+    why: Mapping[str, str] = field(default_factory=dict)
+    """The reason to compute each part, or to "bake": "new", "failed before", "asked for", what changed, or
+    what is wrong with its record or a rendering."""
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     """"done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`."""
     reason: Reason | None = None
+    bake: BakeTask | None = None
+    """What must be made before the parts can be told; None where that is there, or nothing is to be made."""
 
 
 def pairs_of(
@@ -67,7 +77,9 @@ def pairs_of(
     with the error about each; else the first such error is raised.
     """
     check_names(file.path.absolute(), file.results)
-    conditions = (*CONDITIONS, *file.protocol.engines, *(one.label for one in file.protocol.variants))
+    variants, bakes = file.protocol.variants, file.protocol.bakes
+    labels = (*(one.label for one in variants), *(one.label for one in bakes))
+    conditions = (*CONDITIONS, *file.protocol.engines, *labels)
     pairs: list[Pair] = []
     names_there: dict[str, None] = {}
     for dataset in file.protocol.datasets:
@@ -84,9 +96,9 @@ def pairs_of(
                 if method.datasets and dataset.name not in method.datasets:
                     continue
                 names = {"dataset": dataset.name, "scene": path.name, "method": method.name}
-                labels = (method.name, method.label) if method.label else (method.name,)
-                names_there |= dict.fromkeys((dataset.name, path.name, *labels))
-                methods = (*METHODS, *labels) if method.name == AUTO else labels
+                own = (method.name, method.label) if method.label else (method.name,)
+                names_there |= dict.fromkeys((dataset.name, path.name, *own))
+                methods = (*METHODS, *own) if method.name == AUTO else own
                 if _matches((dataset.name, path.name, *methods, *conditions), only):
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
@@ -158,10 +170,44 @@ class Planner:
             if condition == "standard":
                 for engine in self.file.protocol.engines:
                     yield self._one(pair, model, cell.model_copy(update={"renderer": engine}))
+                for bake in self.file.protocol.bakes if pair.model is not None else ():
+                    yield self._baked(pair, model, bake, cell.model_copy(update={"bake": bake.label}))
             if condition == "dedicated":
                 for variant in self.file.protocol.variants:
                     own = {"variant": variant.label, "renderer": variant.renderer}
                     yield self._one(pair, model, cell.model_copy(update=own))
+
+    def _baked(self, pair: Pair, model: Model | Exception | None, table: BakeTable, cell: Cell) -> Planned:
+        """Return the cell of a bake; where that is not there, with the order to make it."""
+        if not isinstance(model, Model) or not selected(cell, self.only):
+            return self._one(pair, model, cell)
+        settings = overrides(pair.method)
+        try:
+            scene = self.scene_at(pair, model, cell.method)
+            views, options = self.known.views(scene), bake_options(table, cell.method)
+            key = bake_key(model, options, settings, self.known.scene(scene), views)
+        except MsbError as error:
+            return Planned(cell, None, status="failed", reason=reason_of(error))
+        task = BakeTask(
+            root=self.results.root,
+            run=self.run,
+            names=cell.names[:3],
+            model=model,
+            table=table,
+            settings=settings,
+            scene=scene,
+            views=views,
+            key=key,
+            device=self.file.protocol.device,
+        )
+        if not self.redo and (made := known_bake(task)) is not None:
+            return self._one(pair, made, cell)
+        why = "asked for" if self.redo else "changed" if task.path.exists() else "new"
+        return Planned(cell, None, {"bake": why}, bake=task)
+
+    def with_bake(self, cell: Cell, made: Model | Exception) -> Planned:
+        """Return the cell of a bake that was made, or that failed."""
+        return self._one(self.pairs[cell.names], made, cell)
 
     def _one(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Planned:
         if not selected(cell, self.only):  # left out by `plan`, so nothing of it need be read
@@ -173,9 +219,10 @@ class Planner:
         if isinstance(model, Exception) and not imported:
             return Planned(cell, None, status="failed", reason=reason_of(model))
         if model is None and not imported:  # a dry run reads no model
-            main: Part = "audit" if cell.condition == "exported_mesh" else "quality"
+            main = "audit" if cell.condition == "exported_mesh" else "quality"
+            first = main if cell.bake is None else "bake"
             return Planned(
-                cell, None, {main: "model changed" if self.results.record(cell).exists() else "new"}
+                cell, None, {first: "model changed" if self.results.record(cell).exists() else "new"}
             )
         try:
             job = self._job(pair, model if isinstance(model, Model) else None, cell)
@@ -184,14 +231,18 @@ class Planner:
             return Planned(cell, None, status="failed", reason=reason_of(error))
         todo = self._todo(job, wanted)
         job = replace(job, parts={part: wanted[part] for part in todo})
-        return Planned(cell, job, todo, "pending" if todo else "done")
+        reasons = {str(part): text for part, text in todo.items()}
+        return Planned(cell, job, reasons, "pending" if todo else "done")
 
     def _unsupported(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Reason | None:
         tier = TIER_OF.get(cell.condition)
         if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
             return None
-        if isinstance(model, MsbError) and model.code == "UNSUPPORTED_METHOD":
+        refusals = "UNSUPPORTED_METHOD" if cell.bake is None else "UNSUPPORTED_"
+        if isinstance(model, MsbError) and model.code.startswith(refusals):
             return reason_of(model)
+        if cell.bake is not None:  # of any model that something draws
+            return None
         reasons = lookup(cell.method).unsupported
         if tier is None:  # an exported mesh: of anything that has triangles
             tier = "standard" if len(reasons) == len(TIER_OF) else None
@@ -217,6 +268,8 @@ class Planner:
         trained = () if model is None else tuple(self.known.trained(model, scene, pair.model))
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
         variant = self._variant(cell)
+        # A bake was made with the model's settings and, being a plain mesh, has none.
+        settings = {} if cell.bake else overrides(method) | ({} if variant is None else overrides(variant))
         chamfer = protocol.chamfer
         return Job(
             root=self.results.root,
@@ -226,7 +279,7 @@ class Planner:
             views=self.known.views(scene),
             parts={},
             model=model,
-            settings=overrides(method) | ({} if variant is None else overrides(variant)),
+            settings=settings,
             options={} if variant is None else variant.options,
             renders=None if method.non_engine == REFERENCE else renders,
             training=path(method.training),
@@ -239,7 +292,7 @@ class Planner:
             chamfer_data=None if chamfer is None else path(chamfer.data),
             chamfer_seed=0 if chamfer is None else chamfer.seed,
             walk=protocol.walk if cell.condition in ("dedicated", "standard") else None,
-            trial=protocol.trial if cell.condition == "exported_mesh" else None,
+            trial=protocol.trial if cell.condition == "exported_mesh" or cell.bake else None,
             trained=trained,
         )
 

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,11 @@ def _check(protocol: Protocol) -> _Faults:
     yield from _check_labels(protocol)
     for number, variant in enumerate(protocol.variants):
         yield from _check_variant(variant, protocol, f"/variants/{number}")
+    if protocol.bakes:
+        from msb.bake.run import check_options
+
+        for number, bake in enumerate(protocol.bakes):
+            yield from _refused(f"/bakes/{number}", partial(check_options, **bake.options))
     if protocol.trial is not None:
         from msb.trial.registry import chosen_tasks
 
@@ -167,7 +173,7 @@ def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Fault
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Find a name of a model or a variant that would stand for two things in a table or a folder."""
+    """Find a name of a model, a variant or a bake that would stand for two things in a table or a folder."""
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
         place = f"/methods/{number}/label"
@@ -180,12 +186,12 @@ def _check_labels(protocol: Protocol) -> _Faults:
             yield place, f'"{shorten(method.label)}" is the label of {of} already; take another'
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
-    for number, variant in enumerate(protocol.variants):
-        if variant.label.casefold() in taken:
-            of = taken[variant.label.casefold()]
-            text = f'"{shorten(variant.label)}" is the name of {of} already; take another'
-            yield f"/variants/{number}/label", text
-        taken[variant.label.casefold()] = "a variant"
+    variants = [(f"/variants/{n}/label", one.label, "a variant") for n, one in enumerate(protocol.variants)]
+    bakes = [(f"/bakes/{n}/label", one.label, "a bake") for n, one in enumerate(protocol.bakes)]
+    for place, label, what in (*variants, *bakes):
+        if label.casefold() in taken:
+            yield place, f'"{shorten(label)}" is the name of {taken[label.casefold()]} already; take another'
+        taken[label.casefold()] = what
 
 
 def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Faults:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -97,6 +97,29 @@ class VariantTable(Record):
         return {name: value for name, value in given.items() if value is not None}
 
 
+class BakeTable(Record):
+    """``[[bakes]]``: a condition of its own: the standard tier draws what `msb bake` makes of a model.
+
+    The keys are options of `msb bake`, with its defaults. Training views alone teach.
+    """
+
+    label: FolderName
+    """Names the condition. It is no condition's, no engine's, no variant's and no other bake's name."""
+    geometry: Literal["auto", "kept", "fitted", "surface"] = "auto"
+    color: Literal["texture", "vertex"] | None = None
+    teacher: Literal["dedicated", "photographs"] | None = None
+    """If not given, the model's own look; of a plain mesh, which has no other, photographs."""
+    faces: Annotated[int, Field(ge=1)] | None = None
+    texture: int | None = None
+    seconds: Annotated[float, Field(ge=0)] = 60.0
+    seed: int = 0
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What `msb.bake` takes of it."""
+        return self.model_dump(exclude={"label"}, exclude_none=True)
+
+
 class MetricsTable(Record):
     """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16, without which LPIPS is "--"."""
 
@@ -165,6 +188,7 @@ class Protocol(Record):
     datasets: Annotated[tuple[DatasetTable, ...], Field(min_length=1)]
     methods: Annotated[tuple[MethodTable, ...], Field(min_length=1)]
     variants: tuple[VariantTable, ...] = ()
+    bakes: tuple[BakeTable, ...] = ()
     metrics: MetricsTable = MetricsTable()
     timing: TimingTable = TimingTable()
     chamfer: ChamferTable | None = None

@@ -18,7 +18,14 @@ from pydantic import ConfigDict, Field, model_validator
 
 from msb.base.version import __version__
 from msb.bench.checked import Amount, Count, Name, Record, Sha256, checked, read_json
-from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument, WalkDocument
+from msb.bench.documents import (
+    AuditDocument,
+    BakeDocument,
+    ChamferDocument,
+    RepairDocument,
+    TrialDocument,
+    WalkDocument,
+)
 from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 
@@ -37,6 +44,9 @@ TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
 """Condition that has images -> the tier they are of, in the order in which quality is lost."""
+
+BAKED = "baked"
+"""What the keys of conditions begin with in which a bake of the model is drawn."""
 
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 """A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by."""
@@ -64,6 +74,8 @@ class Cell(Record):
     condition: Condition
     variant: Name | None = None
     """The label of a variant of the dedicated tier: another order, sampling, renderer or settings."""
+    bake: Name | None = None
+    """The label of a bake: the standard tier draws a plain asset that was made of the model."""
     renderer: Name | None = None
     """A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
     tier, or what draws a variant."""
@@ -75,12 +87,15 @@ class Cell(Record):
 
     @property
     def condition_name(self) -> str:
-        """The condition's folder: named by its variant or renderer, where that is not the condition's own."""
-        return self.variant or self.renderer or self.condition
+        """The condition's folder: named by its bake, variant or renderer, where it has one of its own."""
+        return self.bake or self.variant or self.renderer or self.condition
 
     @property
     def condition_key(self) -> str:
-        """The condition in tables: "standard"; "standard/wgpu" of an engine; "dedicated/NAME" a variant."""
+        """The condition in tables: "standard"; "standard/wgpu" of an engine; "dedicated/NAME" a variant;
+        "baked/NAME" a bake."""
+        if self.bake is not None:
+            return f"{BAKED}/{self.bake}"
         own = self.variant or self.renderer
         return self.condition if own is None else f"{self.condition}/{own}"
 
@@ -275,6 +290,8 @@ class Result(Record):
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
+    source: File | None = None
+    """The asset that a bake was made of; that of the bake is `asset`."""
     renders: File | None = None
     """The folder of official renderings, in the condition non_engine only."""
     renderer: RendererInfo | None = None
@@ -285,11 +302,12 @@ class Result(Record):
     chamfer: ChamferDocument | None = None
     """For DTU only."""
     audit: AuditDocument | None = None
-    """In the condition exported_mesh only, as are `trial` and `repairs`."""
+    """Of an exported mesh and of a bake, as is `trial`."""
+    bake: BakeDocument | None = None
     trial: TrialDocument | None = None
     """Pictures lie in "trial" beside the record."""
     repairs: RepairDocument | None = None
-    """Pictures lie in "repairs"."""
+    """Of an exported mesh only; pictures lie in "repairs"."""
     walk: WalkDocument | None = None
     """Of conditions that our renderers or engines draw, if the protocol has a walk."""
     training: Training | None = None
@@ -300,6 +318,11 @@ class Result(Record):
     """Part ("timing", "walk", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
     """Part -> its inputs, name -> hash or version; one that changed is computed again."""
+
+    @property
+    def model_asset(self) -> File | None:
+        """The asset of the model: of a bake what it was made of, else what was drawn."""
+        return self.source or self.asset
 
     @property
     def drawn_on(self) -> dict[str, Any]:

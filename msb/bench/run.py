@@ -1,4 +1,4 @@
-"""A whole run: models made ready, photographs written, cells computed, timings taken, films made.
+"""A whole run: models made ready and baked, photographs written, cells computed, timings taken, films made.
 
 Every stage hands plain tasks to the workers and goes on even if one of them fails. Finished work is on disk,
 so a run that ends at any point goes on from there when it is started again.
@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from msb.adapters.training_cameras import CAMERAS
 from msb.base.atomic import new_file
+from msb.bench.bakes import BakeTask, make_bake
 from msb.bench.cell import compute, reason_of, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
@@ -183,7 +184,8 @@ class _Run:
         pairs = pairs_of(self.file, only)
         models = self.models(pairs)
         known = Known(_device(self.workers, self.file.protocol.device))
-        planned = Planner(self.file, self.run, known, only, redo=redo).plan(pairs, models)
+        planner = Planner(self.file, self.run, known, only, redo=redo)
+        planned = self.bakes(planner, planner.plan(pairs, models))
         made = [model for model in models.values() if isinstance(model, Model)]
         for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.notes()]):
             self.watch.note(line)
@@ -215,6 +217,18 @@ class _Run:
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
         made = dict(self.each("models", prepare_model, unique))
         return {pair: made[task] for pair, task in tasks.items() if task is not None}
+
+    def bakes(self, planner: Planner, planned: list[Planned]) -> list[Planned]:
+        """Make the bakes that are not there, and plan their cells."""
+        tasks = [one.bake for one in planned if one.bake is not None]
+        made = {id(task): answer for task, answer in self.each("bakes", make_bake, tasks)}
+        for one in planned:
+            answer = made.get(id(one.bake))
+            if isinstance(answer, Model) and answer.bake is not None:
+                self.spent[one.cell] = answer.bake.seconds
+        return [
+            one if one.bake is None else planner.with_bake(one.cell, made[id(one.bake)]) for one in planned
+        ]
 
     def keep_cameras(self, planned: Sequence[Planned]) -> None:
         """Write each scene's cameras beside the assets made of its models: they judge these later, too."""
@@ -315,6 +329,8 @@ def _kind(task: Any) -> str:
     """Return what tasks have in common that take about the same time."""
     if isinstance(task, Job):
         return " ".join((task.cell.condition_key, *task.parts))
+    if isinstance(task, BakeTask):
+        return task.table.label
     return task.method if isinstance(task, ModelTask) else ""
 
 

@@ -8,6 +8,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING
 
 from msb.base.version import __version__
+from msb.bench.records import BAKED
 from msb.errors import UsageError, shorten
 from msb.report.against import LABEL, against_findings, against_table, comparisons
 from msb.report.collect import collect
@@ -19,6 +20,7 @@ from msb.report.paper import contradictions, paper_numbers
 from msb.report.pictures import View, view_names, views
 from msb.report.report import Report, Section, places_of
 from msb.report.tables import measured
+from msb.report.tables.bakes import bakes_table, split_table
 from msb.report.tables.features import deployment_features, native_features
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.report.tables.reproducibility import SOURCES, reproducibility, reproducibility_statistics
@@ -66,6 +68,11 @@ _SECTIONS = {
         "deployment_gap",
     ),
     "gaps": ("Deployment gaps", "How much quality each step costs.", ""),
+    "bakes": (
+        "Where the loss is",
+        "What plain assets of the models can reach, and so which part of the loss is the export's.",
+        "loss_split",
+    ),
     "looks": ("What it looks like", "The same test view under every condition.", ""),
     "native": ("With their own renderers", "The methods before any deployment.", ""),
     "runtime": ("Speed and memory", "What drawing costs.", "quality_speed"),
@@ -216,6 +223,12 @@ def _sections(
             *(measured.scene_comparison(numbers, dataset, paper) for dataset in few),
         ],
         "gaps": (gaps_table(numbers, dataset, paper) for dataset in deployed),
+        "bakes": (
+            table
+            for dataset in drawn
+            if numbers.in_place_of(dataset, BAKED)
+            for table in (split_table(numbers, dataset), bakes_table(numbers, dataset))
+        ),
         "native": [measured.native_summary(numbers, paper)] if native else [],
         "runtime": runtime,
         "walk": (measured.walk(numbers, dataset) for dataset in deployed if _walked(numbers, dataset)),

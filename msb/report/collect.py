@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from msb.bench.aggregate import AUDITED, METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import Gaps, Ratio, dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import interval, view_values
+from msb.bench.records import BAKED
+from msb.bench.split import Split, loss_split
 from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
 from msb.registry import METHODS
@@ -23,6 +25,7 @@ from msb.report.numbers import (
     Number,
     Numbers,
     RatioKey,
+    SplitKey,
     condition_order,
     gap_tiers,
     ratio_tiers,
@@ -41,11 +44,14 @@ _IMAGES = (*_RATES, *WALK, "memory", "driver_memory", "asset_size")
 """Metrics of a condition with images, besides those of `QUALITY`."""
 _OF_ASSET = ("train_memory", "train_seconds", "chamfer")
 """Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
+_OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
+"""Metrics of exported meshes and of bakes, and of bakes alone."""
 _PARTS = {
     **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
     **dict.fromkeys(("train_memory", "train_seconds"), "training"),
     "chamfer": "chamfer",
+    "tasks": "trial",
 }
 """Metric -> the part of `Result.reasons` that says why it is not there."""
 
@@ -74,6 +80,7 @@ def collect(results: ResultSet) -> Numbers:
     values: dict[Key, Number] = {}
     views = _views(records)
     gaps: dict[GapKey, Gaps] = {}
+    splits: dict[SplitKey, Split] = {}
     ratios: dict[RatioKey, Ratio] = {}
     drawn_by: dict[tuple[str, str], str] = {}
     for dataset in _ordered({place.dataset for place in records}, SCENES):
@@ -87,10 +94,21 @@ def collect(results: ResultSet) -> Numbers:
                 _add_condition(values, views, dataset, method, condition, of_scenes)
             _add_gaps(gaps, dataset, method, gap_tiers(conditions, drawers), of_scenes)
             expected = expected_scenes(dataset, scenes)
+            for scene, over in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
+                for metric in QUALITY:
+                    split = loss_split(metric, of_scenes, over)
+                    if split is not None:
+                        splits[SplitKey(dataset, scene, method, metric)] = split
             for standard, dedicated in ratio_tiers(conditions, drawers):
                 for pair in ((standard, dedicated), (dedicated, "non_engine")):
                     ratios[RatioKey(dataset, method, *pair)] = slowdown(of_scenes, expected, *pair)
-    return Numbers(_with_setups(values, records), gaps, ratios, views, drawn_by)
+    verdicts = {
+        Key(*place, condition, ""): result.audit.verdict.level
+        for place, conditions in records.items()
+        for condition, result in conditions.items()
+        if result.audit is not None
+    }
+    return Numbers(_with_setups(values, records), gaps, ratios, views, drawn_by, splits, verdicts)
 
 
 def _drawers(records: Mapping[Place, Mapping[str, Result]], dataset: str) -> dict[str, str]:
@@ -151,7 +169,8 @@ def _add_condition(
     condition: str,
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    metrics = AUDITED if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
+    metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
+    metrics = (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
     metrics = (*metrics, *_OF_ASSET) if condition == "non_engine" else metrics
     for metric in metrics:
         numbers = {}
@@ -222,6 +241,7 @@ def _why_missing(metric: str, result: Result) -> str:
         "walk": "not walked through",
         "training": "no record of the training was given",
         "chamfer": "the Chamfer distance was not measured",
+        "trial": "no task was tried",
     }.get(part or "", "not measured")
 
 

@@ -1,4 +1,5 @@
-"""The charts as SVG and PDF: gaps between conditions, quality against speed, differences from the published.
+"""The charts as SVG and PDF: gaps between conditions and their parts, quality against speed, differences from
+the published.
 
 Colours are Okabe and Ito's, which the colour-blind can tell apart; markers, line styles and hatches say the
 same without them. Text and axes take the colour of the page they stand in.
@@ -19,18 +20,22 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from msb.base.extras import need_extra
 from msb.bench.aggregate import CONDITION_TITLES, expected_scenes
+from msb.bench.records import BAKED
+from msb.bench.split import STEPS
 from msb.registry import METHODS
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
     MEAN,
     Key,
     Numbers,
+    SplitKey,
     condition_title,
     dataset_title,
     method_title,
     scene_title,
 )
 from msb.report.safe_names import plain_text, slug
+from msb.report.tables.bakes import STEP_TITLES
 from msb.report.tables.reproducibility import SOURCES, Pair, pairs
 
 if TYPE_CHECKING:
@@ -88,7 +93,8 @@ def figures(numbers: Numbers, paper: Numbers | None = None) -> list[Figure]:
     """Return every chart there are numbers for."""
     charts = []
     for dataset in numbers.datasets():
-        charts += [deployment_gap(numbers, dataset), quality_speed(numbers, dataset)]
+        charts += [deployment_gap(numbers, dataset), loss_split(numbers, dataset)]
+        charts += [quality_speed(numbers, dataset)]
     if paper is not None:
         own = [pair for pair in pairs(numbers, paper) if pair.key.metric == "psnr"]
         charts += [differences(own, dataset) for dataset in numbers.datasets()]
@@ -157,10 +163,48 @@ def _condition_means(numbers: Numbers, dataset: str, method: str, dedicated: str
     ]
 
 
+def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
+    """Return a bar per method from Standard's PSNR to Dedicated's, in its parts; None without bakes."""
+    bars = {
+        method: [(name, *gap.ends) for name, gap in split.steps.items() if gap.ends is not None]
+        for method in numbers.methods(dataset)
+        if (split := numbers.splits.get(SplitKey(dataset, MEAN, method, "psnr"))) is not None
+    }
+    bars = {method: parts for method, parts in bars.items() if parts}
+    if not bars:
+        return None
+
+    def draw(axes: Axes) -> None:
+        for place, parts in enumerate(bars.values()):
+            for name, better, worse in parts:
+                which = STEPS.index(name)
+                axes.barh(place, better - worse, 0.5, worse, color=_COLORS[which], hatch=_HATCHES[which],
+                          edgecolor=_INK, linewidth=0.6, alpha=0.85, label=STEP_TITLES[name])  # fmt: skip
+            ends = [parts[0][2], *(better for _, better, _ in parts)]
+            axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
+        axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
+        axes.invert_yaxis()
+        axes.use_sticky_edges = False
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("PSNR (dB): from Standard (left) to Dedicated (right)")
+        handles, labels = axes.get_legend_handles_labels()
+        named = dict(zip(labels, handles, strict=True))
+        _legend(axes, [named[title] for title in STEP_TITLES.values() if title in named])
+
+    caption = (
+        "what the loss from Dedicated to Standard is made of. From the left: Standard, the same triangles in "
+        "the best static colours, the best bake of other triangles, Dedicated. A part that runs to the left "
+        "is a gain; a method without Standard begins at the second."
+    )
+    return _figure("loss_split", dataset, caption, draw)
+
+
 def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
     """Return PSNR against frames per second, a marker per condition and method; None without two points."""
     points: dict[str, list[tuple[str, float, float]]] = {}
-    conditions = [name for name in numbers.conditions(dataset) if not name.startswith("standard/")]
+    conditions = [
+        name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
+    ]
     for method in numbers.methods(dataset, *conditions):
         for condition in conditions:
             psnr, fps = (

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, GapName, Gaps
 from msb.bench.intervals import Interval, excludes_zero, interval
+from msb.bench.records import BAKED
 from msb.report.collect import REFERENCE, SOUP
 from msb.report.metric_format import digits, text
 from msb.report.numbers import (
@@ -25,6 +26,7 @@ from msb.report.numbers import (
 )
 from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED
+from msb.report.tables.bakes import STEP_TITLES
 
 _MOST = 12
 """Findings; more are not read."""
@@ -104,6 +106,7 @@ def find(numbers: Numbers, first: Iterable[Finding] = ()) -> list[Finding]:
     findings = [
         *first,
         *_gap_findings(numbers),
+        *_split_findings(numbers),
         *_monotone_findings(numbers),
         *_ranking_findings(numbers),
         *_leader_findings(numbers),
@@ -177,6 +180,43 @@ def _gap_cases(numbers: Numbers, name: GapName, dedicated: str) -> Iterator[_Cas
         yield _Case(gap.signed, key.dataset, key.method, detail)
 
 
+def _split_findings(numbers: Numbers) -> Iterator[Finding]:
+    """Yield what the largest loss from Dedicated to Standard is made of, and how much bakes give back."""
+    whole = {
+        key: split
+        for key, split in numbers.splits.items()
+        if (key.scene, key.metric) == (MEAN, "psnr")
+        and split.total is not None
+        and split.total.signed is not None
+        and all(gap.signed is not None for gap in split.steps.values())
+    }
+    cases = [
+        (split.total.signed, split.total.signed - (split.steps["blending"].signed or 0.0), key)
+        for key, split in whole.items()
+        if split.total is not None and split.total.signed is not None
+    ]
+    if not cases:
+        return
+    total, _, key = max(cases)
+    split = whole[key]
+    parts = []
+    for name, gap in split.steps.items():
+        names = [one for one, other in split.within.items() if other == name]
+        title = " and ".join(STEP_TITLES[one].lower() for one in (*names, name))
+        parts.append(f"{title} {digits(gap.signed or 0.0, 2)}")
+    sentence = (
+        f"The {digits(total, 2)} dB that {_name(key.dataset, key.method)} loses from Dedicated to Standard: "
+        f"{', '.join(parts)}"
+    )
+    shares = [100 * back / lost for lost, back, _ in cases if lost >= _NOTHING]
+    if len(shares) > 1:
+        low, high = min(shares), max(shares)
+        sentence += f"; baking gives {low:.0f} to {high:.0f} % of such a loss back, in {len(shares)} cases"
+    elif shares:
+        sentence += f"; baking gives {shares[0]:.0f} % of it back"
+    yield Finding("loss_split", f"{sentence}.", f"loss_split-{slug(key.dataset)}")
+
+
 def _monotone_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield the cases in which Dedicated, or a variant of it, does not lie between the other two."""
     known = [
@@ -234,7 +274,9 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
     changed: dict[str, str] = {}
     same: dict[str, str] = {}
     for dataset in numbers.datasets():
-        conditions = [name for name in numbers.conditions(dataset) if not name.startswith("standard/")]
+        conditions = [
+            name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
+        ]
         changes: dict[str, list[str]] = {}
         compared = 0
         for first, second in combinations(conditions, 2):

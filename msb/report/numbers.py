@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.bench.aggregate import CONDITION_TITLES, SCENES, TITLES
-from msb.bench.records import CONDITIONS, TIER_OF
+from msb.bench.records import BAKED, TIER_OF
 from msb.metrics.registry import IMAGE_METRICS
 from msb.registry import METHODS
 from msb.report.safe_names import plain_text
@@ -20,6 +20,7 @@ from msb.report.table import NOT_THERE
 if TYPE_CHECKING:
     from msb.bench.gaps import Gaps, Ratio
     from msb.bench.intervals import Interval
+    from msb.bench.split import Split
 
 MEAN = "mean"
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
@@ -37,7 +38,8 @@ ON_CPU = "measured on a CPU device"
 class Key(NamedTuple):
     """What a number is of: `scene` may be a key of `MEANS`; `metric` is one of `msb.bench.aggregate.METRICS`.
 
-    `condition` is "standard/NAME" where an engine draws in its place, "dedicated/NAME" of a variant. `source`
+    `condition` is "standard/NAME" where an engine draws in its place, "dedicated/NAME" of a variant,
+    "baked/NAME" of a bake. `source`
     is "" for measured numbers, and a key of `msb.report.tables.reproducibility.SOURCES` for published ones.
     """
 
@@ -68,7 +70,8 @@ class Number:
 class GapKey(NamedTuple):
     """What gaps are of. `scene` may be "mean".
 
-    `standard` and `dedicated` are the conditions in the place of the two tiers: an engine's and a variant's.
+    `standard` and `dedicated` are the conditions in the place of the two tiers: an engine's or a bake's, and
+    a variant's.
     """
 
     dataset: str
@@ -82,6 +85,15 @@ class GapKey(NamedTuple):
     def own_tiers(self) -> bool:
         """Whether the gaps are between the tiers themselves, with neither engine nor variant."""
         return (self.standard, self.dedicated) == ("standard", "dedicated")
+
+
+class SplitKey(NamedTuple):
+    """What the parts of a loss are of. `scene` may be "mean"."""
+
+    dataset: str
+    scene: str
+    method: str
+    metric: str
 
 
 class RatioKey(NamedTuple):
@@ -98,7 +110,8 @@ class Numbers:
     """All numbers of a set of results, or of the paper (`of_paper`). Names come in the order of `values`.
 
     `views` has the values of every view, of the image metrics of a scene; `drawn_by` what drew a dataset's
-    condition: "OpenCL", an engine, the methods' own code.
+    condition: "OpenCL", an engine, the methods' own code; `verdicts` that of the audit of each exported mesh
+    and bake, whose key has no metric.
     """
 
     values: Mapping[Key, Number]
@@ -106,6 +119,8 @@ class Numbers:
     ratios: Mapping[RatioKey, Ratio] = field(default_factory=dict)
     views: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
     drawn_by: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    splits: Mapping[SplitKey, Split] = field(default_factory=dict)
+    verdicts: Mapping[Key, str] = field(default_factory=dict)
     of_paper: bool = False
 
     def number(self, key: Key) -> Number:
@@ -134,14 +149,14 @@ class Numbers:
         return list(dict.fromkeys(key.scene for key in self._of(dataset) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
-        """Return the conditions that hold images, each followed by its variants or engines."""
+        """Return the conditions that hold images, each followed by its variants or engines; then bakes."""
         conditions = dict.fromkeys(
             key.condition for key in self._of(dataset) if key.condition != "exported_mesh"
         )
         return sorted(conditions, key=condition_order)
 
     def in_place_of(self, dataset: str, condition: str) -> list[str]:
-        """Return the variants or engines of a condition in a dataset."""
+        """Return the variants or engines of a condition in a dataset, or the bakes of "baked"."""
         return in_place_of(self.conditions(dataset), condition)
 
     def gap_tiers(self, dataset: str) -> list[tuple[str, str]]:
@@ -175,20 +190,21 @@ def method_title(method: str) -> str:
 
 
 def in_place_of(conditions: Iterable[str], condition: str) -> list[str]:
-    """Return those of `conditions` that are variants or engines of one."""
+    """Return those of `conditions` that are variants or engines of one, or the bakes of "baked"."""
     return [name for name in conditions if name.startswith(f"{condition}/")]
 
 
 def gap_tiers(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[tuple[str, str]]:
     """Return the pairs (standard, dedicated) that gaps go through.
 
-    They are the tiers, each variant, each engine, and each engine's two tiers where it draws both.
+    They are the tiers, each variant, each engine, each engine's two tiers where it draws both, and each bake.
     """
     variants = in_place_of(conditions, "dedicated")
     pairs = [
         *(("standard", dedicated) for dedicated in ("dedicated", *variants)),
         *((engine, "dedicated") for engine in in_place_of(conditions, "standard")),
         *ratio_tiers(conditions, drawn_by),
+        *((bake, "dedicated") for bake in in_place_of(conditions, BAKED)),
     ]
     return list(dict.fromkeys(pairs))
 
@@ -207,10 +223,10 @@ def ratio_tiers(conditions: Sequence[str], drawn_by: Mapping[str, str]) -> list[
 def condition_order(condition: str) -> tuple[int, bool]:
     """Return what conditions are sorted by: as quality is lost, each followed by its variants or engines."""
     own, slash, _ = condition.partition("/")
-    return CONDITIONS.index(own), bool(slash)
+    return list(CONDITION_TITLES).index(own), bool(slash)
 
 
 def condition_title(condition: str) -> str:
-    """Return a condition's heading, with the variant's or engine's name behind it."""
+    """Return a condition's heading, with the variant's, engine's or bake's name behind it."""
     own, _, name = condition.partition("/")
     return f"{CONDITION_TITLES[own]}, {plain_text(name)}" if name else CONDITION_TITLES[own]

@@ -12,9 +12,10 @@ from typing import NamedTuple
 from msb.base.files import file_sha256, is_folder
 from msb.base.paths import given_path
 from msb.bench.folder import Results
-from msb.bench.records import CONDITIONS, ImageQuality, Result, read_result
+from msb.bench.records import ImageQuality, Result, read_result
 from msb.errors import InputError, MsbError, UsageError
 from msb.metrics.identity import defined
+from msb.report.numbers import condition_order
 
 
 class Place(NamedTuple):
@@ -111,7 +112,7 @@ def result_set(records: Sequence[Loaded], *, allow_mixed: bool = False) -> Resul
         text = f"{problems[0]}{more};{way} report them apart, or give --allow-mixed"
         raise UsageError("RESULTS_MIXED", text)
     places: dict[Place, dict[str, Loaded]] = {}
-    for loaded in sorted(records, key=lambda loaded: CONDITIONS.index(loaded.result.cell.condition)):
+    for loaded in sorted(records, key=lambda loaded: condition_order(loaded.result.cell.condition_key)):
         places.setdefault(loaded.place, {})[loaded.result.cell.condition_key] = loaded
     return ResultSet(places, (*(f"mixed: {problem}" for problem in problems), *_not_installed(records)))
 
@@ -197,9 +198,10 @@ def _must_agree(result: Result) -> dict[str, object]:
     facts: dict[str, object] = {}
     if result.setup is not None:
         facts["their setup (cameras, image folder, background)"] = result.setup
-    if result.asset is not None and result.asset.sha256 is not None:
-        facts["the asset's bytes"] = result.asset.sha256
-    if result.renderer is not None and result.renderer.kind != "upstream" and result.cell.variant is None:
+    if result.model_asset is not None and result.model_asset.sha256 is not None:
+        facts["the asset's bytes"] = result.model_asset.sha256
+    own_settings = result.cell.variant is None and result.cell.bake is None
+    if result.renderer is not None and result.renderer.kind != "upstream" and own_settings:
         facts["their settings"] = result.renderer.settings
     if result.quality is not None:
         facts["their test images or sizes"] = result.quality.views

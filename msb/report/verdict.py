@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from msb import metrics
+from msb.bench.records import BAKED
 from msb.errors import MsbError
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY
@@ -100,6 +101,8 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
     dedicated = ["dedicated", *variants]
     looks = {"standard": "A plain mesh in any engine (Standard)"}
     looks |= {name: f"A model with its own shaders ({condition_title(name)})" for name in dedicated}
+    bakes = [name for name in numbers.in_place_of(place.dataset, BAKED) if name in records]
+    looks |= {name: f"A plain asset made anew, in any engine ({condition_title(name)})" for name in bakes}
     able = {name for name, record in records.items() if record.status != "unsupported"}
     timed = [name for name in ("standard", *dedicated) if name in able]
     statements = [
@@ -108,7 +111,8 @@ def judge(place: Place, loaded: Mapping[str, Loaded], numbers: Numbers) -> Verdi
             for name, use in looks.items()
         ),
         *(replace(_runs(name, records[name]), short=f"real time {condition_title(name)}") for name in timed),
-        replace(_structure(records), short="editing"),
+        replace(_structure(records.get("exported_mesh")), short="editing"),
+        *(_baked(name, records[name]) for name in bakes),
         *_notes(place, numbers, records),
     ]
     return Verdict(place, tuple(statements), tuple(tried_tasks(loaded.get("exported_mesh"), pictures=False)))
@@ -128,7 +132,7 @@ def _looks(
         if number.absent == NOT_SUPPORTED:
             return Statement("NO", use, f"Not supported: {reason}.")
         return Statement("UNKNOWN", use, f"Not known: {reason}.")
-    tier = "standard" if condition == "standard" else "dedicated"
+    tier = "dedicated" if condition.startswith("dedicated") else "standard"
     gaps = numbers.gaps.get(GapKey(*place, "psnr", **{tier: condition}))
     gap = None if gaps is None else gaps["deploy" if tier == "standard" else "adapt"]
     start, why = "non_engine", ""
@@ -182,15 +186,25 @@ def _runs(condition: str, record: Result) -> Statement:
     return Statement("NO", use, f"Does not hold 30 frames a second: {numbers}.")
 
 
-def _structure(records: Mapping[str, Result]) -> Statement:
+def _structure(record: Result | None) -> Statement:
     use = "Editing: subdivision, collision, UV unwrapping, printing"
-    record = records.get("exported_mesh")
     if record is None or record.audit is None:
         reason = None if record is None else record.reason
         why = "the mesh was not audited" if reason is None else reason.message
         return Statement("UNKNOWN", use, f"Not known: {why}.")
     verdict = record.audit.verdict
     return Statement(_LEVELS[verdict.level], use, f"{_capital(verdict.sentence)}.")
+
+
+def _baked(condition: str, record: Result) -> Statement:
+    """Judge the structure of a bake, and say what it takes."""
+    title, found = condition_title(condition), _structure(record)
+    facts = ""
+    if record.bake is not None and record.asset is not None:
+        size = text("asset_size", record.asset.bytes)
+        facts = f" {record.bake.faces:,} triangles, {size} MiB, made in {record.bake.seconds:.0f} s."
+    why = f"{found.why}{facts}"
+    return Statement(found.mark, f"Editing a plain asset made anew ({title})", why, f"editing {title}")
 
 
 def _notes(place: Place, numbers: Numbers, records: Mapping[str, Result]) -> Iterator[Statement]:

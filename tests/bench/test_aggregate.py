@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
-from msb.bench.documents import AuditDocument, ChamferDocument, WalkDocument
+from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument, WalkDocument
 from msb.bench.records import File, Memory, Result, Training
-from tests.report.documents import AUDIT, WALK, chamfer
-from tests.report.factory import quality, result, timing
+from tests.report.documents import AUDIT, TASK, WALK, chamfer, trial
+from tests.report.factory import bake, quality, result, timing
 
 
 def test_nine_scenes_are_not_two_groups() -> None:
@@ -45,6 +45,8 @@ def test_every_metric_is_found_in_a_record() -> None:
         chamfer=ChamferDocument.of(chamfer(0.8)),
         audit=AuditDocument.of(AUDIT),
         walk=WalkDocument.of(WALK),
+        trial=TrialDocument.of(trial(TASK)),
+        bake=bake("ceiling")["bake"],
     )
     found = {name: metric.get(full) for name, metric in METRICS.items()}
     assert None not in found.values()

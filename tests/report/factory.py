@@ -18,7 +18,7 @@ from PIL import Image, ImageFilter
 
 from msb.base.files import file_sha256
 from msb.bench.aggregate import SCENES
-from msb.bench.documents import AuditDocument, ChamferDocument
+from msb.bench.documents import AuditDocument, BakeDocument, ChamferDocument
 from msb.bench.records import (
     Cell,
     File,
@@ -153,6 +153,31 @@ def make_result(dataset: str, scene: str, method: str, condition: str, **changes
 def result(condition: str = "dedicated", **changes: Any) -> Result:
     """Return the record of 2DTS on Mip-NeRF 360's garden, as `make_result`."""
     return make_result("mipnerf360", "garden", "two_dts", condition, **changes)
+
+
+def bake(label: str, geometry: str = "kept", *, made_of: Cell | None = None, **facts: Any) -> dict[str, Any]:
+    """Return the parts by which a record of the standard tier is that of a bake of the model of a cell."""
+    cell = made_of or Cell(dataset="mipnerf360", scene="garden", method="two_dts", condition="standard")
+    source = make_result(cell.dataset, cell.scene, cell.method, "dedicated").asset
+    verdict = {"level": "bad", "sentence": "a soup"}
+    photographs = {"dedicated": 30.0, "before": 18.0, "after": 21.0, "after_16": 22.5}
+    document = {
+        **{"schema": "msb.bake/1", "path": None, "output": None, "geometry": geometry, "color": "vertex"},
+        **{"vertices": 300, "faces": 100, "texture": None, "bytes": 9000, "seconds": 7.0},
+        **{"views": {"taught": 9, "held_back": 3, "from": "9 training views"}, "unseen_area": 0.1},
+        **{"psnr": {"own": None, "photographs": photographs}},
+        **{"verdict_before": verdict, "verdict_after": verdict, "lods": [], "collision": None},
+        **{"teacher": "dedicated", "model_faces": 120, "background": [0.0, 0.0, 0.0], "seed": 0},
+        **{"device": "Made-up GPU", "tried": {}, "notes": [], "sentence": "baked 21.0"},
+        **facts,
+    }
+    return {
+        "cell": cell.model_copy(update={"condition": "standard", "bake": label}),
+        "source": source,
+        "asset": File(path=f"{label}.triasset", bytes=9000, sha256=_sha(label)),
+        "bake": BakeDocument.of(document),
+        "audit": AuditDocument.of(AUDIT),
+    }
 
 
 def timing(fps: float = 100.0, **changes: Any) -> Timing:

@@ -13,12 +13,14 @@ from msb.report.numbers import (
     QUALITY,
     Number,
     Numbers,
+    SplitKey,
     condition_title,
     dataset_title,
     method_title,
 )
 from msb.report.paper import methods_in, paper_row
 from msb.report.table import Cell, Column, Row, Table
+from msb.report.tables.bakes import scene_bakes_table, scene_split_table
 from msb.report.tables.gaps import scene_gaps_table
 from msb.report.tables.measured import DRIVER_NOTE, STRUCTURE_NOTES, connectivity_columns
 
@@ -31,7 +33,7 @@ _BYTES = ("geometry", "appearance", "scratch", "targets", "total")
 
 
 def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) -> dict[str, Table]:
-    """Return the tables "conditions", "gaps", "memory" and "structure" of an asset that have numbers."""
+    """Return the tables "conditions", "gaps", "split", "bakes", "memory", "structure" that have numbers."""
     tables = {}
     known = {key.condition for key in numbers.values if key[:3] == place}
     if conditions := [name for name in numbers.conditions(place.dataset) if name in known]:
@@ -50,6 +52,9 @@ def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) 
             place._asdict(),
         )
         tables["gaps"] = scene_gaps_table(numbers, place)
+    if any(SplitKey(*place, metric) in numbers.splits for metric in QUALITY):
+        tables["split"] = scene_split_table(numbers, place)
+        tables["bakes"] = scene_bakes_table(numbers, place)
     if held := {name: record.memory for name, record in records.items() if record.memory is not None}:
         tables["memory"] = _memory_table(held)
     audit = records["exported_mesh"].audit if "exported_mesh" in records else None
@@ -103,7 +108,8 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
             facts.setdefault(name, {})[value] = None
 
     for condition, record in records.items():
-        for name, file in (("Asset", record.asset), ("Checkpoint", record.checkpoint)):
+        asset = "Asset" if record.bake is None else f"Asset, {condition_title(condition)}"
+        for name, file in ((asset, record.asset), ("Checkpoint", record.checkpoint)):
             if file is not None:
                 digest = f", SHA-256 {file.sha256}" if file.sha256 else ""
                 add(name, f"{file.path} ({text('asset_size', file.bytes)} MiB{digest})")
@@ -115,6 +121,8 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
             add(condition_title(condition), f"{about}{f'; {settings}' if settings else ''}")
         device = record.drawn_on
         add("Device", ", ".join(str(device[key]) for key in ("platform", "name") if key in device))
+        if record.bake is not None:
+            add(f"Made as {condition_title(condition)}", record.bake.sentence)
         if record.setup is not None:
             background = ", ".join(f"{value:g}" for value in record.setup.background)
             resized = ", resized here" if record.setup.gt_resized else ""

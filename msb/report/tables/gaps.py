@@ -62,7 +62,8 @@ _RATIOS = (("standard", "dedicated"), ("dedicated", "non_engine"))
 def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Table:
     """Return the gaps of every method and metric of a dataset.
 
-    Engines take the place of Standard, variants that of Dedicated, and an engine that draws both of both.
+    Engines and bakes take the place of Standard, variants that of Dedicated, and an engine that draws both of
+    both.
     """
     rows: list[Row] = []
     for metric in QUALITY:
@@ -87,7 +88,7 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
 
 
 def gap_title(key: GapKey) -> str:
-    """Return the method of a gap, and the variant or engine that it goes through."""
+    """Return the method of a gap, and the variant, engine or bake that it goes through."""
     names = [condition.partition("/")[2] for condition in (key.dedicated, key.standard)]
     return ", ".join((method_title(key.method), *map(plain_text, filter(None, names))))
 

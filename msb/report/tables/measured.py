@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from msb.bench.aggregate import METRICS, scene_groups
+from msb.bench.records import BAKED
 from msb.report.collect import SOUP, WALK
 from msb.report.layout import Line, line, make_table, metric_columns
 from msb.report.metric_format import title, title_with_unit
@@ -327,10 +328,13 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 def _deployments(
     numbers: Numbers, dataset: str, metric: str
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
-    """Return the (condition, method) pairs shown, and a note on each that nothing can be shown of."""
+    """Return the (condition, method) pairs shown, and a note on each that nothing can be shown of.
+
+    Bakes have a table of their own.
+    """
     pairs, omitted = [], []
     for condition in numbers.conditions(dataset):
-        if condition == "non_engine":
+        if condition == "non_engine" or condition.startswith(f"{BAKED}/"):
             continue
         for method in numbers.methods(dataset, condition):
             number = numbers.number(Key(dataset, MEAN, method, condition, metric))

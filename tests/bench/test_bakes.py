@@ -1,0 +1,162 @@
+"""Bakes of a protocol: made once a model and scene, drawn on the standard tier; what the loss is made of."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from msb.bench.protocol import ProtocolFile, parse_protocol
+from msb.bench.records import File, Result
+from msb.bench.run import run_protocol
+from msb.bench.split import loss_split
+from msb.errors import InputError
+from tests.bench.protocols import PEBBLE, cell, planned, protocol
+from tests.report.factory import bake, quality, result
+
+CEILING = '[[bakes]]\nlabel = "ceiling"\ngeometry = "kept"\n'
+TRIAL = '[trial]\ntasks = ["self_intersections"]\n'
+
+
+def test_bakes_are_read_with_the_names_and_defaults_of_the_command(tmp_path: Path) -> None:
+    first, second = protocol(tmp_path, tail=f'{CEILING}[[bakes]]\nlabel = "b"\nfaces = 9\n').protocol.bakes
+    assert first.options == {"geometry": "kept", "seconds": 60.0, "seed": 0}
+    assert second.options == {"geometry": "auto", "faces": 9, "seconds": 60.0, "seed": 0}
+
+
+@pytest.mark.parametrize(
+    ("tail", "said"),
+    [
+        (f"{CEILING}second = 3", "/bakes/0/second: there is no such key; did you mean seconds?"),
+        (f"{CEILING}faces = 9", "/bakes/0: faces limits fitted ones; kept ones are the model's own"),
+        ('[[bakes]]\nlabel = "b"\ngeometry = "solid"', "/bakes/0/geometry"),
+        ('[[bakes]]\nlabel = "b"\ntexture = 8', "/bakes/0: texture is 8; it must be 16 to 16384"),
+        ('[[bakes]]\nlabel = "b"\nseed = -1', "/bakes/0: seed is -1; it must be 0 or more"),
+        (f"{CEILING}{CEILING}", '/bakes/1/label: "ceiling" is the name of a bake already'),
+        ('[[bakes]]\nlabel = "Standard"', '/bakes/0/label: "Standard" is the name of a condition already'),
+        (
+            '[[variants]]\nlabel = "x"\norder = "none"\n[[bakes]]\nlabel = "x"',
+            '/bakes/0/label: "x" is the name of a variant already',
+        ),
+    ],
+)
+def test_what_is_no_bake_is_refused(tmp_path: Path, tail: str, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        protocol(tmp_path, tail=tail)
+    assert said in caught.value.message
+
+
+def scenes(*rows: dict[str, float]) -> dict[str, dict[str, Result]]:
+    """Return records by scene and condition, of these PSNRs; what is baked/kept kept its triangles."""
+    found: dict[str, dict[str, Result]] = {}
+    for number, row in enumerate(rows):
+        own = found[f"s{number}"] = {}
+        for name, value in row.items():
+            baked = name.partition("/")[2]
+            made: dict[str, Any] = bake(baked, "kept" if baked == "kept" else "fitted") if baked else {}
+            condition = "standard" if baked else name
+            own[name] = result(condition, quality=quality(value), **made)
+    return found
+
+
+def test_the_parts_add_up_to_the_loss() -> None:
+    rows = {"dedicated": 30.0, "baked/kept": 21.5, "baked/b": 27.0, "baked/worse": 26.0, "standard": 18.0}
+    split = loss_split("psnr", scenes(rows, {name: value + 1 for name, value in rows.items()}), ["s0", "s1"])
+    assert (split.ceiling, split.baked) == ("baked/kept", "baked/b")
+    assert {name: gap.signed for name, gap in split.steps.items()} == pytest.approx(
+        {"colors": 3.5, "faces": 5.5, "blending": 3.0}
+    )
+    assert sum(gap.signed for gap in split.steps.values()) == pytest.approx(split.total.signed)
+    assert split.total.scenes == 2
+
+
+def test_the_parts_are_over_the_scenes_that_have_all_of_them() -> None:
+    whole = {"dedicated": 30.0, "baked/kept": 21.0, "baked/b": 27.0, "standard": 18.0}
+    without = {"dedicated": 40.0, "baked/b": 20.0, "standard": 10.0}
+    split = loss_split("psnr", scenes(whole, without), ["s0", "s1"])
+    assert split.total.signed == 12
+    assert [(gap.scenes, gap.expected) for gap in split.steps.values()] == [(1, 2)] * 3
+    assert sum(gap.signed for gap in split.steps.values()) == pytest.approx(12)
+
+
+def test_a_part_without_a_bake_of_its_own_is_within_the_next() -> None:
+    split = loss_split("psnr", scenes({"dedicated": 30.0, "baked/kept": 21.0, "standard": 18.0}), ["s0"])
+    assert {name: gap.signed for name, gap in split.steps.items()} == {"colors": 3, "blending": 9}
+    assert split.within == {"faces": "blending"}
+    plain = loss_split("psnr", scenes({"baked/kept": 21.0, "standard": 18.0}), ["s0"])
+    assert plain.total is None
+    assert {name: gap.signed for name, gap in plain.steps.items()} == {"colors": 3}
+    assert loss_split("psnr", scenes({"dedicated": 30.0, "standard": 18.0}), ["s0"]) is None
+
+
+def test_a_bake_of_another_asset_is_not_compared() -> None:
+    found = scenes({"dedicated": 30.0, "baked/kept": 21.0, "standard": 18.0})
+    other = File(path="y.triasset", bytes=9, sha256="f" * 64)
+    found["s0"]["baked/kept"] = found["s0"]["baked/kept"].model_copy(update={"source": other})
+    split = loss_split("psnr", found, ["s0"])
+    assert {gap.reason for gap in split.steps.values()} == {"asset_mismatch"}
+
+
+@pytest.fixture(scope="module")
+def baked(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
+    """A run of a method without static colours, whose triangles are kept and moved."""
+    moved = '[[bakes]]\nlabel = "fitted"\ngeometry = "fitted"\nseconds = 1\n'
+    file = protocol(tmp_path_factory.mktemp("baked"), ("diffsoup",), tail=f"{TRIAL}{CEILING}{moved}")
+    assert run_protocol(file, jobs=2).exit_status == 0
+    return file
+
+
+@pytest.mark.slow
+def test_the_record_of_a_bake_says_all_of_it(baked: ProtocolFile) -> None:
+    found, model = cell(baked, "diffsoup/ceiling"), cell(baked, "diffsoup/dedicated")
+    assert (found.cell.condition, found.cell.bake, found.cell.condition_key) == (
+        *("standard", "ceiling"),
+        "baked/ceiling",
+    )
+    assert found.bake.geometry == "kept"
+    assert found.source == model.asset
+    assert found.asset.sha256 != model.asset.sha256
+    assert found.quality.values["psnr"] == pytest.approx(found.bake.psnr["photographs"]["after"], abs=0.01)
+    assert found.quality.views == model.quality.views
+    assert [one.task for one in found.trial.trials] == ["self_intersections"]
+    assert (found.audit.counts.faces, found.timing is None) == (found.bake.faces, False)
+    assert cell(baked, "diffsoup/fitted").bake.geometry == "fitted"
+    assert cell(baked, "diffsoup/standard").status == "unsupported"
+
+
+@pytest.mark.slow
+def test_a_bake_is_made_once_and_again_only_where_something_of_it_changed(baked: ProtocolFile) -> None:
+    assert set(planned(run_protocol(baked, dry=True)).values()) == {"done", "unsupported"}
+    place = baked.results / "assets" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling.triasset"
+    os.utime(place, ns=(0, 0))  # a copy of the results is the same
+    made = place.stat().st_mtime_ns
+    record = baked.results / "cells" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling" / "result.json"
+    record.unlink()  # as a run leaves it that is killed between the bake and its cell
+    assert planned(run_protocol(baked, only=["ceiling"]))["diffsoup/ceiling"]["quality"] == "new"
+    assert place.stat().st_mtime_ns == made
+    text = baked.text.replace(b"seconds = 1\n", b"seconds = 2\n")
+    changed = replace(parse_protocol(text, baked.path), results_instead=baked.results)
+    why = planned(run_protocol(changed, dry=True))
+    assert {name: one for name, one in why.items() if isinstance(one, dict)} == {
+        "diffsoup/fitted": {"bake": "changed"}
+    }
+    place.write_bytes(b"no asset")
+    assert planned(run_protocol(baked, dry=True))["diffsoup/ceiling"] == {"bake": "changed"}
+
+
+@pytest.mark.slow
+def test_a_plain_mesh_is_taught_by_photographs(tmp_path: Path) -> None:
+    import msb
+
+    mesh = tmp_path / "plain.glb"
+    msb.open(PEBBLE / "two_dts").save(mesh)
+    text = f'{CEILING}[[methods]]\nname = "mesh"\nlabel = "MILo"\nmodel = {json.dumps(str(mesh))}\n'
+    file = protocol(tmp_path, (), tail=text)
+    assert run_protocol(file).exit_status == 0
+    shipped, ceiling = cell(file, "MILo/standard"), cell(file, "MILo/ceiling")
+    assert ceiling.bake.teacher == "photographs"
+    assert ceiling.quality.values["psnr"] > shipped.quality.values["psnr"]
