@@ -26,6 +26,7 @@ STEP_TITLES: dict[StepName, str] = {"colors": "Colours", "faces": "Faces", "blen
 SPLIT_NOTES = (
     "colours: from the best bake that keeps the triangles (the ceiling) to Standard; faces: from the best "
     "other bake to the ceiling; blending: from Dedicated to that bake; best by PSNR, one sample a pixel",
+    "to keep the triangles is to move none; those that an opaque picture is better without are left out",
     "the parts are over the same scenes and add up to the loss; what is negative is a gain",
 )
 _SPLIT_COLUMNS = (
