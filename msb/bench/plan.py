@@ -24,8 +24,9 @@ from msb.bench.protocol_tables import (
     DatasetTable,
     MethodTable,
     VariantTable,
+    WalkTable,
 )
-from msb.bench.records import CONDITIONS, TIER_OF, Cell, Reason, Result
+from msb.bench.records import CONDITIONS, TIER_OF, WALKED, Cell, Reason, Result
 from msb.errors import InputError, MsbError, UsageError
 from msb.registry import METHODS, TIERS, lookup
 from msb.render.backend import find_renderer
@@ -291,7 +292,7 @@ class Planner:
             seconds=protocol.timing.seconds,
             chamfer_data=None if chamfer is None else path(chamfer.data),
             chamfer_seed=0 if chamfer is None else chamfer.seed,
-            walk=protocol.walk if cell.condition in ("dedicated", "standard") else None,
+            walk=protocol.walk if _is_walked(protocol.walk, cell) else None,
             trial=protocol.trial if cell.condition == "exported_mesh" or cell.bake else None,
             trained=trained,
         )
@@ -330,6 +331,12 @@ class Planner:
             if why is not None:
                 reasons[part] = why
         return reasons
+
+
+def _is_walked(wanted: WalkTable | None, cell: Cell) -> bool:
+    if wanted is None or cell.condition not in WALKED:
+        return False
+    return not wanted.conditions or cell.condition_name in wanted.conditions
 
 
 def _variant_problem(variant: VariantTable, method: str) -> str | None:

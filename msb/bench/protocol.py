@@ -17,7 +17,7 @@ from msb.base.paths import given_path
 from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
 from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTable, Protocol, VariantTable
-from msb.bench.records import CONDITIONS
+from msb.bench.records import CONDITIONS, WALKED
 from msb.errors import InputError, UsageError, shorten
 from msb.registry import METHODS
 
@@ -138,6 +138,13 @@ def _check(protocol: Protocol) -> _Faults:
 
         for number, bake in enumerate(protocol.bakes):
             yield from _refused(f"/bakes/{number}", partial(check_options, **bake.options))
+    walked = () if protocol.walk is None else protocol.walk.conditions
+    labels = [*(one.label for one in protocol.variants), *(one.label for one in protocol.bakes)]
+    drawn = (*WALKED, *protocol.engines, *labels)
+    for name in walked:
+        if name not in drawn:
+            text = f'nothing called "{shorten(name)}" is drawn; there are {", ".join(drawn)}'
+            yield "/walk/conditions", text
     if protocol.trial is not None:
         from msb.trial.registry import chosen_tasks
 

@@ -155,8 +155,11 @@ class VideosTable(Record):
 class WalkTable(Record):
     """``[walk]``: a flight off the path of the capture, on which flicker and holes are measured.
 
-    Conditions that we or engines draw are walked through. `size` is the longer side of the frames in pixels.
+    `size` is the longer side of the frames in pixels.
     """
+
+    conditions: tuple[FolderName, ...] = ()
+    """Names of conditions, engines, variants and bakes; all that we or an engine draw, if not given."""
 
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
     """24 of them lead from one stop to the next; 240 go round a capture of ten test views or more."""

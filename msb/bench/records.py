@@ -45,6 +45,8 @@ TIER_OF: Mapping[str, Tier] = MappingProxyType(
 )
 """Condition that has images -> the tier they are of, in the order in which quality is lost."""
 
+WALKED: tuple[Condition, ...] = ("dedicated", "standard")
+"""The conditions that can be walked through: those of which we, an engine or a bake draw any view."""
 BAKED = "baked"
 """What the keys of conditions begin with in which a bake of the model is drawn."""
 

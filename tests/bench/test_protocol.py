@@ -111,6 +111,8 @@ WRONG = {
     MINIMAL + '[trial]\ntasks = ["uvs"]\n': '/trial/tasks: there is no task "uvs"',
     MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
     MINIMAL + "[walk]\nframes = 2\n": "/walk/frames",
+    MINIMAL
+    + '[walk]\nconditions = ["engin"]\n': '/walk/conditions: nothing called "engin" is drawn; there are',
     'engines = ["standard"]\n' + MINIMAL: 'there is no engine "standard"',
     MINIMAL.replace('model = "out/{method}/{scene}"', ""): "it has no model",
     MINIMAL + 'label = "mesh"\n': '/methods/0/label: "mesh" is the name of a method',

@@ -123,7 +123,9 @@ def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> No
     assert condition_title("standard/wgpu") == "Standard, wgpu"
 
 
-def test_findings_say_that_non_engine_is_our_own_reference_and_are_twelve_at_most(varied: ProtocolFile) -> None:
+def test_findings_say_that_non_engine_is_our_own_reference_and_are_twelve_at_most(
+    varied: ProtocolFile,
+) -> None:
     numbers = collect(read_results(varied.results))
     assert REFERENCE in numbers.number(Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "psnr")).notes
     found = find(numbers)

@@ -45,6 +45,9 @@ def test_a_walk_is_on_record_and_in_the_report_and_is_made_once(tmp_path: Path) 
     longer = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=TAIL.replace("6", "7", 1))
     for row in run_protocol(longer).rows:
         assert row.planned.why == {"walk": "flight changed"}
+    chosen = TAIL.replace("6", "8", 1).replace("size", 'conditions = ["engine"]\nsize', 1)
+    rows = run_protocol(protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=chosen), dry=True).rows
+    assert [row.planned.cell.variant for row in rows if row.planned.why] == ["engine"]
 
     report = build_report(read_results(file.results))
     (table,) = next(section for section in report.sections if section.name == "walk").tables

@@ -254,7 +254,7 @@ def frame_time(numbers: Numbers, dataset: str) -> Table:
 
 def walk(numbers: Numbers, dataset: str) -> Table:
     """Return what flickers and what is missing on a walk off the path; a method's best condition is bold."""
-    pairs, omitted = _deployments(numbers, dataset, "flicker")
+    pairs, omitted = _deployments(numbers, dataset, "flicker", bakes=True)
     return make_table(
         numbers,
         None,
@@ -326,15 +326,15 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
 
 
 def _deployments(
-    numbers: Numbers, dataset: str, metric: str
+    numbers: Numbers, dataset: str, metric: str, *, bakes: bool = False
 ) -> tuple[list[tuple[str, str]], tuple[str, ...]]:
     """Return the (condition, method) pairs shown, and a note on each that nothing can be shown of.
 
-    Bakes have a table of their own.
+    What drawing costs of `bakes` is in a table of their own.
     """
     pairs, omitted = [], []
     for condition in numbers.conditions(dataset):
-        if condition == "non_engine" or condition.startswith(f"{BAKED}/"):
+        if condition == "non_engine" or (condition.startswith(f"{BAKED}/") and not bakes):
             continue
         for method in numbers.methods(dataset, condition):
             number = numbers.number(Key(dataset, MEAN, method, condition, metric))
