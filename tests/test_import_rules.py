@@ -80,6 +80,7 @@ ALLOWED: dict[str, set[str]] = {
         "api",
         "cl",
         "delivery",
+        "engines",
         "meshes",
         "metrics",
         "render",

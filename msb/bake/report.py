@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -89,6 +89,17 @@ class Level:
     bytes: int | None = None
     output: str | None = None
 
+    @property
+    def said(self) -> str:
+        """What it is, in a line."""
+        own = (
+            ""
+            if self.own_after_16 is None
+            else f", {self.own_after_16:.1f} dB to its own look with 16 samples"
+        )
+        below = f"enough below {100 * self.screen_share:.0f} % of the image's height"
+        return f"{self.faces:,} triangles{own}; {below}"
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -101,6 +112,13 @@ class Shape:
     mid_air_share: float
     why: str
     output: str | None = None
+
+    @property
+    def said(self) -> str:
+        """What it is, in a line."""
+        parts = "" if self.parts == 1 else f" in {self.parts} parts"
+        apart = f"{100 * self.mean_distance:.1f} % of the diagonal from what is seen in the mean"
+        return f"{self.kind}{parts}, {self.faces:,} triangles, {apart}"
 
 
 @dataclass(frozen=True)
@@ -188,7 +206,8 @@ class Report:
     @property
     def sentence(self) -> str:
         """What was lost, and what is there now, in a line."""
-        return f"{self.loss}; {'; '.join((self._made, self._verdict))}"
+        choice = [compared(self.tried)] if "surface" in self.tried else []
+        return "; ".join((self.loss, *choice, self.made, self._verdict))
 
     @property
     def loss(self) -> str:
@@ -208,7 +227,8 @@ class Report:
         return f"{', '.join(parts)}, on {views} it never used"
 
     @property
-    def _made(self) -> str:
+    def made(self) -> str:
+        """How large it is, and how long it took."""
         parts = [f"{self.faces:,} triangle{'' if self.faces == 1 else 's'}"]
         if self.texture is not None:
             parts.append(f"texture {self.texture[0]}")
@@ -221,7 +241,10 @@ class Report:
     def _verdict(self) -> str:
         word = self.after.level.upper()
         was = " as before" if self.before.level == self.after.level else f", was {self.before.level.upper()}"
-        return f"{word}{was}" + (f": {self.after.reason}" if self.after.reason else "")
+        text = f"{word}{was}" + (f": {self.after.reason}" if self.after.reason else "")
+        # Where a surface is there, or was tried, nothing else helps.
+        helps = self.after.level == "bad" and "surface" not in (self.geometry, *self.tried)
+        return text + (": --geometry surface for solids" if helps else "")
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON data (schema msb.bake/1)."""
@@ -265,6 +288,11 @@ class Report:
         kept = ("schema", "geometry", "color", "faces", "texture", "views", "unseen_area", "psnr", "teacher")
         data = self.to_dict()
         return {key: data[key] for key in kept}
+
+
+def compared(tried: Mapping[str, float]) -> str:
+    """Return the dB between which a choice was made, in words."""
+    return f"{', '.join(f'{name} {value:.1f} dB' for name, value in tried.items())} by views kept aside"
 
 
 def mean(values: Sequence[float]) -> float:

@@ -22,10 +22,12 @@ from msb.asset.tiers import why_not
 from msb.bake.collision import collision as collide
 from msb.bake.collision import kind_of
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
+from msb.bake.folder import only_folder, write_folder
 from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
 from msb.bake.lods import checked_shares, screen_share
 from msb.bake.lods import lods as lods_of
-from msb.bake.report import Geometry, Level, Look, Psnr, Report, Shape, Verdict, mean
+from msb.bake.preview import Preview, preview
+from msb.bake.report import Geometry, Level, Look, Psnr, Report, Shape, Verdict, compared, mean
 from msb.bake.shares import blending_shares
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES, Source, Teacher
@@ -35,7 +37,7 @@ from msb.bake.written import Part, write_all
 from msb.base.atomic import room_for_temporaries
 from msb.base.extras import need_extra
 from msb.cl.devices import choose_device
-from msb.errors import UsageError, about, shorten
+from msb.errors import AssetError, UsageError, about, shorten
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics import psnr
 from msb.render import Renderer
@@ -70,6 +72,8 @@ class Baked:
         Of method "mesh", with a texture or colours of vertices; in memory.
     report : Report
         `print` shows it in a line, `to_dict` returns what `msb bake --json` writes.
+    preview : Preview
+        A picture of what was lost.
     lods : tuple of Asset
         Its levels of detail, the finest first.
     collision : Asset or None
@@ -78,6 +82,7 @@ class Baked:
 
     asset: Asset
     report: Report
+    preview: Preview
     lods: tuple[Asset, ...] = ()
     collision: Asset | None = None
 
@@ -85,11 +90,18 @@ class Baked:
         """Write it in the formats that the suffixes name, all files or none; return the report on the first.
 
         A GLB has the report's main numbers in its `asset.extras`. Levels of detail and the collision shape
-        stand beside each: NAME_lod1, NAME_lod2, ..., NAME_collision."""
+        stand beside each: NAME_lod1, NAME_lod2, ..., NAME_collision.
+
+        A path without a suffix, or of a folder that is there, is a folder for all of it, which is the only
+        path then: asset.glb and what stands beside it, bake.json, preview.png and the page index.html. Of a
+        folder that is there nothing is replaced but what a bake wrote."""
         parts = [Part("", self.asset, self.report.extras())]
         parts += [Part(f"_lod{number}", one, {}) for number, one in enumerate(self.lods, 1)]
         parts += [] if self.collision is None else [Part("_collision", self.collision, {})]
-        return self.report.written(write_all(parts, [Path(path) for path in paths], overwrite))
+        places = [Path(path) for path in paths]
+        if only_folder(places):
+            return write_folder(self, parts, places[0], overwrite)
+        return self.report.written(write_all(parts, places, overwrite))
 
     def __repr__(self) -> str:
         return f"<Baked, {self.report.geometry}: {self.report.sentence}>"
@@ -101,6 +113,7 @@ def bake(
     scene: Scene | str | os.PathLike[str] | None = None,
     cameras: Iterable[Camera] | None = None,
     geometry: Wanted = "auto",
+    for_solid: bool = False,
     color: Look | None = None,
     teacher: Source = "dedicated",
     faces: int | None = None,
@@ -130,6 +143,8 @@ def bake(
         The model's own triangles, triangles that were moved until the opaque picture is right, or one closed
         surface, which tools for solids can use. "auto" makes the first two, and takes what looks better in
         views that taught neither.
+    for_solid : bool
+        With "auto": make fitted triangles and a surface, and take the surface, unless its verdict is bad.
     color : {"texture", "vertex"}, optional
         Default: colours of vertices for kept triangles of a model with static colours, else a texture.
     teacher : {"dedicated", "photographs"}
@@ -182,6 +197,7 @@ def bake(
     """
     check_options(
         geometry=geometry,
+        for_solid=for_solid,
         color=color,
         teacher=teacher,
         faces=faces,
@@ -189,8 +205,8 @@ def bake(
         seconds=seconds,
         seed=seed,
     )
-    need_libraries(geometry)
-    wish = _Wish(geometry, color, faces, texture, seconds, seed)
+    need_libraries("surface" if for_solid else geometry)
+    wish = _Wish(geometry, for_solid, color, faces, texture, seconds, seed)
     wanted = checked_shares(lods) if lods else ()
     if collision is not None:
         kind_of(collision)
@@ -218,8 +234,9 @@ def bake(
                 mesh, facts = made.best(stopped)
                 own, photographs = made.measured(mesh)
                 levels = made.levels(mesh, wanted)
+            baked = asset_from_mesh(mesh)
+            picture = preview(asset, baked, views, master, device)
     shape = None if collision is None else collide(mesh, collision)
-    baked = asset_from_mesh(mesh)
     report = Report(
         geometry=facts.geometry,
         color="texture" if mesh.textures else "vertex",
@@ -256,12 +273,13 @@ def bake(
         path=None if asset.opened_from is None else str(asset.opened_from),
     )
     bumped = None if shape is None else asset_from_mesh(shape.mesh)
-    return Baked(baked, report, tuple(asset_from_mesh(one) for _, one in levels), bumped)
+    return Baked(baked, report, picture, tuple(asset_from_mesh(one) for _, one in levels), bumped)
 
 
 def check_options(
     *,
     geometry: str = "auto",
+    for_solid: bool = False,
     color: str | None = None,
     teacher: str = "dedicated",
     faces: int | None = None,
@@ -278,6 +296,9 @@ def check_options(
         if value not in words:
             one_of = ", ".join(word for word in words if word)
             raise UsageError("USAGE", f'{name} is "{shorten(str(value), 40)}"; it must be one of {one_of}')
+    if for_solid and geometry != "auto":
+        text = f'for_solid chooses among what geometry "auto" makes; "{geometry}" is chosen already'
+        raise UsageError("USAGE", text)
     if texture is not None:
         if not LEAST_TEXTURE <= texture <= MOST_TEXTURE:
             text = f"texture is {texture}; it must be {LEAST_TEXTURE} to {MOST_TEXTURE} texels a side"
@@ -306,6 +327,7 @@ class _Wish:
     """What is asked for of the faces and their colours."""
 
     geometry: Wanted
+    for_solid: bool
     color: Look | None
     faces: int | None
     texture: int | None
@@ -341,6 +363,7 @@ class _Bake:
         first = range(len(views.teaching))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
+        self._soups: dict[int | None, Mesh] = {}
 
     def close(self) -> None:
         """Give the pictures back."""
@@ -355,27 +378,46 @@ class _Bake:
         unseen, shares = self._seen()
         wanted, notes = self._wanted()
         made: dict[Geometry, Mesh] = {}
+        said: dict[Geometry, list[str]] = {}
         for name in wanted:
-            if not (made and stopped()):
-                made[name], more = self._made(name, shares)
-                notes += more
+            if made and stopped():
+                break
+            try:
+                made[name], said[name] = self._made(name, shares)
+            except AssetError as error:
+                if not made:
+                    raise
+                notes.append(f"there is no {name}: {error.message}")
         tried: dict[str, float] = {}
         if len(made) > 1:
-            judged = {
-                name: self._psnr(asset_from_mesh(mesh), [self._aside], SAMPLES) for name, mesh in made.items()
+            # What is made last, of the others, is the first to be told of.
+            tried = {
+                name: self._psnr(asset_from_mesh(made[name]), [self._aside], SAMPLES)[0]
+                for name in reversed(made)
             }
-            tried = {name: values[0] for name, values in judged.items()}
-        chosen = max(made, key=lambda name: tried.get(name, 0.0))
+        chosen, why = self._chosen(made, tried)
+        notes += said[chosen]
         if stopped():
             notes.append("interrupted: this is the best so far")
         mesh = made[chosen]
-        if self._wish.geometry == "auto" and tried:
-            found = " and ".join(f"{name} {value:.1f} dB" for name, value in tried.items())
-            notes.append(f"the better of two, by views kept aside: {found}")
+        if why:
+            notes.append(f"{why}: {compared(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
             verb = "fewer" if dropped > 0 else "more"
             notes.append(f"{abs(dropped):,} triangles {verb} than the model's")
         return mesh, _Facts(chosen, unseen, tried, tuple(notes))
+
+    def _chosen(self, made: dict[Geometry, Mesh], tried: dict[str, float]) -> tuple[Geometry, str]:
+        """Return which of what is made is taken, and why, if there was a choice."""
+        best = max(made, key=lambda name: tried.get(name, 0.0))
+        if not tried:
+            return best, ""
+        if "surface" not in made:
+            return best, "the better of two"
+        verdict = Verdict.of(audit(asset_from_mesh(made["surface"])))
+        if verdict.level == "bad":
+            return "fitted", f"the surface is not taken, as its verdict is BAD: {verdict.reason}"
+        return "surface", "the surface is taken, which solids are made of"
 
     def _seen(self) -> tuple[float, Shares | None]:
         """Return the share of the area that no view sees, and what faces add to the pictures that teach.
@@ -405,6 +447,8 @@ class _Bake:
         wish, count = self._wish, self._asset.manifest.face_count
         if wish.geometry != "auto":
             return [wish.geometry], []
+        if wish.for_solid:
+            return ["fitted", "surface"], []
         if wish.faces is not None:
             return ["fitted"], []
         largest = max(camera.width * camera.height for camera in self._taught.cameras)
@@ -422,8 +466,11 @@ class _Bake:
         if name == "kept":
             mesh = kept(*lessons, **shared)
         else:
+            # A surface has its number of faces from the end, not from the soup that it is made of.
             most = wish.faces if name == "fitted" else None
-            mesh = fitted(*lessons, seconds=seconds, faces=most, **shared)
+            if most not in self._soups:
+                self._soups[most] = fitted(*lessons, seconds=seconds, faces=most, **shared)
+            mesh = self._soups[most]
         if name == "surface":
             shared["seconds"] = seconds
             mesh, notes = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)

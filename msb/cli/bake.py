@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from msb.base.atomic import check_place
 from msb.base.option import Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Up, Views
 from msb.cli.command import Rule, Typed, command
-from msb.cli.output import JsonOutput, Output, echo
-from msb.errors import one_line
+from msb.cli.output import JsonOutput, Output, echo, is_stdout
+from msb.errors import UsageError, one_line
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -24,7 +25,8 @@ class BakeOptions:
     outputs: Annotated[
         tuple[Path, ...],
         Option(
-            "What to write: .glb, .triasset, .obj or another format. May be given again.",
+            "What to write: .glb, .triasset, .obj or another format, and may be given again; or a folder: a "
+            "name without an ending.",
             ("--out", "-o"),
             metavar="OUT",
             output="own",
@@ -46,6 +48,10 @@ class BakeOptions:
             metavar="auto|kept|fitted|surface",
         ),
     ] = "auto"
+    for_solid: Annotated[
+        bool,
+        Option("Of auto: make fitted and surface; take the surface, unless its verdict is BAD."),
+    ] = False
     color: Annotated[
         Literal["texture", "vertex"] | None,
         Option("Default: vertex for kept, if the model has static colours; else texture."),
@@ -87,11 +93,15 @@ class BakeOptions:
     "      data_stubs/checkpoint -o out/plain.glb",
     "msb bake --seconds 20 --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
     "      data_stubs/models/pebble/triangle_splatting -o out/pebble.glb",
+    "msb bake --for-solid --lods 0.5,0.25,0.1 --collision mesh:1000 \\\n"
+    "      --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
+    "      data_stubs/models/pebble/two_dts -o out/pebble",
     rules=(
         Rule("", "OUT is missing; give -o and the .glb, .triasset or other file to write", needs="outputs"),
         Rule("cameras", "does not go with --scene, which has its own", excludes="scene"),
         Rule("size", NO_CAMERAS, needs="cameras"),
         Rule("up", "is for views that are made, without --scene and --cameras", excludes="scene cameras"),
+        Rule("for_solid", "chooses among what --geometry auto makes; leave one out", needs="geometry=auto"),
         Rule("texture", "does not go with --color vertex", excludes="color=vertex"),
         Rule("faces", "does not go with --geometry kept, which keeps the model's", excludes="geometry=kept"),
     ),
@@ -109,8 +119,13 @@ def bake(
     The model's own renderer teaches it, in the views of --scene or --cameras, else of its training where they
     lie beside it, else in views round it. What is printed is measured in views that taught nothing: dB to
     photographs with --scene, else to the model's own look.
+
+    A folder has what an artist wants: asset.glb, what --lods and --collision make beside it, bake.json (what
+    --json writes), preview.png, and index.html, a page to look at all of it. Of a folder that is there only
+    what a bake wrote is replaced.
     """
     from msb.bake import bake as make
+    from msb.bake.folder import PAGE, only_folder
     from msb.bake.lods import shares_of
     from msb.bake.written import places
     from msb.cli.inputs import open_asset
@@ -118,8 +133,13 @@ def bake(
     lods = () if options.lods is None else shares_of(options.lods)
     endings = ["", *(f"_lod{number}" for number in range(1, len(lods) + 1))]
     endings += [] if options.collision is None else ["_collision"]
-    for place in places(options.outputs, endings):
-        output.check_free(place)
+    folder = None
+    if only_folder(options.outputs) and not is_stdout(options.outputs[0]):
+        folder = options.outputs[0]
+        _check_folder(folder, path, output)
+    else:
+        for place in places(options.outputs, endings):
+            output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output)
     # Over a scene a default of a file is no wish: its numbers count over its own background.
@@ -130,6 +150,7 @@ def bake(
             scene=options.scene,
             cameras=cameras,
             geometry=options.geometry,  # type: ignore[arg-type]
+            for_solid=options.for_solid,
             color=options.color,
             teacher=options.teacher,
             faces=options.faces,
@@ -146,9 +167,24 @@ def bake(
         )
     report = baked.save(*options.outputs, overwrite=True)
     output.write_json({**report.to_dict(), "path": str(path)})
-    _note_losses(baked, options.outputs, output)
+    if folder is None:
+        _note_losses(baked, options.outputs, output)
     if output.prints_text:
         _show(report, options.outputs, output)
+        if folder is not None and not output.quiet:
+            echo(f"{one_line(str(folder / PAGE))}: a page to look at it")
+
+
+def _check_folder(folder: Path, model: Path, output: Output) -> None:
+    """Refuse a folder with the model in it, or what no bake wrote, and without --force one of a bake."""
+    from msb.bake.folder import check_folder
+
+    if model.resolve().is_relative_to(folder.resolve()):
+        raise UsageError("USAGE", "the model lies in it; an output needs a place of its own", file=folder)
+    if check_folder(folder):
+        check_place(folder, folder=True)
+    else:
+        output.check_free(folder, folder=True)
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:
@@ -173,17 +209,9 @@ def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
         return
     echo(f"taught by {report.taught} views, {report.teacher}: {one_line(report.views)}")
     for level in report.lods:
-        own = (
-            ""
-            if level.own_after_16 is None
-            else f", {level.own_after_16:.1f} dB to its own look with 16 samples"
-        )
-        below = f"enough below {100 * level.screen_share:.0f} % of the image's height"
-        echo(f"{one_line(str(level.output))}: {level.faces:,} triangles{own}; {below}")
+        echo(f"{one_line(str(level.output))}: {level.said}")
     if (shape := report.collision) is not None:
-        parts = "" if shape.parts == 1 else f" in {shape.parts} parts"
-        apart = f"{100 * shape.mean_distance:.1f} % of the diagonal from what is seen in the mean"
-        echo(f"{one_line(str(shape.output))}: {shape.kind}{parts}, {shape.faces:,} triangles, {apart}")
+        echo(f"{one_line(str(shape.output))}: {shape.said}")
         if shape.why:
             output.note(shape.why)
     if report.unseen_area:

@@ -36,7 +36,8 @@ REPORT = Report(
 def test_the_sentence_has_the_numbers_to_photographs_where_there_are_any() -> None:
     assert REPORT.sentence == (
         "own look 36.1 dB, plain mesh before 18.1, baked 32.2 (32.8 with 16 samples), on 7 views it never "
-        "used; 1,627 triangles, texture 512, 0.47 MB, 47 s; BAD as before: triangle soup"
+        "used; 1,627 triangles, texture 512, 0.47 MB, 47 s; BAD as before: triangle soup: --geometry surface "
+        "for solids"
     )
 
 
@@ -44,8 +45,13 @@ def test_without_photographs_it_is_compared_with_its_own_look() -> None:
     said = replace(REPORT, photographs=None, color="vertex", texture=None, bytes=None).sentence
     assert said == (
         "plain mesh before 18.2 dB, baked 33.3 (34.0 with 16 samples) to its own look, on 7 views it never "
-        "used; 1,627 triangles, 47 s; BAD as before: triangle soup"
+        "used; 1,627 triangles, 47 s; BAD as before: triangle soup: --geometry surface for solids"
     )
+    tried = replace(REPORT, tried={"surface": 30.42, "fitted": 29.9}).sentence
+    assert tried.endswith(
+        "; surface 30.4 dB, fitted 29.9 dB by views kept aside; 1,627 triangles, texture 512, 0.47 MB, 47 s; "
+        "BAD as before: triangle soup"
+    ), "where a surface was tried it is no way out"
     neural = replace(REPORT, photographs=None, own=Psnr(None, None, 30.0, 31.0), held_back=1)
     assert neural.loss == "baked 30.0 dB (31.0 with 16 samples) to its own look, on 1 view it never used"
 

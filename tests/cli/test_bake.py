@@ -16,7 +16,7 @@ import pytest
 import msb
 from msb.asset import build_asset
 from msb.cli.output import Output
-from msb.errors import DeviceError
+from msb.errors import AssetError, DeviceError
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.scenes import write_cameras
@@ -127,6 +127,57 @@ def test_one_face_is_enough(here: Here, files: tuple[Path, Path]) -> None:
     assert (result.status, result.json["faces"]) == (0, 1)
 
 
+SOLID = {
+    "closed": (4, "surface", "the surface is taken, which solids are made of: "),
+    "open": (1, "fitted", "the surface is not taken, as its verdict is BAD: "),
+    "none": (0, "fitted", "there is no surface: it has no volume"),
+}
+
+
+@pytest.mark.parametrize(("faces", "chosen", "said"), SOLID.values(), ids=SOLID)
+def test_a_surface_is_taken_for_solids_unless_it_is_bad(
+    here: Here,
+    files: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    faces: int,
+    chosen: str,
+    said: str,
+) -> None:
+    from msb.bake import run
+
+    made: list[Mesh] = []
+
+    def fitted(*_: object, **__: object) -> Mesh:
+        made.append(Mesh(TETRAHEDRON[0], TETRAHEDRON[1][:3].astype(np.int64), vertex_colors=COLORS))
+        return made[-1]
+
+    def surface(soup: Mesh, *_: object, **__: object) -> tuple[Mesh, list[str]]:
+        assert soup is made[0], "it starts from the soup that is compared with it"
+        if not faces:
+            raise AssetError("TRIASSET_EMPTY", "it has no volume")
+        corners = TETRAHEDRON[1][:faces] if faces > 1 else TETRAHEDRON[1][[0, 0, 0]]
+        return Mesh(TETRAHEDRON[0], corners.astype(np.int64), vertex_colors=COLORS), ["of the surface"]
+
+    monkeypatch.setattr(run, "fitted", fitted)
+    monkeypatch.setattr(run, "surface", surface)
+    model, cameras = files
+    result = here(
+        *("bake", "--for-solid", "--color", "vertex", "--cameras", cameras, model),
+        *("--json", "-", "-o", model.parent / "a.glb"),
+    )
+    assert result.status == 0, result
+    data = result.json
+    (note,) = (note for note in data["notes"] if note.startswith(said))
+    assert (data["geometry"], len(made)) == (chosen, 1)
+    assert ("of the surface" in data["notes"]) == (chosen == "surface")
+    if faces:
+        both = ", ".join(f"{name} {data['tried'][name]:.1f} dB" for name in ("surface", "fitted"))
+        assert note.endswith(f": {both} by views kept aside")
+        assert f"; {both} by views kept aside; " in data["sentence"]
+    else:
+        assert data["tried"] == {}
+
+
 REFUSED = {
     "no output": ([], "USAGE: OUT is missing; give -o"),
     "texture": (["-o", "a.glb", "--texture", "100000"], "USAGE: Invalid value for '--texture'"),
@@ -142,6 +193,10 @@ REFUSED = {
     "no scene": (["-o", "a.glb", "--scene", "nowhere"], "FILE_NOT_FOUND: nowhere"),
     "both": (["-o", "a.glb", "--scene", "x", "--cameras", "y"], "USAGE: --cameras does not go with --scene"),
     "beside": (["-o", "a.obj", "-o", "b/../a.obj"], "USAGE: "),
+    "chosen already": (
+        ["-o", "a.glb", "--for-solid", "--geometry", "kept"],
+        "USAGE: --for-solid chooses among what --geometry auto makes; leave one out",
+    ),
     "seconds": (["-o", "a.glb", "--seconds", "-1"], "USAGE: Invalid value for '--seconds'"),
 }
 

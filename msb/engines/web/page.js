@@ -160,11 +160,13 @@ const asked = new URLSearchParams(location.search);
 
 const parsed = (buffer) => new THREE.GLTFLoader().setMeshoptDecoder(THREE.MeshoptDecoder).parseAsync(buffer, "");
 
+const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+
 // The bytes of the mesh file that is in the page, null if there is none.
 function ownFile() {
   const element = byId("glb"), text = element.textContent;
   element.remove();
-  return text ? Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer : null;
+  return text ? bytesOf(text) : null;
 }
 
 async function open(buffer, name) {
@@ -181,7 +183,7 @@ async function open(buffer, name) {
 // Shows the meshes of a group in place of what was shown; returns the number of faces.
 function setMesh(group) {
   if (world.mesh) {
-    world.mesh.traverse((node) => { if (node.geometry) node.geometry.dispose(); });
+    world.mesh.traverse((node) => { node.geometry?.dispose(); node.material?.map?.dispose(); });
     scene.remove(world.mesh);
   }
   let faces = 0;

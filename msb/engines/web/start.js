@@ -2,8 +2,8 @@
 // The beginning, once all scripts are there: what is asked for in the address, the model, a first view.
 async function main() {
   byId("panel").hidden = asked.has("bare");
-  const other = start.dedicated ? "mesh" : "dedicated";
-  for (const part of document.querySelectorAll(`[data-for=${other}]`)) part.hidden = true;
+  const kind = ["dedicated", "baked"].find((name) => start[name]) || "mesh";
+  for (const part of document.querySelectorAll("[data-for]")) part.hidden = part.dataset.for !== kind;
   byId("panel").open = window.innerWidth > 1200;
   byId("up").value = start.up;
   byId("background").value = "#" + start.background
