@@ -44,7 +44,7 @@ def is_folder(path: Path) -> bool:
     An ending of a format names a file in any case.
     """
     is_file = path.suffix.lower() in (ASSET_SUFFIX, *written_suffixes())
-    return not is_file and (not path.suffix or path.is_dir())
+    return not is_file and (not path.suffix or os.path.isdir(path))  # noqa: PTH112 - nor is a name too long
 
 
 def only_folder(paths: Sequence[Path]) -> bool:
