@@ -417,7 +417,7 @@ class _Bake:
         verdict = Verdict.of(audit(asset_from_mesh(made["surface"])))
         if verdict.level == "bad":
             return "fitted", f"the surface is not taken, as its verdict is BAD: {verdict.reason}"
-        return "surface", "the surface is taken, which solids are made of"
+        return "surface", "the surface is taken, which tools for solids need"
 
     def _seen(self) -> tuple[float, Shares | None]:
         """Return the share of the area that no view sees, and what faces add to the pictures that teach.

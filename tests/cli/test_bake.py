@@ -128,7 +128,7 @@ def test_one_face_is_enough(here: Here, files: tuple[Path, Path]) -> None:
 
 
 SOLID = {
-    "closed": (4, "surface", "the surface is taken, which solids are made of: "),
+    "closed": (4, "surface", "the surface is taken, which tools for solids need: "),
     "open": (1, "fitted", "the surface is not taken, as its verdict is BAD: "),
     "none": (0, "fitted", "there is no surface: it has no volume"),
 }
