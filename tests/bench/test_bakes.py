@@ -10,12 +10,16 @@ from typing import Any
 
 import pytest
 
+from msb.bench.bakes import bake_key
+from msb.bench.models import Model
+from msb.bench.photographs import views_of
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import File, Result
 from msb.bench.run import run_protocol
 from msb.bench.split import loss_split
 from msb.errors import InputError
-from tests.bench.protocols import PEBBLE, cell, planned, protocol
+from msb.scenes.datasets import read_scene
+from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
 from tests.report.factory import bake, quality, result
 
 CEILING = '[[bakes]]\nlabel = "ceiling"\ngeometry = "kept"\n'
@@ -48,6 +52,29 @@ def test_what_is_no_bake_is_refused(tmp_path: Path, tail: str, said: str) -> Non
     with pytest.raises(InputError) as caught:
         protocol(tmp_path, tail=tail)
     assert said in caught.value.message
+
+
+def test_a_bake_is_another_where_any_input_is_and_the_same_wherever_it_lies() -> None:
+    scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble", dataset="nerf_synthetic")
+    views, asset = views_of(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
+    facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None}
+    model = Model(**facts, asset=asset, training={}, stamps=(), key="")
+    options = {"teacher": "dedicated", "seconds": 60.0}
+    keys = [
+        bake_key(model, options, {}, scene, views),
+        bake_key(model, {**options, "seconds": 61.0}, {}, scene, views),
+        bake_key(model, {**options, "teacher": "photographs"}, {}, scene, views),
+        bake_key(model, options, {"gamma": 2.0}, scene, views),
+        bake_key(model, options, {}, replace(scene, train=scene.train[1:]), views),
+        bake_key(model, options, {}, scene, replace(views, photographs="others")),
+        bake_key(_of(model, sha256="1" * 64), options, {}, scene, views),
+    ]
+    assert len(set(keys)) == len(keys)
+    assert bake_key(_of(model, path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
+
+
+def _of(model: Model, **changes: str) -> Model:
+    return model.model_copy(update={"asset": model.asset.model_copy(update=changes)})
 
 
 def scenes(*rows: dict[str, float]) -> dict[str, dict[str, Result]]:
