@@ -17,7 +17,7 @@ from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import File, Result
 from msb.bench.run import run_protocol
 from msb.bench.split import loss_split
-from msb.errors import InputError
+from msb.errors import InputError, UsageError
 from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
 from tests.report.factory import bake, quality, result
@@ -71,6 +71,19 @@ def test_a_bake_is_another_where_any_input_is_and_the_same_wherever_it_lies() ->
     ]
     assert len(set(keys)) == len(keys)
     assert bake_key(_of(model, path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
+
+
+def test_a_dry_run_names_what_a_surface_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def lacks(geometry: str) -> None:
+        raise UsageError("EXTRA_MISSING", f"{geometry} needs the extra trial")
+
+    monkeypatch.setattr("msb.bake.run.need_libraries", lacks)
+    file = protocol(tmp_path, ("two_dts",), tail='[[bakes]]\nlabel = "s"\ngeometry = "surface"')
+    report = run_protocol(file, dry=True, only=["s"])
+    assert [one.message for one in report.missing] == [
+        "surface needs the extra trial; bakes s on pebble: 1 cell cannot be computed"
+    ]
+    assert [row.planned.status for row in report.rows] == ["failed"]
 
 
 def _of(model: Model, **changes: str) -> Model:
