@@ -74,7 +74,7 @@ TARGETS: dict[str, Target] = {
     "cfg_args": Target(readers.cfg_args, seeds.stub("models/pebble/mesh_splatting/cfg_args"), "cfg_args"),
     "two_dts_yaml": Target(readers.two_dts_config, seeds.configs, "config.yaml"),
     "two_dts_log": Target(readers.two_dts_config, seeds.configs, "a.log", wrap=seeds.log),
-    **{suffix[1:]: mesh_target(suffix) for suffix in MESH_SUFFIXES},
+    **{suffix[1:]: mesh_target(suffix) for suffix in MESH_SUFFIXES if not suffix.startswith(".usd")},
     "glb_json": Target(readers.mesh, seeds.glb_texts, "mesh.glb", wrap=seeds.around_gltf),
     "colmap_cameras_bin": camera_target("binary", "cameras.bin"),
     "colmap_images_bin": camera_target("binary", "images.bin"),

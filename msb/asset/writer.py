@@ -101,18 +101,22 @@ def _members(asset: Asset) -> Iterator[tuple[str, list[Any]]]:
 def _write_packed(asset: Asset, file: IO[bytes], meter: Meter) -> None:
     with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, chunks in _members(asset):
-            size = sum(len(chunk) for chunk in chunks)
-            info = zipfile.ZipInfo(name, _EPOCH)
-            info.create_system = 3
-            info.external_attr = 0o100644 << 16
-            info.file_size = size
-            large = size >= _ZIP64_FROM
-            start = file.tell() + _LOCAL_HEADER + len(name) + (_ZIP64_EXTRA if large else 0)
-            info.extra = _padding(start)
-            with archive.open(info, "w", force_zip64=large) as member:
+            with stored_member(archive, file, name, sum(map(len, chunks))) as member:
                 for piece in _pieces(chunks):
                     member.write(piece)
                     meter.advance(len(piece))
+
+
+def stored_member(archive: zipfile.ZipFile, file: IO[bytes], name: str, size: int) -> IO[bytes]:
+    """Open a member of a ZIP that is written to `file`: stored, without a date, its bytes at a multiple of
+    64."""
+    info = zipfile.ZipInfo(name, _EPOCH)
+    info.create_system = 3
+    info.external_attr = 0o100644 << 16
+    info.file_size = size
+    large = size >= _ZIP64_FROM
+    info.extra = _padding(file.tell() + _LOCAL_HEADER + len(name) + (_ZIP64_EXTRA if large else 0))
+    return archive.open(info, "w", force_zip64=large)
 
 
 def _pieces(chunks: list[Any]) -> Iterator[Any]:

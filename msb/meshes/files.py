@@ -26,12 +26,15 @@ _MODULES = (
     "stl",
     "gltf_file",
     "glb",
+    "usd",
 )
-"""Modules here, each with its `FORMAT`."""
+"""Modules here, each with its `FORMAT` or `FORMATS`."""
 
 for _name in _MODULES:
-    _each: Format = import_module(f"msb.meshes.{_name}").FORMAT
-    FORMATS.update(dict.fromkeys(_each.suffixes, _each))
+    _module = import_module(f"msb.meshes.{_name}")
+    _formats: tuple[Format, ...] = getattr(_module, "FORMATS", None) or (_module.FORMAT,)
+    for _each in _formats:
+        FORMATS.update(dict.fromkeys(_each.suffixes, _each))
 
 MESH_SUFFIXES = FORMATS.keys()
 """The suffixes of the files `read_mesh` knows, in lower case."""

@@ -57,6 +57,10 @@ class Style:
         What the files beside it are called, without their endings; None: there are none.
     extras : mapping, optional
         Of a GLB: JSON data about the mesh that its `asset` carries.
+    collision : tuple of Mesh
+        Of USD: what simulators let collide in its place.
+    is_convex : bool
+        Whether each of those is convex.
     """
 
     color: Color | None = None
@@ -64,6 +68,8 @@ class Style:
     web: Web | None = None
     stem: str | None = None
     extras: Mapping[str, Any] | None = None
+    collision: tuple[Mesh, ...] = ()
+    is_convex: bool = False
 
 
 @dataclass(frozen=True)

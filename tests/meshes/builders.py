@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from msb.meshes import Mesh
+from msb.meshes import MESH_SUFFIXES, Mesh
 
 Read = Callable[[bytes, str], Mesh]
 """The fixture `read`: from content and suffix to a mesh."""
@@ -232,3 +232,5 @@ SMALL = {
     ".gltf": glb_textured().text(),
 }
 """One small valid file for each reader; the suffixes in capitals are another form: text, a texture."""
+SUFFIXES = [suffix for suffix in MESH_SUFFIXES if not suffix.startswith(".usd")]
+"""Of the formats that are read here; `test_usd.py` has those that usd-core reads."""

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from msb.errors import InputError, MeshError, MeshFileError
-from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh
+from msb.meshes import Mesh, read_mesh
 
-from .builders import SMALL, SQUARE, SQUARE_FACES
+from .builders import SMALL, SQUARE, SQUARE_FACES, SUFFIXES
 
 
 def test_the_suffix_says_the_format_in_any_case(tmp_path: Path) -> None:
-    for suffix in MESH_SUFFIXES:
+    for suffix in SUFFIXES:
         for name in (f"a{suffix}", f"b{suffix.upper()}", f"c.d{suffix.title()}"):
             (tmp_path / name).write_bytes(SMALL[suffix])
             assert len(read_mesh(tmp_path / name).faces) == 2
@@ -40,7 +40,7 @@ CONTENTS = {".ply": "PLY", ".off": "OFF", ".STL": "STL", ".glb": "GLB"}
 
 
 @pytest.mark.parametrize("content", CONTENTS)
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content: str) -> None:
     if suffix == content.lower():
         return

@@ -19,12 +19,12 @@ from fuzz.targets import mesh_target
 from msb.adapters.locate import locate
 from msb.cli.app import app
 from msb.errors import InputError, MeshFileError
-from msb.meshes import MESH_SUFFIXES, Mesh, read_mesh, write_mesh
+from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.formats import FORMATS, Format, written_suffixes
 from tests.conftest import ROOT
 from tests.test_docs_commands import blocks
 
-from .builders import SMALL, SQUARE, SQUARE_FACES
+from .builders import SMALL, SQUARE, SQUARE_FACES, SUFFIXES
 from .checks import check_format
 
 CORNERS = np.array(SQUARE)[np.array(SQUARE_FACES)].reshape(-1, 3)
@@ -35,7 +35,7 @@ TRIANGLES["OBJ"] = np.array(SQUARE)[[[0, 1, 2], [0, 2, 3]]]
 TRIANGLES["STL"] = np.array(SQUARE)[[[0, 1, 2], [1, 2, 3]]]
 
 
-@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_format_is_what_it_declares(suffix: str, tmp_path: Path) -> None:
     form = FORMATS[suffix]
     check_format(form, SMALL[suffix], TRIANGLES[form.title], tmp_path)
@@ -70,7 +70,7 @@ def test_an_added_format_is_converted_audited_and_exported(tri: Format, tmp_path
     run("convert", target, tmp_path / "c.triasset")
     assert len(msb.load(tmp_path / "c.triasset").buffers["indices"]) == 2
     assert locate(target).kind == "mesh"
-    assert ".gltf, .glb, .tri (" in " ".join(run("convert", "--help").split())
+    assert ".usd, .usdz, .tri (" in " ".join(run("convert", "--help").split())
 
 
 def test_the_test_of_contributing_holds_the_format_to_its_declaration(tri: Format, tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_an_added_format_is_known_by_its_content(tri: Format, tmp_path: Path) ->
     with pytest.raises(MeshFileError, match=r"begins like TRI; rename the file to \.tri"):
         read_mesh(tmp_path / "a.ply")
     (tmp_path / "a.xyz").touch()
-    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.glb \.tri are read"):
+    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.usdz \.tri are read"):
         read_mesh(tmp_path / "a.xyz")
 
 
@@ -119,4 +119,4 @@ def test_every_format_has_its_rows_in_the_tables_and_its_small_file() -> None:
     assert set(re.findall(r"^\| (glTF|[A-Z]+) \|", read, re.MULTILINE)) == {f.title for f in FORMATS.values()}
     writers = {each.title for each in FORMATS.values() if each.write is not None}
     assert set(re.findall(r"^\| ([A-Z]+) \|", written, re.MULTILINE)) == writers
-    assert set(MESH_SUFFIXES) <= set(SMALL)
+    assert set(SUFFIXES) <= set(SMALL)

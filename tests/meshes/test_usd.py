@@ -1,0 +1,194 @@
+"""USD: what is written is read back and stands before its validators; what is no mesh is refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset.texture import Sampler
+from msb.errors import MeshFileError
+from msb.meshes import Mesh, read_mesh, write_mesh
+from msb.meshes.files import write_whole
+from msb.meshes.formats import Style
+from tests.conftest import ROOT
+
+from .builders import SQUARE, SQUARE_FACES
+from .checks import check_refusals, make
+
+pxr = pytest.importorskip("pxr", reason="usd-core, of the extra usd, is not installed")
+from msb.meshes.usd import FORMATS  # noqa: E402
+
+STAGE = """#usda 1.0
+(
+    upAxis = "Z"
+)
+def Xform "root"
+{
+    double3 xformOp:translate = (0, 0, 5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    def Mesh "quad"
+    {
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        uniform token orientation = "leftHanded"
+        color3f[] primvars:displayColor = [(1, 0, 0)] (
+            interpolation = "uniform"
+        )
+    }
+    def Mesh "hidden"
+    {
+        token visibility = "invisible"
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+    }
+    def Sphere "ball"
+    {
+    }
+}
+"""
+
+
+def textured() -> Mesh:
+    """A square whose two triangles show an image each, repeated one way."""
+    rng = np.random.default_rng(3)
+    images = tuple(rng.integers(0, 256, (4, 4, 3), np.uint8) for _ in range(2))
+    return Mesh(
+        np.array(SQUARE, np.float32),
+        np.array(SQUARE_FACES),
+        corner_uvs=rng.random((6, 2), np.float32).round(2),
+        textures=images,
+        face_textures=np.array([0, 1], np.uint32),
+        sampler=Sampler(wrap_u="repeat", wrap_v="clamp"),
+    )
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_textures_are_there_again(suffix: str, tmp_path: Path) -> None:
+    mesh, path = textured(), tmp_path / f"a{suffix}"
+    write_whole(mesh, path)
+    first = path.read_bytes()
+    write_whole(mesh, path)
+    assert path.read_bytes() == first
+    again = read_mesh(path)
+    np.testing.assert_array_equal(again.vertices[again.faces], mesh.vertices[mesh.faces])
+    assert again.corner_uvs is not None
+    np.testing.assert_allclose(again.corner_uvs, mesh.corner_uvs, atol=1e-6)
+    assert again.face_textures is not None
+    for face in range(2):
+        np.testing.assert_array_equal(again.textures[again.face_textures[face]], mesh.textures[face])
+    assert again.sampler == mesh.sampler
+
+
+@pytest.mark.parametrize("kind", ["vertex_colors", "face_colors"])
+def test_colors_are_the_same_bytes(kind: str, tmp_path: Path) -> None:
+    mesh = make(np.float32, *(("uint8 rgb", "none") if kind == "vertex_colors" else ("none", "uint8 rgb")))
+    path = tmp_path / "a.usdc"
+    write_mesh(mesh, path, suffix=".usdc")
+    again = read_mesh(path)
+    np.testing.assert_array_equal(again.faces, mesh.faces)
+    np.testing.assert_array_equal(again.vertices, mesh.vertices)
+    np.testing.assert_array_equal(getattr(again, kind), getattr(mesh, kind))
+
+
+def test_a_stage_of_others_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.usda"
+    path.write_text(STAGE)
+    mesh = read_mesh(path)
+    assert mesh.up == "+z"
+    # A left-handed polygon has its front where its corners go clockwise.
+    np.testing.assert_array_equal(mesh.faces, [[0, 2, 1], [0, 3, 2]])
+    np.testing.assert_array_equal(mesh.vertices[:, 2], 5)
+    np.testing.assert_array_equal(mesh.face_colors, np.array([[255, 0, 0]] * 2, np.uint8))
+    assert mesh.left_out == ("shapes that are no meshes (Sphere)",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words"),
+    [
+        ("def Xform", "dfe Xform", "MESH_FILE_INVALID", "finds no stage in it"),
+        ("Counts = [4]", "Counts = [5]", "MESH_FILE_INVALID", "/root/quad: its faces have 5 corners"),
+        ("[(1, 0, 0)] (", "[] (", "MESH_FILE_INVALID", "0 values of displayColor, and 1 are needed"),
+        (
+            'def Sphere "ball"',
+            'def "ball" (references = @/etc/other.usda@)',
+            "MESH_FILE_UNSUPPORTED",
+            "put together from other files (/etc/other.usda)",
+        ),
+    ],
+)
+def test_what_is_no_mesh_of_one_file_is_refused(
+    old: str, new: str, code: str, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.usda"
+    path.write_text(STAGE.replace(old, new, 1))
+    with pytest.raises(MeshFileError) as caught:
+        read_mesh(path)
+    assert (caught.value.code, caught.value.file) == (code, str(path))
+    assert words in caught.value.message
+
+
+def test_an_image_elsewhere_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.usda"
+    write_whole(textured(), path)
+    path.write_text(path.read_text().replace("@./a_0.png@", "@/etc/passwd@"))
+    with pytest.raises(MeshFileError) as caught:
+        read_mesh(path)
+    assert "only files in the folder of the mesh" in caught.value.message
+
+
+def test_a_package_is_stored_and_aligned(tmp_path: Path) -> None:
+    path = tmp_path / "a.usdz"
+    write_whole(textured(), path)
+    data = path.read_bytes()
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+    assert [member.filename for member in members] == ["asset.usdc", "a_0.png", "a_1.png"]
+    for member in members:
+        head = data[member.header_offset :][:30]
+        start = member.header_offset + 30 + sum(np.frombuffer(head, "<u2", 2, 26).tolist())
+        assert (member.compress_type, start % 64) == (zipfile.ZIP_STORED, 0)
+
+
+def test_what_cannot_be_written_is_refused() -> None:
+    check_refusals(FORMATS[1])
+
+
+def problems(path: Path) -> list[str]:
+    """Return what the validators of usd-core say."""
+    from pxr import Usd, UsdValidation
+
+    known = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
+    stage = Usd.Stage.Open(str(path))
+    return [error.GetMessage() for error in UsdValidation.ValidationContext(known).Validate(stage)]
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_validators_of_usd_find_nothing(suffix: str, tmp_path: Path) -> None:
+    pytest.importorskip("pxr.UsdValidation", reason="this usd-core has no validators in Python")
+    for number, mesh in enumerate((textured(), make(np.float32, "uint8 rgb"))):
+        path = tmp_path / f"{number}{suffix}"
+        write_whole(mesh, path, Style(collision=(replace(mesh, vertex_colors=None),)))
+        assert problems(path) == []
+
+
+@pytest.mark.slow
+def test_what_is_repaired_stands_before_the_validator_of_nvidia(tmp_path: Path) -> None:
+    pytest.importorskip("usd_validation_nvidia", reason="usd-validation-nvidia is not installed")
+    asset = msb.open(ROOT / "data_stubs/models/pebble/mesh_splatting")
+    fixed = msb.repair(asset).asset
+    path = tmp_path / "fixed.usdc"
+    msb.save(fixed, path)
+    program = Path(sys.executable).with_name("nvidia_usd_validate")
+    done = subprocess.run([program, path], capture_output=True, text=True, check=False)
+    said = done.stdout + done.stderr
+    assert "Failures: 0" in said, said
+    assert "non-manifold" not in said, said
