@@ -119,12 +119,13 @@ LAZY = {
     "coacd",
     "meshopt",
     "DracoPy",
+    "pxr",
 }
 """Imported inside the function that needs them, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
     "scenes": {"numpy", "PIL"},
     "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
-    "meshes": {"numpy", "PIL", "meshopt", "DracoPy"},
+    "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
     "methods.adapter": {"numpy", "yaml", "PIL"},
@@ -144,6 +145,7 @@ FOREIGN: dict[str, set[str]] = {
 DISTRIBUTIONS = {
     "PIL": "pillow",
     "DracoPy": "dracopy",
+    "pxr": "usd-core",
     "yaml": "pyyaml",
     "skimage": "scikit-image",
     "OpenEXR": "openexr",

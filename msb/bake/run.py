@@ -95,7 +95,8 @@ class Baked:
         A path without a suffix, or of a folder that is there, is a folder for all of it, which is the only
         path then: asset.glb and what stands beside it, bake.json, preview.png and the page index.html. Of a
         folder that is there nothing is replaced but what a bake wrote."""
-        parts = [Part("", self.asset, self.report.extras())]
+        is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
+        parts = [Part("", self.asset, self.report.extras(), self.collision, is_convex)]
         parts += [Part(f"_lod{number}", one, {}) for number, one in enumerate(self.lods, 1)]
         parts += [] if self.collision is None else [Part("_collision", self.collision, {})]
         places = [Path(path) for path in paths]

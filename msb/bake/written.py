@@ -15,9 +15,10 @@ from msb.base.atomic import new_files
 from msb.delivery.saving import output_suffix
 from msb.errors import UsageError
 from msb.meshes import Mesh, write_mesh
-from msb.meshes.assets import as_held, mesh_from_asset
+from msb.meshes.assets import as_held, mesh_from_asset, with_faces
 from msb.meshes.files import beside
 from msb.meshes.formats import Style
+from msb.topology.components import label_components
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -33,11 +34,17 @@ _LEAST_TEXTURED = Mesh(
 
 
 class Part(NamedTuple):
-    """One of the assets of a bake: what stands behind the name of its file, and data that GLBs carry."""
+    """One of the assets of a bake: what stands behind the name of its file, and data that GLBs carry.
+
+    A stage of USD also has the shape that simulators let collide in its place, and whether its parts are
+    convex.
+    """
 
     ending: str
     asset: Asset
     extras: Mapping[str, Any]
+    shape: Asset | None = None
+    is_convex: bool = False
 
     def beside(self, path: Path) -> Path:
         """Return where it is written, if the main asset is at `path`."""
@@ -91,10 +98,25 @@ def _writes(part: Part, place: Path) -> list[tuple[Path, Write]]:
     if suffix == ASSET_SUFFIX:
         return [(place, partial(write_packed, part.asset))]
     held = as_held(mesh_from_asset(part.asset), suffix)
-    style = Style(stem=place.stem, extras={"bake": dict(part.extras)} if part.extras else {})
+    style = Style(
+        stem=place.stem,
+        extras={"bake": dict(part.extras)} if part.extras else {},
+        collision=() if part.shape is None else _pieces(as_held(mesh_from_asset(part.shape), suffix)),
+        is_convex=part.is_convex,
+    )
     others = beside(held, place, style)
     found: list[tuple[Path, Write]] = [(other, partial(_put, content)) for other, content in others.items()]
     return [*found, (place, partial(write_mesh, held, suffix=suffix, style=style))]
+
+
+def _pieces(mesh: Mesh) -> tuple[Mesh, ...]:
+    """Return the parts of a mesh that share no vertex."""
+    first, second, third = mesh.faces.T
+    ends = np.concatenate([second, third])
+    count, label = label_components(len(mesh.vertices), np.concatenate([first, first]), ends)
+    of_face = label[first]
+    pieces = (with_faces(mesh, of_face == number) for number in range(count))
+    return tuple(piece for piece in pieces if len(piece.faces))
 
 
 def _put(content: bytes, file: BinaryIO) -> None:
