@@ -43,12 +43,12 @@ def settle(
     random: np.random.Generator,
     watch: Watch,
     until: float,
-) -> float:
+) -> int:
     """Move the vertices at `points` (V, 3) inside `space` where `soup`, whose faces share them, looks better
     for it; no more faces cross than did. `best` looks every few steps.
 
-    It ends early where the time is up (`until`, of `time.monotonic`) or `watch` says so; return which share
-    of the steps were taken."""
+    It ends early where the time is up (`until`, of `time.monotonic`) or `watch` says so; return how many of
+    the `STEPS` were taken."""
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
 
@@ -83,7 +83,7 @@ def settle(
             best.look(soup)
         elif step % RECOLOR == 0:
             soup.recolor(seen._replace(sums=memory))
-    return step / STEPS
+    return step
 
 
 def _at_vertices(values: Reals, faces: NDArray[np.int64], count: int) -> Reals:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.bake import settle
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
-from msb.bake.settle import settle
 from msb.bake.solid import (
     boundary,
     compacted,
@@ -158,11 +158,13 @@ def taught(
         best = Best(judge)
         best.look(soup)
         until, random = time.monotonic() + seconds, np.random.default_rng(seed)
-        share = settle(places, soup, raster, best, space, random, watch, until)
+        taken = settle.settle(places, soup, raster, best, space, random, watch, until)
         soup = best.soup
     color(soup, lessons, aside, device)
     mesh = parted(soup.on(_moved(mesh, soup)))
-    notes = [] if share == 1 else [f"there was time for {share:.0%} of the steps by which vertices move"]
+    notes = []
+    if taken < settle.STEPS:
+        notes.append(f"its vertices took {taken} of {settle.STEPS} steps to where pictures want them")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes

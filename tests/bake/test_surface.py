@@ -244,9 +244,9 @@ def test_it_ends_when_it_is_told_to_or_the_time_is_up_and_says_so() -> None:
     with lessons_of(corners, colors, around(8)) as lessons, lessons_of(corners, colors, around(2)) as aside:
         told, notes = made.surface(soup, lessons, aside, faces=400, watch=watch)
         assert steps[-1] == 3
-        assert any("15%" in note for note in notes), notes
+        assert any("3 of 20 steps" in note for note in notes), notes
         late, notes = made.surface(soup, lessons, aside, faces=400, seconds=0)
-        assert any("5%" in note for note in notes), notes
+        assert any("1 of 20 steps" in note for note in notes), notes
     check_solid(told)
     check_solid(late)
 
