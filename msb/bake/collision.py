@@ -1,23 +1,28 @@
 """What stands in for a mesh where things bump into each other: closed, of few faces, near what is seen.
 
-It is a surface of fewer faces where there is a closed one, else convex hulls: of what CoACD cuts a closed one
-into, or of patches of any. There is always something, and it says what.
+It is made of a closed surface: the mesh, or, of an open one, what cameras see of it, enclosed. Of an object
+it is that with fewer faces, or the convex parts that CoACD cuts it into; of a scene a sheet behind what is
+seen; where nothing is closed, hulls of patches. There is always something, and it says what.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.bake.apart import distances, spread
+from msb.bake.apart import POINTS, distances, spread
+from msb.bake.fusion import seen_points
 from msb.bake.simpler import closed, simpler
+from msb.bake.solid import compacted, mended, parted
+from msb.bake.space import Space
+from msb.bake.surface import enclosed
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
-from msb.errors import MeshError, UsageError, shorten
+from msb.errors import AssetError, MeshError, UsageError, shorten
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
 from msb.topology.weld import weld_vertices
@@ -25,7 +30,11 @@ from msb.trial.geometry import signed_volume
 from msb.trial.tasks.collision import CORNERS, directions
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from msb.base.children import Arrays
+    from msb.cl import Device
+    from msb.scenes import Camera
 
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
@@ -35,6 +44,14 @@ Kind = Literal["mesh", "hulls", "box"]
 SECONDS = 20.0
 MID_AIR = 0.02
 """Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
+_CELLS, _MARGIN = (96, 160), 1.0
+"""Cells along the longest side of what is enclosed, an object or a scene, and around an object."""
+_SKY = 1.9
+"""How far out, inside a scene's space, everything is sky: ten times as far as what is near."""
+_FRONT, _BEHIND = 0.45, 0.02
+"""Of a scene, the share of the faces that are seen, and how thick it is, in radii of what is near."""
+_AT_FIRST = 8
+"""How many times the faces asked for a surface is given first."""
 _CORNERS = 32
 """Most corners of the hull of a patch, about as many faces as it has."""
 _FEWEST, _MOST = 4, 1 << 20
@@ -75,9 +92,10 @@ class Collision:
     parts : int
         The number of convex parts of "hulls"; 1 of a mesh.
     mean_distance : float
-        How far points all over the visible mesh are from it in the mean, of the visible mesh's diagonal.
+        How far what cameras see is from it in the mean, of that one's diagonal; points all over the visible
+        mesh where there are no cameras.
     mid_air_share : float
-        The share of the area one can touch that is farther than 2 % of the diagonal from anything visible.
+        The share of the area one can touch that is farther than 2 % of the diagonal from the visible mesh.
     why : str
         Why it is not what was asked for; else empty.
     """
@@ -109,7 +127,14 @@ def kind_of(text: str) -> tuple[Kind, int]:
     return name, count  # type: ignore[return-value]
 
 
-def collision(mesh: Mesh, kind: str, *, seconds: float = SECONDS) -> Collision:
+def collision(
+    mesh: Mesh,
+    kind: str,
+    cameras: Sequence[Camera] = (),
+    *,
+    seconds: float = SECONDS,
+    device: str | Device | None = None,
+) -> Collision:
     """Return a shape of this `kind` to bump into in the place of `mesh`, or the nearest there can be.
 
     Parameters
@@ -117,46 +142,85 @@ def collision(mesh: Mesh, kind: str, *, seconds: float = SECONDS) -> Collision:
     mesh : Mesh
         What is seen.
     kind : str
-        "mesh:N", a surface of about N faces, or hulls of so many if the mesh is not closed; "hulls:N", up to
-        N convex parts: what CoACD cuts a closed mesh into, or, where that does not end or the mesh is open,
-        the hulls of patches, which are hollow between them; "box", one box, turned to be small.
+        "mesh:N", a surface of about N faces; "hulls:N", up to N convex parts that CoACD cuts the solid into;
+        "box", one box, turned to be small. Where neither the mesh is closed nor what cameras see of it
+        encloses anything, a mesh becomes hulls. Of a scene, and where CoACD does not end, hulls are those of
+        patches, which are hollow between them.
+    cameras : sequence of Camera
+        From where it is looked at: what they see of a mesh that is not closed is enclosed, and a surface has
+        most faces where they look.
     seconds : float
         The time that CoACD has.
+    device : str or Device, optional
+        What draws for the cameras.
 
     Raises
     ------
     UsageError
-        USAGE: there is no such kind. EXTRA_MISSING: a closed mesh needs fast-simplification or CoACD for this
-        kind.
+        USAGE: there is no such kind. EXTRA_MISSING: fast-simplification, scikit-image or CoACD is not
+        installed, which this kind needs.
     MeshError
         MESH_ARRAY: there is no face. MESH_NONFINITE: a corner is not finite.
+    DeviceError
     """
     name, count = kind_of(kind)
-    seen, faces, middle, size = _in_unit(mesh)
-    solid, made, why = name != "box" and closed(seen, faces), name, ""
+    shown, space = _shown(mesh, cameras, device)
+    seen, faces, middle, size = _in_unit(mesh, shown)
+    places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(seen, faces)[0]
+    solid = (seen, faces) if closed(seen, faces) else None
+    if solid is None and len(shown) and name != "box":
+        points, around = _enclosed(mesh, cameras, device)
+        points = (points - middle) / size
+        # Of a thin sheet what is enclosed is far thicker.
+        if len(around) and distances(places, points, around).mean() < MID_AIR / 2:
+            solid = points, around
+    made, why, patched = name, "", (seen, faces)
     parts: list[Part] = []
     if made == "box":
         parts = [_box(seen)]
-    elif made == "mesh" and solid:
-        parts = [simpler(seen, faces, count)]
+    elif solid is None:
+        why = "the mesh is not closed" + (", and what is seen of it encloses nothing" if len(shown) else "")
+        if made == "mesh":
+            made, count = "hulls", max(1, count // _CORNERS)
+    elif space is not None and space.contracted:
+        inside = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
+        patched = _near(solid, (seen, faces), inside)
+        if made == "mesh":
+            parts = [_sheet(patched, count, inside)]
+        else:
+            why = "of a scene these are hulls of patches of it"
     elif made == "mesh":
-        made, count, why = "hulls", max(1, count // _CORNERS), "the mesh is not closed"
-    elif solid and signed_volume(seen, faces) > 0:
-        parts, why = _cut_by_coacd(seen, faces, count, seconds)
-    elif solid:
+        parts = [_fewer(solid, count)]
+    elif signed_volume(*solid) > 0:
+        parts, why = _cut_by_coacd(*solid, count, seconds)
+    else:
         why = "the surface looks inward: these are hulls of patches of it"
     if not parts:
-        parts = [_hull(patch) for patch in _patches(seen, faces, min(count, _MOST_HULLS))]
+        parts = [_hull(patch) for patch in _patches(*patched, min(count, _MOST_HULLS))]
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.concatenate([points for points, _ in parts])
     joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
     shape = Mesh((middle + size * points).astype(np.float32), joined, up=mesh.up)
-    near = float(distances(spread(seen, faces)[0], points, joined).mean())
-    return Collision(shape, made, len(parts), near, _mid_air(parts, (points, joined), (seen, faces)), why)
+    near = float(distances(places, points, joined).mean())
+    mid_air = _mid_air(parts, (points, joined), (seen, faces))
+    return Collision(parted(shape) if made == "mesh" else shape, made, len(parts), near, mid_air, why)
 
 
-def _in_unit(mesh: Mesh) -> tuple[Reals, Faces, Reals, float]:
-    """Return the mesh about its middle in units of its diagonal, and these two.
+def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> tuple[Reals, Space | None]:
+    """Return places (n, 3) of the world that cameras see, evenly over their pixels and the sky left out, and
+    the space by which these are looked at; none without cameras."""
+    points = seen_points(mesh, cameras, device)
+    if not len(points):
+        return points, None
+    space = Space.of(points, cameras)
+    if space.contracted:
+        points = points[np.linalg.norm(space.inward(points), axis=1) < _SKY]
+    return points, space
+
+
+def _in_unit(mesh: Mesh, shown: Reals) -> tuple[Reals, Faces, Reals, float]:
+    """Return the mesh about the middle of what is shown in units of its diagonal, and these two; those of the
+    mesh where nothing is.
 
     If it is not closed, vertices in one place are merged: they may be doubled for colours alone.
     """
@@ -171,9 +235,62 @@ def _in_unit(mesh: Mesh) -> tuple[Reals, Faces, Reals, float]:
         raise MeshError(
             "MESH_NONFINITE", "a corner of a face is not finite; a collision mesh needs them finite"
         )
-    low, high = points.min(axis=0), points.max(axis=0)
+    bounds = shown if len(shown) else points
+    low, high = bounds.min(axis=0), bounds.max(axis=0)
     middle, size = (low + high) / 2, float(np.linalg.norm(high - low)) or 1.0
     return (points - middle) / size, faces, middle, size
+
+
+def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Part:
+    """Return the closed surface of what cameras see of a mesh, in the world; without a face if they enclose
+    nothing."""
+    need_extra("bench", "skimage", what="what encloses an open mesh", instead="box needs nothing")
+    try:
+        inside, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
+    except AssetError:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    return space.outward(inside), faces
+
+
+def _fewer(solid: Part, count: int) -> Part:
+    """Return a surface of about so many faces, no more than it has."""
+    for fewer in (_AT_FIRST * count, count):  # at once it is far worse
+        solid = simpler(*solid, fewer)
+    return solid
+
+
+def _near(solid: Part, seen: Part, space: Space) -> Part:
+    """Return the faces of what encloses a scene that stand where something is seen, and no sky."""
+    points, faces = solid
+    near = (np.linalg.norm(space.inward(points), axis=1) < _SKY)[faces].all(axis=1)
+    near[near] = distances(points[faces[near]].mean(axis=1), *seen) < MID_AIR / 2
+    return compacted(points, faces[near if near.any() else slice(None)])
+
+
+def _sheet(patch: Part, count: int, space: Space) -> Part:
+    """Return a surface with about so many faces, most of them where cameras look, a little thick: with a back
+    side and rims, so that it is closed."""
+    # Errors count as in a space where lengths beyond what is near grow as their root.
+    away = (patch[0] - space.center) / space.radius
+    inside, faces = _fewer((away / np.sqrt(_beyond(away)), patch[1]), max(1, int(_FRONT * count)))
+    points, faces = compacted(space.center + space.radius * inside * _beyond(inside), faces)
+    corners = points[faces]
+    normals = np.zeros_like(points)
+    np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _LEAST)
+    back = points - _BEHIND * space.radius * normals
+    sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    lone = sides[~np.isin(sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0])]
+    a, b = lone.T
+    c, d = a + len(points), b + len(points)
+    rims = np.concatenate([np.stack([b, a, c], axis=1), np.stack([b, c, d], axis=1)])
+    return mended(np.concatenate([points, back]), np.concatenate([faces, faces[:, ::-1] + len(points), rims]))
+
+
+def _beyond(away: Reals) -> Reals:
+    """Return how far away points (n, 3) are, (n, 1), at least 1."""
+    found: Reals = np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1)
+    return found
 
 
 def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -123,6 +124,14 @@ class Depths(StandardRenderer):
         )
         values: NDArray[np.float32] = sums.read()
         return values
+
+
+def seen_points(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> NDArray[np.float64]:
+    """Return places (n, 3) of the world at which cameras, if there are any, see a mesh."""
+    if not cameras:
+        return np.zeros((0, 3))
+    with closing(Depths(mesh, device)) as depths:
+        return depths.points(cameras)
 
 
 def solid(votes: NDArray[np.float32], space: Space, grid: Grid) -> NDArray[np.float32]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,7 @@ import numpy as np
 from msb.bake.apart import distances, spread
 from msb.bake.descent import moved
 from msb.bake.fitted import PIXELS_TO_MOVE
-from msb.bake.fusion import Depths
+from msb.bake.fusion import seen_points
 from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
@@ -148,8 +147,7 @@ class _Levels:
     def of_surface(self) -> Iterator[Mesh]:
         """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
         lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (self.lessons, self.aside))
-        with closing(Depths(self.mesh, self.device)) as depths:
-            seen = depths.points(lessons.cameras)
+        seen = seen_points(self.mesh, lessons.cameras, self.device)
         points = self.mesh.vertices.astype(np.float64)
         space = Space.of(seen if len(seen) else points, lessons.cameras)
         made = space.inward(points), self.mesh.faces

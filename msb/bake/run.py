@@ -45,6 +45,7 @@ from msb.topology.faces import face_areas
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.bake.collision import Collision
     from msb.bake.lessons import Lessons
     from msb.bake.shares import Shares
     from msb.bake.views import BakeViews
@@ -235,9 +236,9 @@ def bake(
                 mesh, facts = made.best(stopped)
                 own, photographs = made.measured(mesh)
                 levels = made.levels(mesh, wanted)
+                shape = None if collision is None else made.shape(mesh, collision)
             baked = asset_from_mesh(mesh)
             picture = preview(asset, baked, views, master, device)
-    shape = None if collision is None else collide(mesh, collision)
     report = Report(
         geometry=facts.geometry,
         color="texture" if mesh.textures else "vertex",
@@ -495,6 +496,12 @@ class _Bake:
             facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
             found.append((Level(share, *facts), level))
         return found
+
+    def shape(self, mesh: Mesh, kind: str) -> Collision:
+        """Return what stands in for what was made where things bump into it."""
+        self._watch("collision", 0, 1)
+        cameras = self._taught.within(PIXELS_TO_MOVE).cameras
+        return collide(mesh, kind, cameras, device=self._device)
 
     def _colored(self, mesh: Mesh, size: int | None, *, has_texture: bool) -> Mesh:
         """Return a mesh as it is written: with a texture (of this size), or with its colours in bytes."""

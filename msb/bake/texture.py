@@ -18,6 +18,8 @@ from scipy.sparse.csgraph import connected_components
 
 from msb.asset.texture import Sampler
 from msb.bake.atlas import connected_atlas, soup_atlas
+from msb.bake.fusion import seen_points
+from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
 from msb.meshes.assets import asset_from_mesh
@@ -72,7 +74,10 @@ def textured(
     ):
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
-        uvs = connected_atlas(mesh.vertices, mesh.faces, pixels, size)
+        # A chart from here to the horizon has as many texels here as there, so what is far is drawn together.
+        shown = seen_points(mesh, lessons.cameras, device)
+        places = Space.of(shown, lessons.cameras).inward(mesh.vertices) if len(shown) else mesh.vertices
+        uvs = connected_atlas(places, mesh.faces, pixels, size)
     chart, texture = _beginning(mesh, uvs, size, device)
     made = replace(
         mesh,

@@ -30,6 +30,22 @@ def cameras(count: int, width: int = 48, height: int = 36) -> list[Camera]:
     ]
 
 
+def all_round(away: float, heights: tuple[float, ...], count: int = 8, side: int = 64) -> list[Camera]:
+    """Return cameras in rings about the z axis, at some heights, which look at the origin."""
+    return [
+        Camera.look_at(
+            (away * np.cos(turn), away * np.sin(turn), height),
+            (0, 0, 0),
+            up=(0, 0, 1),
+            width=side,
+            height=side,
+            fov_y=0.9,
+        )
+        for height in heights
+        for turn in 2 * np.pi * np.arange(count) / count
+    ]
+
+
 def tiles(side: int = 4, seed: int = 0) -> tuple[Corners, Corners]:
     """Return corners and colours of a square of 2 x side x side triangles about the origin."""
     random = np.random.default_rng(seed)

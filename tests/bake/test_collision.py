@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
 from msb.trial.geometry import signed_volume
 from tests.bake.solids import ball, box, soup_of, together, torus
+from tests.bake.soups import all_round, mesh_of, tiles
 
 TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
 
@@ -75,6 +78,46 @@ def test_an_open_mesh_gets_hulls_that_cover_it_and_says_why() -> None:
     assert len(planes) == made.parts
     out = np.min([(points @ each[:, :3].T + each[:, 3]).max(axis=1) for each in planes], axis=0)
     assert out.max() < 0.07
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_what_cameras_see_of_a_soup_is_enclosed(size: float) -> None:
+    whole = soup_of(ball())
+    faces = whole.faces[whole.vertices[whole.faces].mean(axis=1)[:, 2] > -0.9]
+    soup = Mesh(whole.vertices * np.float32(size), faces)
+    views = [replace(camera, unit=size) for camera in all_round(3 * size, (-size, size))]
+    made = checked(collision(soup, "mesh:500", views))
+    assert (made.kind, made.parts, made.why) == ("mesh", 1, "")
+    assert 400 < len(made.mesh.faces) <= 520
+    assert made.mean_distance < 0.005
+    assert made.mid_air_share < 0.05
+
+
+def test_of_a_scene_a_sheet_lies_behind_what_is_seen() -> None:
+    """A bump on a large floor, seen from above it."""
+    corners, _ = tiles(12)
+    floor = 20 * corners.reshape(-1, 3)
+    rises = np.exp(-np.square(floor[:, :2]).sum(axis=1, keepdims=True))
+    floor[:, 2:] = rises.astype(np.float32)
+    made = checked(collision(mesh_of(floor.reshape(-1, 3, 3), corners), "mesh:400", all_round(4, (2, 3))))
+    assert (made.kind, made.why) == ("mesh", "")
+    assert made.mean_distance < 0.005
+    assert made.mid_air_share < 0.1
+    assert np.abs(made.mesh.vertices).max() < 25  # no sky
+    hulls = checked(collision(mesh_of(floor.reshape(-1, 3, 3), corners), "hulls:8", all_round(4, (2, 3))))
+    assert hulls.kind == "hulls"
+    assert "scene" in hulls.why
+
+
+def test_what_encloses_nothing_gets_hulls_and_says_why() -> None:
+    """A face that cameras see from both sides, and one that none sees."""
+    face = Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
+    away = Mesh(face.vertices + np.float32([0, 0, 99]), face.faces)
+    for mesh, why in ((face, "encloses nothing"), (away, "not closed")):
+        made = checked(collision(mesh, "mesh:100", all_round(3, (-1, 1))))
+        assert made.kind == "hulls"
+        assert why in made.why
+        assert made.mean_distance < 0.01
 
 
 def test_more_hulls_leave_less_in_mid_air() -> None:

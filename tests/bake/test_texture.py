@@ -19,6 +19,7 @@ from msb.meshes.mesh import Mesh
 from msb.metrics import psnr
 from msb.render import Renderer
 from msb.scenes import Camera
+from tests.bake.soups import all_round, lessons_of, tiles
 
 GREY = (0.5, 0.5, 0.5)
 
@@ -186,3 +187,19 @@ def test_charts_do_not_run_into_each_other() -> None:
     change = next(pyramid.solved()).reshape(4, 4)
     assert change[:, :2].min() > 0.3
     assert np.abs(change[:, 2:]).max() == 0
+
+
+def test_of_one_chart_what_is_near_has_more_texels_than_what_is_far() -> None:
+    if not is_installed("xatlas"):
+        pytest.skip("extra trial is not installed")
+    corners, colors = tiles(12)
+    welded, faces = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    floor = Mesh(30 * welded, faces.reshape(-1, 3))
+    views = all_round(4, (2, 3))
+    with lessons_of(30 * corners, colors, views) as lessons:
+        made = textured(floor, lessons, 64)
+    assert made.corner_uvs is not None
+    sides = np.diff(made.corner_uvs.reshape(-1, 3, 2), axis=1)
+    texels = np.abs(np.linalg.det(sides.astype(np.float64)))
+    away = np.linalg.norm(floor.vertices[floor.faces].mean(axis=1), axis=1)
+    assert np.median(texels[away < 8]) > 5 * np.median(texels[away > 25])
