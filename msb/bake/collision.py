@@ -44,7 +44,9 @@ Kind = Literal["mesh", "hulls", "box"]
 SECONDS = 20.0
 MID_AIR = 0.02
 """Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
-_CELLS, _MARGIN = (96, 160), 1.0
+PIXELS = 1 << 16
+"""Of the largest picture by whose depths an open mesh is enclosed: finer ones look into every crack."""
+_CELLS, _MARGIN = (96, 224), 1.0
 """Cells along the longest side of what is enclosed, an object or a scene, and around an object."""
 _SKY = 1.9
 """How far out, inside a scene's space, everything is sky: ten times as far as what is near."""
@@ -259,21 +261,28 @@ def _fewer(solid: Part, count: int) -> Part:
     return solid
 
 
+def _fewer_far(surface: Part, count: int, space: Space) -> Part:
+    """Return a surface of about so many faces, most of them where cameras look.
+
+    Errors count as in a space where lengths beyond what is near grow as their root.
+    """
+    away = (surface[0] - space.center) / space.radius
+    inside, faces = _fewer((away / np.sqrt(_beyond(away)), surface[1]), count)
+    return compacted(space.center + space.radius * inside * _beyond(inside), faces)
+
+
 def _near(solid: Part, seen: Part, space: Space) -> Part:
     """Return the faces of what encloses a scene that stand where something is seen, and no sky."""
     points, faces = solid
     near = (np.linalg.norm(space.inward(points), axis=1) < _SKY)[faces].all(axis=1)
-    near[near] = distances(points[faces[near]].mean(axis=1), *seen) < MID_AIR / 2
+    near[near] = distances(points[faces[near]].mean(axis=1), *seen) < MID_AIR
     return compacted(points, faces[near if near.any() else slice(None)])
 
 
 def _sheet(patch: Part, count: int, space: Space) -> Part:
-    """Return a surface with about so many faces, most of them where cameras look, a little thick: with a back
-    side and rims, so that it is closed."""
-    # Errors count as in a space where lengths beyond what is near grow as their root.
-    away = (patch[0] - space.center) / space.radius
-    inside, faces = _fewer((away / np.sqrt(_beyond(away)), patch[1]), max(1, int(_FRONT * count)))
-    points, faces = compacted(space.center + space.radius * inside * _beyond(inside), faces)
+    """Return a surface of about so many faces, a little thick: with a back side and rims, so that it is
+    closed."""
+    points, faces = _fewer_far(patch, max(1, int(_FRONT * count)), space)
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])

@@ -19,8 +19,8 @@ from msb.api.opening import as_asset
 from msb.asset.look import stored_threshold, visible_faces, written_up
 from msb.asset.texture import MAX_SIDE
 from msb.asset.tiers import why_not
+from msb.bake.collision import PIXELS, kind_of
 from msb.bake.collision import collision as collide
-from msb.bake.collision import kind_of
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
 from msb.bake.folder import only_folder, write_folder
 from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
@@ -500,7 +500,7 @@ class _Bake:
     def shape(self, mesh: Mesh, kind: str) -> Collision:
         """Return what stands in for what was made where things bump into it."""
         self._watch("collision", 0, 1)
-        cameras = self._taught.within(PIXELS_TO_MOVE).cameras
+        cameras = self._taught.within(PIXELS).cameras
         return collide(mesh, kind, cameras, device=self._device)
 
     def _colored(self, mesh: Mesh, size: int | None, *, has_texture: bool) -> Mesh:

@@ -117,10 +117,12 @@ def test_a_box_rests_on_what_is_seen(kind: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", ["nerf_synthetic/pebble", "mipnerf360/pebble"])
-def test_a_box_rests_on_a_trained_model(scene: str) -> None:
+@pytest.mark.parametrize(
+    ("scene", "geometry"), [("nerf_synthetic/pebble", "kept"), ("mipnerf360/pebble", "fitted")]
+)
+def test_a_box_rests_on_a_trained_model(scene: str, geometry: Any) -> None:
     model = MODELS / ("pebble" if "synthetic" in scene else "walled") / "two_dts"
-    baked = msb.bake(model, scene=SCENES / scene, geometry="kept", collision="mesh:1000")
+    baked = msb.bake(model, scene=SCENES / scene, geometry=geometry, seconds=30, collision="mesh:1000")
     said, shape = baked.report.collision, baked.collision
     assert said is not None
     assert shape is not None
