@@ -78,6 +78,10 @@ class Results:
         """Return the film that shows the conditions side by side; `model` is its label, else its method."""
         return self.root / "videos" / dataset / scene / f"{model}.mp4"
 
+    def grid(self, dataset: str, scene: str) -> Path:
+        """Return the film that shows all models of a scene below each other."""
+        return self.root / "videos" / dataset / f"{scene}.mp4"
+
 
 @contextlib.contextmanager
 def exclusive(root: Path) -> Iterator[str]:

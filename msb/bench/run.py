@@ -31,7 +31,7 @@ from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME, ProtocolFile
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Cell, Reason, Result
-from msb.bench.videos import video_tasks, write_video
+from msb.bench.videos import grid_tasks, video_tasks, write_grid, write_video
 from msb.errors import EXIT_STATUS, InputError, MsbError
 from msb.scenes import write_cameras
 
@@ -295,9 +295,10 @@ class _Run:
         if options is None:
             return
         jobs = [one.job for one in planned if one.job is not None]
-        for task, answer in self.each("videos", write_video, video_tasks(options, jobs)):
-            if isinstance(answer, Exception):
-                self.watch.note(f"warning: {task.name}: no film: {answer}")
+        for write, tasks in ((write_video, video_tasks), (write_grid, grid_tasks)):  # grids are of the films
+            for task, answer in self.each("videos", write, tasks(options, jobs)):
+                if isinstance(answer, Exception):
+                    self.watch.note(f"warning: {task.name}: no film: {answer}")
 
     def each(
         self,

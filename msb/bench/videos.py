@@ -1,4 +1,4 @@
-"""Films of a method's conditions side by side, along a flight or through the test views."""
+"""Films of a method's conditions side by side, along a flight or the test views, and of all methods."""
 
 from __future__ import annotations
 
@@ -21,10 +21,13 @@ from msb.bench.folder import Results, check_run
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.errors import MsbError
+from msb.registry import METHODS
 from msb.render.images import image_names, to_bytes, write_film
 from msb.scenes import Camera, interpolated
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
+
     from msb.bench.job import Job
     from msb.bench.protocol_tables import VideosTable
 
@@ -81,17 +84,58 @@ def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
                 [options.model_dump(), [(job.cell.condition_name, inputs) for job, inputs in held]]
             )
             task = VideoTask(tuple(job for job, _ in held), options, inputs)
-            if not _is_done(task):
+            if _about(task.path).get("inputs") != task.inputs:
                 tasks.append(task)
     return tasks
 
 
-def _is_done(task: VideoTask) -> bool:
-    try:
-        about = read_json(task.path.with_suffix(".json"), 1 << 16)
-    except MsbError:
-        return False
-    return isinstance(about, dict) and about.get("inputs") == task.inputs and task.path.exists()
+@dataclass(frozen=True)
+class GridTask:
+    """The order to put the films of a scene's methods below each other."""
+
+    root: Path
+    run: str
+    names: tuple[str, str]
+    """Dataset and scene."""
+    models: tuple[str, ...]
+    options: VideosTable
+    inputs: str
+
+    @property
+    def name(self) -> str:
+        """What progress shows."""
+        return " ".join(self.names)
+
+    @property
+    def path(self) -> Path:
+        """The film's."""
+        return Results(self.root).grid(*self.names)
+
+
+def grid_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[GridTask]:
+    """Return the films of several methods to be made, of those whose own films are there."""
+    scenes: dict[tuple[str, str], dict[str, Job]] = {}
+    for job in jobs:
+        dataset, scene, model, _ = job.cell.names
+        scenes.setdefault((dataset, scene), {})[model] = job
+    tasks = []
+    for names, models in scenes.items():
+        first = next(iter(models.values()))
+        inputs = {model: _about(Results(first.root).video(*names, model)).get("inputs") for model in models}
+        made = tuple(model for model, own in inputs.items() if own is not None)
+        task = GridTask(first.root, first.run, names, made, options, digest(["grid", inputs]))
+        if len(made) > 1 and _about(task.path).get("inputs") != task.inputs:
+            tasks.append(task)
+    return tasks
+
+
+def _about(film: Path) -> dict[str, Any]:
+    """Return what the file beside a film says of it; nothing unless both are there."""
+    with contextlib.suppress(MsbError):
+        about = read_json(film.with_suffix(".json"), 1 << 16)
+        if isinstance(about, dict) and film.exists():
+            return about
+    return {}
 
 
 def write_video(task: VideoTask) -> None:
@@ -108,10 +152,54 @@ def write_video(task: VideoTask) -> None:
             cameras = interpolated(scene.test, task.options.frames)
             frames = _flight(task, cameras, scene.background, stack)
         write_film(task.path, (labelled(row, titles) for row in frames), task.options.fps)
+    _write_about(task, columns=titles)
+
+
+def write_grid(task: GridTask) -> None:
+    """Write the film of a scene's methods below each other, each cut from its own film, and what it shows."""
+    check_run(task.root, task.run)
+    films = [Results(task.root).video(*task.names, model) for model in task.models]
+    shown = [_about(film)["columns"] for film in films]
+    columns = list(dict.fromkeys(title for titles in shown for title in titles))
+    columns.sort(key=lambda title: title == CONDITION_TITLES["standard"])  # behind variants that some lack
+    rows = zip(*(_panels(film, titles) for film, titles in zip(films, shown, strict=True)), strict=False)
+    titles = [METHODS[model].title if model in METHODS else model for model in task.models]
+    write_film(task.path, (_grid(row, columns, titles) for row in rows), task.options.fps)
+    _write_about(task, columns=columns, rows=list(task.models))
+
+
+def _panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
+    """Yield title -> picture for each frame of a method's film."""
+    import av
+
+    with av.open(str(film)) as container:
+        for frame in container.decode(video=0):
+            pixels = frame.to_ndarray(format="rgb24")
+            width = pixels.shape[1] // len(titles)
+            yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
+
+
+def _grid(
+    rows: Sequence[dict[str, NDArray[np.uint8]]], columns: Sequence[str], titles: Sequence[str]
+) -> NDArray[np.float32]:
+    """Return the panels of all methods in one picture, each method's title below its first panel's own."""
+    from PIL import Image
+
+    width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
+    picture = Image.new("RGB", (width * len(columns), height * len(rows)))
+    for y, (row, name) in enumerate(zip(rows, titles, strict=True)):
+        for title, panel in row.items():
+            x = columns.index(title)
+            picture.paste(Image.fromarray(panel).resize((width, height)), (x * width, y * height))
+        _write_title(picture, name, (0, (y + 1) * height - 2 * round(height * _LABEL)), height)
+    return np.asarray(picture, np.float32) / np.float32(255)
+
+
+def _write_about(task: VideoTask | GridTask, **shown: list[str]) -> None:
     about = {
         "schema": SCHEMA,
         "inputs": task.inputs,
-        "columns": titles,
+        **shown,
         "path": task.options.path,
         "frames": task.options.frames,
         "fps": task.options.fps,
@@ -144,16 +232,23 @@ def _held(task: VideoTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]
 
 def labelled(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArray[np.float32]:
     """Return images of one size, (H, W, 3) uint8, side by side with a title in the corner of each."""
-    from PIL import Image, ImageDraw, ImageFont
+    from PIL import Image
 
     times = -(-_SMALLEST // images[0].shape[0])
     pixels = np.concatenate(images, axis=1).repeat(times, axis=0).repeat(times, axis=1)
     height, width = pixels.shape[0], pixels.shape[1] // len(images)
     picture = Image.fromarray(pixels)
-    draw = ImageDraw.Draw(picture)
-    size = round(height * _LABEL)
-    font = ImageFont.load_default(size)
     for number, title in enumerate(titles):
-        place = (number * width + size // 2, size // 2)
-        draw.text(place, title, (255, 255, 255), font, stroke_width=size // 10, stroke_fill=(0, 0, 0))
+        _write_title(picture, title, (number * width, 0), height)
     return np.asarray(picture, np.float32) / np.float32(255)
+
+
+def _write_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
+    """Write a title into a picture, below and right of a corner, as large as it is in a panel of `height`."""
+    from PIL import ImageDraw, ImageFont
+
+    size = round(height * _LABEL)
+    place = (corner[0] + size // 2, corner[1] + size // 2)
+    font = ImageFont.load_default(size)
+    edge: dict[str, Any] = {"stroke_width": size // 10, "stroke_fill": (0, 0, 0)}
+    ImageDraw.Draw(picture).text(place, title, (255, 255, 255), font, **edge)

@@ -50,6 +50,26 @@ def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
         shown[0][:, number * part : (number + 1) * part].astype(float) for number in (-2, -1 % columns)
     )
     assert np.abs(first - last).mean() > 0.5, "the conditions differ"
+    assert not film.parent.with_suffix(".mp4").exists(), "one method needs no grid"
     written = film.stat().st_mtime_ns
     run_protocol(file, only=only)
     assert film.stat().st_mtime_ns == written, "a film that holds is not made again"
+
+
+def test_the_methods_of_a_scene_stand_below_each_other(again: ProtocolFile) -> None:
+    file = changed(again, videos=VideosTable(frames=4, fps=4))
+    only = ["two_dts/dedicated", "two_dts/standard", "diffsoup/dedicated"]
+    run_protocol(file, only=only)
+    grid = file.results / "videos" / "nerf_synthetic" / "pebble.mp4"
+    shown, own = frames(grid), frames(grid.with_suffix("") / "two_dts.mp4")
+    assert len(shown) == 4
+    height, width = own[0].shape[:2]
+    assert shown[0].shape[:2] == (2 * height, width)
+    two_dts, diffsoup = shown[0][:height].astype(float), shown[0][height:].astype(float)
+    part = height * 3 // 4  # above the method's title
+    assert np.abs(two_dts[:part] - own[0][:part]).mean() < 4
+    assert diffsoup[:, : width // 2].std() > 5
+    assert diffsoup[:, width // 2 + 8 :].max() < 20, "DiffSoup has no standard tier"
+    written = grid.stat().st_mtime_ns
+    run_protocol(file, only=only)
+    assert grid.stat().st_mtime_ns == written
