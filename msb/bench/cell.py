@@ -42,7 +42,7 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
 """Part -> the function that computes it, which returns keys of `Result` and their values."""
 _KEYS: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
-    "timing": ("timing", "memory", "device"),
+    "timing": ("timing", "memory", "floor", "device"),
 }
 """The keys of `Result` that a part fills, where they are others than its name."""
 

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory and device of a cell; the timing writes no file and reads no pixel back."""
+    """Return timing, memory, floor and device of a cell; nothing is written while the clock runs."""
+    from msb.bench.floor import measure_floor
     from msb.bench.profile import profile
     from msb.render.backend import find_renderer
 
@@ -44,7 +45,8 @@ def measure_timing(job: Job) -> dict[str, Any]:
         options |= {"frames": job.frames, "seconds": job.seconds}
         timed = profile(renderer, scene.test, scene.background, **options)
         memory = grouped(timed.memory, timed.memory_groups, driver_memory(about["device"]))
-    return {"timing": timed.timing, "memory": memory, "device": about}
+    floor = measure_floor(job, scene, options["device_kind"])
+    return {"timing": timed.timing, "memory": memory, "floor": floor, "device": about}
 
 
 def grouped(

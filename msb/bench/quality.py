@@ -27,6 +27,7 @@ from msb.metrics.images import is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
 if TYPE_CHECKING:
+    from msb.asset import Asset
     from msb.bench.job import Job
     from msb.render import Renderer
     from msb.scenes import Camera
@@ -137,8 +138,11 @@ class _Drawn:
         }
 
 
-def open_renderer(job: Job) -> Renderer:
-    """Return the cell's renderer, with options by which it computes nothing but the image."""
+def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
+    """Return the cell's renderer, with options by which it computes nothing but the image.
+
+    It draws `asset`, by default the cell's model.
+    """
     from msb.render import Renderer
     from msb.render.backend import lean_options
 
@@ -146,7 +150,7 @@ def open_renderer(job: Job) -> Renderer:
     tier, engine = job.tier, job.cell.renderer
     settings = dict(job.settings)
     options = {**lean_options(tier, engine), **job.options}
-    return Renderer(job.model.open(), tier, job.device, settings, name=engine, **options)
+    return Renderer(asset or job.model.open(), tier, job.device, settings, name=engine, **options)
 
 
 def renderer_info(job: Job, name: str) -> RendererInfo:

@@ -236,6 +236,16 @@ class Memory(Record):
         return self.geometry + self.appearance + self.scratch + self.targets
 
 
+class Floor(Record):
+    """What the renderer takes for one triangle of the model at this size: not for the mesh."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    p50_ms: Amount
+    p95_ms: Amount
+    memory_bytes: Count
+
+
 class RendererTiming(Record):
     """How fast a method's own renderer is, measured elsewhere by the user: schema msb.renderer_timing/1."""
 
@@ -301,6 +311,7 @@ class Result(Record):
     quality: Quality | None = None
     timing: Timing | None = None
     memory: Memory | None = None
+    floor: Floor | None = None
     chamfer: ChamferDocument | None = None
     """For DTU only."""
     audit: AuditDocument | None = None

@@ -17,6 +17,7 @@ from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
 from msb.registry import METHODS
 from msb.report.numbers import (
+    FLOOR,
     MEAN,
     ON_CPU,
     QUALITY,
@@ -54,6 +55,9 @@ _PARTS = {
     "tasks": "trial",
 }
 """Metric -> the part of `Result.reasons` that says why it is not there."""
+
+_FLOORS = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
+"""Metric -> its key in `Result.floor`."""
 
 NOT_RUN = "not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"
@@ -179,6 +183,11 @@ def _add_condition(
             numbers[scene] = _number(metric, method, condition, result)
             key = Key(dataset, scene, method, condition, metric)
             values[key] = numbers[scene] = _with_interval(numbers[scene], [key], views)
+        if metric in _FLOORS and any(one.value is not None for one in numbers.values()):
+            members = expected_scenes(dataset, of_scenes)
+            floors = {scene: _floor(metric, own.get(condition)) for scene, own in of_scenes.items()}
+            held = {scene: number for scene, number in floors.items() if scene in members}
+            values[Key(dataset, FLOOR, method, condition, metric)] = _mean(held, members)
         groups = {**scene_groups(dataset), MEAN: expected_scenes(dataset, of_scenes)}
         for name, members in groups.items():
             own = {scene: number for scene, number in numbers.items() if scene in members}
@@ -186,6 +195,13 @@ def _add_condition(
                 keys = [Key(dataset, scene, method, condition, metric) for scene in own]
                 mean = _with_interval(_mean(own, members), keys, views)
                 values[Key(dataset, name, method, condition, metric)] = mean
+
+
+def _floor(metric: str, result: Result | None) -> Number:
+    """Return what a renderer takes for one triangle."""
+    if result is None or result.floor is None:
+        return Number(None, reason="no single triangle was timed")
+    return Number(float(getattr(result.floor, _FLOORS[metric])), notes=tuple(_notes(metric, result)))
 
 
 def _with_interval(number: Number, keys: Sequence[Key], views: Mapping[Key, Mapping[str, float]]) -> Number:

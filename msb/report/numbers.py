@@ -23,8 +23,9 @@ if TYPE_CHECKING:
     from msb.bench.split import Split
 
 MEAN = "mean"
-MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean"}
-"""Names that stand for means over scenes -> the headings of their rows."""
+FLOOR = "floor_mean"
+MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
+"""Names that stand for means over scenes -> the headings of their rows; a floor is of one triangle alone."""
 
 DRAWN_CONDITIONS = tuple(TIER_OF)
 """The conditions that hold images, in the order in which quality is lost."""

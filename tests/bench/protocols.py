@@ -19,7 +19,7 @@ from tests.conftest import ROOT
 
 STUBS = ROOT / "tests" / "tiny"
 PEBBLE = STUBS / "models" / "pebble"
-TIMES = {"seconds", "timing", "timings_ms", "stages_ms", *OF_THE_MOMENT}
+TIMES = {"seconds", "timing", "floor", "timings_ms", "stages_ms", *OF_THE_MOMENT}
 
 
 def protocol(

@@ -136,6 +136,11 @@ def test_a_timing_keeps_the_images_and_the_other_way_round(bench: Bench) -> None
     assert second.seconds > first.seconds
     third = bench.record(bench.compute("dedicated", "quality"))
     assert (third.timing, third.memory, third.device) == (second.timing, second.memory, second.device)
+    assert second.floor == third.floor
+    assert 0 < second.floor.memory_bytes < second.memory.total
+    assert (second.floor.width, second.floor.height) == next(
+        (image.width, image.height) for image in first.quality.images
+    )
     assert set(third.inputs) == {"quality", "timing"}
 
 

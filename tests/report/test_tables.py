@@ -10,7 +10,7 @@ import pytest
 
 from msb.bench.aggregate import SCENES
 from msb.bench.records import Cell as Place
-from msb.bench.records import Reason, RendererInfo, Result
+from msb.bench.records import Floor, Reason, RendererInfo, Result
 from msb.metrics.vgg import weights_source
 from msb.report.build import build_report
 from msb.report.collect import NOT_RUN, REFERENCE, STE
@@ -227,6 +227,19 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     if told is None:
         key = Key(*place, "dedicated", "driver_memory")
         assert numbers.number(key).reason == "by the driver: what draws is no GPU"
+
+
+def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
+    for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
+        floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
+        measure(tmp_path, "standard", dataset="tanksandtemples", scene=scene, floor=floor)
+    measure(tmp_path, "dedicated", dataset="tanksandtemples", scene="train")
+    numbers = numbers_of(tmp_path)
+    memory, latency = (make(numbers, "tanksandtemples") for make in (measured.memory, measured.latency))
+    assert [cell.text for cell in row_of(memory, "Floor").cells] == ["--", "40"]
+    assert [cell.text for cell in row_of(latency, "Floor").cells] == ["--", "--", "0.5", "0.7"]
+    assert numbers.scenes("tanksandtemples") == ["train", "truck"]
+    assert any(note.startswith("Floor: one triangle") for note in memory.notes)
 
 
 def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from msb.report.collect import SOUP, WALK
 from msb.report.layout import Line, line, make_table, metric_columns
 from msb.report.metric_format import title, title_with_unit
 from msb.report.numbers import (
+    FLOOR,
     MEAN,
     MEANS,
     QUALITY,
@@ -29,7 +30,7 @@ TIME_NOTE = (
 )
 MEMORY_NOTE = (
     "bytes of all buffers and images held after every test view was drawn, each as large as the most "
-    "demanding view needs; without the driver's own"
+    "demanding view needs; without the driver's own, which NVIDIA's alone tells, and not on Windows"
 )
 DRIVER_NOTE = (
     "By the driver: all that the process held on NVIDIA's GPUs then, as NVML tells it, with what the driver "
@@ -44,6 +45,10 @@ WALK_NOTES = (
     "Flicker: the change from frame to frame that the motion of what is seen does not explain, in levels of "
     "255 (root mean square); a static opaque mesh at 64 samples a pixel has less than 0.3",
     "Holes: pixels that show the background where the model should be, as a share of those of the model",
+)
+FLOOR_NOTE = (
+    "Floor: one triangle of the model at the size of the largest view, the mean over scenes; what a renderer "
+    "takes for images, tables and lists, whatever the mesh is"
 )
 STRUCTURE_NOTES = (
     "of the mesh as it is stored: nothing was merged, removed or repaired before",
@@ -117,6 +122,12 @@ def _scene_lines(
     for scene in left:
         yield of_scene(scene, "other scenes" if members else "")
     yield of_scene(MEAN, "all scenes" if members and prefix else "", bold=not group_means)
+
+
+def _floor_lines(numbers: Numbers, dataset: str) -> list[Line]:
+    """Return the line of a single triangle, if one was timed."""
+    known = any(key.scene == FLOOR for key in numbers.values if key.dataset == dataset)
+    return [Line((scene_title(FLOOR),), {"scene": FLOOR}, "one triangle")] if known else []
 
 
 def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
@@ -228,9 +239,9 @@ def latency(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tab
         f"{dataset_title(dataset)}: device time of a frame per scene, ms; lower is better.",
         ("Scene",),
         columns,
-        _scene_lines(numbers, dataset),
+        [*_scene_lines(numbers, dataset), *_floor_lines(numbers, dataset)],
         {"dataset": dataset},
-        definitions=(TIME_NOTE,),
+        definitions=(TIME_NOTE, FLOOR_NOTE),
         notes=omitted,
     )
 
@@ -290,9 +301,9 @@ def memory(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> Tabl
         f"{dataset_title(dataset)}: device memory per scene, MiB; lower is better.",
         ("Scene",),
         columns,
-        _scene_lines(numbers, dataset),
+        [*_scene_lines(numbers, dataset), *_floor_lines(numbers, dataset)],
         {"dataset": dataset},
-        definitions=(MEMORY_NOTE, DRIVER_NOTE) if by_driver else (MEMORY_NOTE,),
+        definitions=(MEMORY_NOTE, *((DRIVER_NOTE,) if by_driver else ()), FLOOR_NOTE),
         notes=omitted,
     )
 
