@@ -32,7 +32,14 @@ def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) 
     """
     camera = max(scene.test, key=lambda one: one.width * one.height)
     size, cell = (camera.width, camera.height), job.cell
-    of = [job.tier, cell.renderer, cell.method, renderer_info(job, "").settings, size, str(job.device)]
+    of = [
+        cell.condition_key,
+        cell.renderer,
+        cell.method,
+        renderer_info(job, "").settings,
+        size,
+        str(job.device),
+    ]
     key = digest(of)
     if key not in _known:
         _known[key] = None

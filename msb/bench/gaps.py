@@ -32,6 +32,8 @@ PAIRS: dict[GapName, tuple[str, str]] = {
 }
 """Gap -> the condition it starts from, and the condition it leads to."""
 
+_NO_DEVICE = OF_THE_MOMENT | {"blends"}
+"""Keys of a device's record that do not tell which it is: `blends` says in what numbers it blends."""
 _OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 
 
@@ -294,7 +296,7 @@ def _other_device(first: Result, second: Result) -> str | None:
     if elsewhere:
         return None if _device_name(first) == _device_name(second) else "device_mismatch"
     devices = [
-        {key: value for key, value in one.drawn_on.items() if key not in OF_THE_MOMENT}
+        {key: value for key, value in one.drawn_on.items() if key not in _NO_DEVICE}
         for one in (first, second)
     ]
     return None if devices[0] == devices[1] else "device_mismatch"

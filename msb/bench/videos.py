@@ -22,7 +22,7 @@ from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.errors import MsbError
 from msb.registry import METHODS
-from msb.render.images import image_names, to_bytes, write_film
+from msb.render.images import image_names, read_film, to_bytes, write_film
 from msb.scenes import Camera, interpolated
 
 if TYPE_CHECKING:
@@ -160,8 +160,10 @@ def write_grid(task: GridTask) -> None:
     check_run(task.root, task.run)
     films = [Results(task.root).video(*task.names, model) for model in task.models]
     shown = [_about(film)["columns"] for film in films]
-    columns = list(dict.fromkeys(title for titles in shown for title in titles))
-    columns.sort(key=lambda title: title == CONDITION_TITLES["standard"])  # behind variants that some lack
+    # Most first: they have the order of all.
+    columns = list(
+        dict.fromkeys(title for titles in sorted(shown, key=len, reverse=True) for title in titles)
+    )
     rows = zip(*(_panels(film, titles) for film, titles in zip(films, shown, strict=True)), strict=False)
     titles = [METHODS[model].title if model in METHODS else model for model in task.models]
     write_film(task.path, (_grid(row, columns, titles) for row in rows), task.options.fps)
@@ -170,13 +172,9 @@ def write_grid(task: GridTask) -> None:
 
 def _panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
     """Yield title -> picture for each frame of a method's film."""
-    import av
-
-    with av.open(str(film)) as container:
-        for frame in container.decode(video=0):
-            pixels = frame.to_ndarray(format="rgb24")
-            width = pixels.shape[1] // len(titles)
-            yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
+    for pixels in read_film(film):
+        width = pixels.shape[1] // len(titles)
+        yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
 
 
 def _grid(

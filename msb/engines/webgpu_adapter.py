@@ -111,10 +111,10 @@ class Gpu:
         self.queries: Any = None
         self.tick: float | None = None
 
-    def about(self, *more: str | None) -> dict[str, str]:
+    def about(self) -> dict[str, str]:
         """Return what draws, for reports."""
         info = self.adapter.info
-        platform = ", ".join(filter(None, (info["backend_type"], info["description"], *more)))
+        platform = ", ".join(filter(None, (info["backend_type"], info["description"])))
         return {"platform": platform, "name": self.name, "kind": self.kind}
 
     def open(self, limits: Iterable[str], *, timed: bool) -> None:

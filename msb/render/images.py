@@ -6,7 +6,7 @@ Pictures are display-referred: a PNG gets the numbers of the frame, clamped and 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -140,6 +140,15 @@ def check_film(path: Path) -> None:
         raise UsageError("USAGE", f'the film is "{path.name}"; it must end in {wanted}')
     if path.suffix.lower() == ".mp4":
         need_extra("video", "av", what="an MP4 film", instead="a GIF needs none")
+
+
+def read_film(path: Path) -> Iterator[NDArray[np.uint8]]:
+    """Yield the frames of an MP4 film, (H, W, 3) uint8."""
+    import av
+
+    with av.open(str(path)) as film:
+        for frame in film.decode(video=0):
+            yield np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
 
 
 def _write_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:

@@ -214,8 +214,8 @@ def test_a_renderer_like_ours() -> None:
     view = golden_views("mesh_splatting")[2]
     with msb.Renderer(asset_of(view), "dedicated", name="wgpu", settings=view.settings) as renderer:
         assert renderer.name.startswith("wgpu ")
-        assert set(renderer.device_info) == {"platform", "name", "kind"}
-        assert "float" in renderer.device_info["platform"]
+        assert set(renderer.device_info) == {"platform", "name", "kind", "blends"}
+        assert "float" in renderer.device_info["blends"]
         frame = renderer.render(view.camera, view.background)
         assert frame.image.dtype == frame.alpha.dtype == frame.depth.dtype == np.float32
         time = renderer.draw(view.camera)

@@ -42,7 +42,7 @@ USAGE_STATUS = 2
 """What a command ends with where output exists and there is no --force."""
 NO_OUTPUT = {".lock", ".run.json"}
 """What a run keeps for itself while it lasts (msb/bench/folder.py)."""
-TIMES = {"seconds", "timing", "timings_ms", "stages_ms", "stamps", *OF_THE_MOMENT}
+TIMES = {"seconds", "timing", "floor", "timings_ms", "stages_ms", "stamps", *OF_THE_MOMENT}
 """Keys of JSON that differ from run to run."""
 
 

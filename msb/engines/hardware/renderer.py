@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Color = tuple[float, float, float]
 
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
-_BLENDS = {FLOAT: "blends float32", HALF: "blends half floats"}
+_BLENDS = {FLOAT: "float32", HALF: "half floats"}
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
 """The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths."""
 
@@ -99,7 +99,8 @@ class HardwareRenderer:
         self._format = FLOAT if "float32-blendable" in gpu.features and not half else HALF
         if self._packed.surface is not None:
             self._format = NUMBERS
-        self.device_info = gpu.about(_BLENDS.get(self._format))
+        blends = _BLENDS.get(self._format)
+        self.device_info = gpu.about() | ({} if blends is None else {"blends": blends})
         self._limits = _limits_of(gpu.adapter)
         self._plan = make_plan(
             self._packed,

@@ -47,8 +47,8 @@ WALK_NOTES = (
     "Holes: pixels that show the background where the model should be, as a share of those of the model",
 )
 FLOOR_NOTE = (
-    "Floor: one triangle of the model at the size of the largest view, the mean over scenes; what a renderer "
-    "takes for images, tables and lists, whatever the mesh is"
+    "Floor: one triangle of the model, with the texture or network that its triangles share, at the size of "
+    "the largest view, the mean over scenes: what a renderer takes whatever the mesh is"
 )
 STRUCTURE_NOTES = (
     "of the mesh as it is stored: nothing was merged, removed or repaired before",
