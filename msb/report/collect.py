@@ -68,7 +68,7 @@ STE = "ste_threshold is on: faces of less opacity are left out, where Standard k
 WHITE = "photographs and renderings over white, as in the dataset's protocol"
 _OVER_WHITE = ("dtu", "nerf_synthetic")
 _COLORS = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
-_DRAWERS = {"upstream": "own code", "msb_reference": "NumPy"}
+_DRAWERS = {"upstream": "their own code", "msb_reference": "NumPy"}
 _CAMERAS = {
     "gs_fov": "gs_fov (the principal point in the middle)",
     "full_K": "full_K (the principal point where it is)",

@@ -100,7 +100,7 @@ def paper_numbers(*tables: str) -> Numbers:
         for key, number in _table(label).items():
             values.setdefault(key, number)
     drawn_by = {
-        (key.dataset, key.condition): "own code" if key.condition == "non_engine" else "Unity"
+        (key.dataset, key.condition): "their own code" if key.condition == "non_engine" else "Unity"
         for key in values
     }
     return Numbers(values, _gaps(values), _ratios(values), drawn_by=drawn_by, of_paper=True)

@@ -154,7 +154,7 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
         f"renderer_comparison-{slug(dataset)}",
         f"{dataset_title(dataset)}: the same models in their own renderer and deployed, means over "
         "scenes. Bold: a method's best condition.",
-        ("Condition", "Drawn by", "Metric"),
+        ("Condition", "Drawn", "Metric"),
         [
             Column(method_title(method), (), {"method": method})
             for method in numbers.methods(dataset, *conditions)
@@ -163,7 +163,7 @@ def renderer_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = 
             Line(
                 (
                     condition_title(condition),
-                    numbers.drawn_by.get((dataset, condition), NOT_THERE),
+                    f"by {by}" if (by := numbers.drawn_by.get((dataset, condition))) else NOT_THERE,
                     title(metric),
                 ),
                 {"condition": condition, "metric": metric},
