@@ -6,8 +6,9 @@ prints a row for each model and geometry: dB to held-out photographs of the mode
 mesh, and of what was baked, with 1 and 16 samples a pixel; triangles, bytes, seconds, and the peak of memory.
 Each bake runs in a process of its own, and twice with `--twice`, which must give the same bytes. Without
 arguments the models are those of `msb demo-data`; `--image-folder` and `--resolution` are of the scene.
-`--picture` has a row for each model: a photograph that nothing was taught by, the own look, the plain mesh,
-and what was baked."""
+`--lods` and `--collision` print a second table: what levels of detail lose beside the whole, and how far a
+collision shape is from what is seen. `--picture` has a row for each model: a photograph that nothing was
+taught by, the own look, the plain mesh, and what was baked."""
 
 from __future__ import annotations
 
@@ -28,6 +29,7 @@ from PIL import Image as Pillow
 import msb
 from benchmarks.measure import keep, machine
 from msb.asset.tiers import why_not
+from msb.bake.lods import shares_of
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import Scene, dataset_of, scene_at
 
@@ -48,6 +50,11 @@ _COLUMNS = (
     *("triangles", "texture", "MB", "s", "peak MB", "verdict"),
 )
 HEADER = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
+_BESIDE = (
+    *("model", "geometry", "whole, dB", "levels, faces: dB"),
+    *("collision", "faces", "parts", "distance, % of the diagonal", "mid-air, %"),
+)
+BESIDE = f"| {' | '.join(_BESIDE)} |\n{'|---' * len(_BESIDE)}|"
 _ONE = """
 import json, resource, sys, time
 import msb
@@ -70,7 +77,9 @@ def baked(model: Path, scene: Path, options: dict[str, Any]) -> tuple[dict[str, 
         command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        del found["path"], found["output"]
+        for part in (found, *found["lods"], found["collision"] or {}):
+            part.pop("output", None)
+        del found["path"]
         hashed = hashlib.sha256(outs[0].read_bytes()).hexdigest()
         return found | {"sha256": hashed}, _view(msb.open(outs[1]), read(model, scene, options["scene"]))
 
@@ -109,6 +118,18 @@ def row(name: str, report: dict[str, Any]) -> str:
     return f"| {' | '.join([name, report['geometry'], *decibels, *facts, str(report['peak_mb']), verdict])} |"
 
 
+def beside(name: str, report: dict[str, Any]) -> str:
+    """Return the row of Markdown of what stands beside one bake: dB that each level loses against the own
+    look with 16 samples, and the collision shape."""
+    whole = report["psnr"]["own"]["after_16"]
+    cells = [name, report["geometry"], f"{whole:.2f}"]
+    cells.append(", ".join(f"{one['faces']:,}: {one['own_after_16'] - whole:+.2f}" for one in report["lods"]))
+    if shape := report["collision"]:
+        cells += [shape["kind"], f"{shape['faces']:,}", f"{shape['parts']:,}"]
+        cells += [f"{100 * shape['mean_distance']:.2f}", f"{100 * shape['mid_air_share']:.1f}"]
+    return f"| {' | '.join(cells)} |"
+
+
 def main() -> int:
     """Bake and print; return 1 if a second bake gave other bytes."""
     parser = argparse.ArgumentParser(
@@ -118,6 +139,8 @@ def main() -> int:
     add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models and their scenes, by turns")
     add("--geometry", nargs="+", default=GEOMETRIES)
     add("--only", nargs="+", metavar="NAME", help="of the models of msb demo-data, as walled/two_dts")
+    add("--lods", type=shares_of, default=())
+    add("--collision", metavar="KIND")
     add("--seconds", type=float, default=60)
     add("--seed", type=int, default=0)
     add("--image-folder")
@@ -143,6 +166,8 @@ def main() -> int:
                 "geometry": geometry,
                 "seconds": options.seconds,
                 "seed": options.seed,
+                "lods": options.lods,
+                "collision": options.collision,
                 "scene": of_scene,
             }
             found, picture = baked(model, scene, wanted)
@@ -152,6 +177,8 @@ def main() -> int:
                 same &= found["same_twice"]
             rows.append({"model": name, **found})
             print(row(name, found) + ("" if found.get("same_twice", True) else " OTHER BYTES"), flush=True)
+    if options.lods or options.collision:
+        print("", BESIDE, *(beside(one["model"], one) for one in rows), sep="\n")
     if options.picture and pictures:
         rows_of = [np.concatenate(each, axis=1) for each in pictures]
         wide = max(one.shape[1] for one in rows_of)
