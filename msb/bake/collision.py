@@ -361,6 +361,8 @@ def _cut(points: Reals) -> list[tuple[float, Reals]]:
     """Return two parts of a patch, each with its volume, that are least together; none of what is one
     place."""
     found: list[tuple[float, Reals]] = []
+    if len(points) < 2:
+        return found
     for axis in _principal_axes(points):
         along = points @ axis
         for place in (_widest_gap(along), *np.quantile(along, _CUTS)):
@@ -387,13 +389,23 @@ def _principal_axes(points: Reals) -> Reals:
 
 
 def _volume(points: Reals) -> float:
-    """Return the volume of the convex hull."""
+    """Return the volume of the convex hull, a little thicker where that is flat."""
+    exact = _exact_volume(points)
+    return exact if exact >= _FLAT else _exact_volume(_thicker(points))
+
+
+def _exact_volume(points: Reals) -> float:
     from scipy.spatial import ConvexHull, QhullError
 
     try:
         return float(ConvexHull(points).volume)
     except QhullError:  # they lie in a plane
         return 0.0
+
+
+def _thicker(points: Reals) -> Reals:
+    """Return the corners of small boxes about points."""
+    return (points[:, None] + _THIN / 2 * _ENDS).reshape(-1, 3)
 
 
 def _hull(points: Reals) -> Part:
@@ -404,8 +416,8 @@ def _hull(points: Reals) -> Part:
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _LEAST)
     corners = points[np.unique((along @ directions(_CORNERS).T).argmax(axis=0))]
-    if _volume(corners) < _FLAT:
-        corners = (corners[:, None] + _THIN / 2 * _ENDS).reshape(-1, 3)
+    if _exact_volume(corners) < _FLAT:
+        corners = _thicker(corners)
     hull = ConvexHull(corners)
     used, number = np.unique(hull.simplices, return_inverse=True)
     faces = number.reshape(-1, 3)

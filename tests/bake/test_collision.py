@@ -153,6 +153,22 @@ def test_a_single_face_of_any_size_has_a_shape(size: float, kind: str) -> None:
     assert made.mean_distance < 0.01
 
 
+@pytest.mark.parametrize("kind", ["mesh:100", "hulls:4", "box"])
+def test_what_is_flat_has_a_shape_of_little_thickness(kind: str) -> None:
+    corners, colors = tiles(3)
+    made = checked(collision(mesh_of(np.float32(1e-6) * corners, colors), kind))
+    assert made.mean_distance < 0.002
+    assert made.mid_air_share == 0
+
+
+@pytest.mark.parametrize("kind", ["mesh:100", "box"])
+def test_vertices_of_no_face_do_not_count(kind: str) -> None:
+    whole = ball(8)
+    lost = np.float32([[np.nan, 0, 0], [9, 9, 9]])
+    made = checked(collision(Mesh(np.concatenate([whole.vertices, lost]), whole.faces), kind))
+    assert np.abs(made.mesh.vertices).max() < 2
+
+
 @pytest.mark.parametrize("kind", ["hulls:4", "box"])
 def test_faces_in_one_place_have_a_shape(kind: str) -> None:
     checked(collision(Mesh(np.ones((3, 3), np.float32), np.array([[0, 1, 2]])), kind))
