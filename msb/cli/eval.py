@@ -51,7 +51,8 @@ class EvalOptions:
     "      data_stubs/scenes/tanksandtemples/pebble/images/000002.jpg",
     "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
     "      data_stubs/scenes/mipnerf360/pebble/images_4",
-    "msb eval --lint data_stubs/scenes/mipnerf360/pebble/images_4 data_stubs/scenes/mipnerf360/pebble",
+    "msb eval --lint data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
+    "      data_stubs/scenes/mipnerf360/pebble",
     name="eval",
     rules=(
         Rule("vgg_weights background subset csv_file fail_fast", "does not go with --lint", excludes="lint"),
