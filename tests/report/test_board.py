@@ -88,6 +88,8 @@ def test_nothing_in_it_says_where_or_who(tmp_path: Path) -> None:
     assert kept is not None
     said = "clamp to [0, 1], floor(255 x + 0.5) / 255; 3 m/s, N/A"
     assert Scrub().text(said) == said
+    lods = {"lods": [{"output": "baked/x_lod1.glb", "faces": 1}], "cell": {"scene": "desk"}}
+    assert Scrub().data(lods) == {**lods, "lods": [{"output": "withheld", "faces": 1}]}
 
 
 @pytest.mark.usefixtures("alice")
