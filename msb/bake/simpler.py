@@ -11,7 +11,7 @@ from msb.bake.solid import mended
 from msb.base.extras import need_extra
 from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
-from msb.topology.steps import drop, orient
+from msb.topology.steps import drop, turn_faces
 
 if TYPE_CHECKING:
     Reals = NDArray[np.float64]
@@ -63,4 +63,4 @@ def _manifold(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
     faces = faces[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]]
     change = drop(points, faces)
     points, faces = points[change.vertex_map], change.faces.astype(np.int64)
-    return points, orient(faces, len(points)).faces.astype(np.int64)
+    return points, turn_faces(faces, len(points)).faces.astype(np.int64)

@@ -14,7 +14,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.standard.renderer import StandardRenderer
 from msb.topology.components import label_components
-from msb.topology.steps import close, orient, pair
+from msb.topology.steps import close, pair, turn_faces
 from msb.trial.tasks.self_intersections import crossing_pairs
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def mended(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
         points, faces = compacted(points, _without_flaps(faces))
         change = pair(points, faces)
         points, faces = points[change.vertex_map], change.faces.astype(np.int64)
-        faces = orient(faces, len(points)).faces.astype(np.int64)
+        faces = turn_faces(faces, len(points)).faces.astype(np.int64)
         points, faces = _capped(points, faces)
         faces = _without_flaps(faces)  # the cap of a lone face lies on it
         torn = _open(faces)

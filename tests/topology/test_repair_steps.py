@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from numpy.typing import NDArray
 
 from msb.base.extras import is_installed
 from msb.topology.arrays import mesh_arrays
@@ -142,14 +143,56 @@ def test_of_very_many_pages_those_half_a_turn_apart_are_joined() -> None:
     assert together(pair(points, faces)) == {(i, i + 10) for i in range(10)}
 
 
-def test_on_a_one_sided_strip_orient_says_so_and_a_second_run_turns_nothing() -> None:
-    strip = np.array([[0, 1, 2], [1, 2, 3], [2, 3, 4], [3, 4, 0], [4, 0, 1]])
-    change = orient(strip, 5)
-    assert "one-sided" in change.notes[0]
-    assert "only a cut across the strip" in change.notes[0]
-    again = orient(change.faces, 5)
+def strip(columns: int, rows: int, *, closed: bool = False) -> NDArray[np.int64]:
+    """Return the faces of a Moebius strip; `closed`, with its rims joined, of a Klein bottle."""
+    count = rows if closed else rows + 1
+    at = np.arange(columns * count).reshape(columns, count)
+    behind = np.roll(at[:1, ::-1], 1, axis=1) if closed else at[:1, ::-1]
+    at = np.concatenate([at, behind])
+    at = np.concatenate([at, at[:, :1]], axis=1) if closed else at
+    a, b, c, d = at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]
+    return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize(
+    ("faces", "cuts", "edges"),
+    [
+        (strip(5, 1), "once", "1 edge"),
+        (strip(40, 6), "once", "6 edges"),  # across
+        (strip(6, 12), "once", "6 edges"),  # round it
+        (strip(5, 5, closed=True), "2 times", "10 edges"),
+        (np.concatenate([strip(8, 2), 24 + strip(9, 3)]), "2 times", "5 edges"),
+    ],
+)
+def test_what_is_one_sided_is_cut_where_that_is_short(
+    faces: NDArray[np.int64], cuts: str, edges: str
+) -> None:
+    count = int(faces.max()) + 1
+    turned = np.random.default_rng(2).random(len(faces)) < 0.3
+    faces[turned] = faces[turned][:, [0, 2, 1]]
+    change = orient(faces, count)
+    assert f"is cut {cuts}, along {edges}, so that" in change.notes[0]
+    np.testing.assert_array_equal(np.sort(change.vertex_map[change.faces]), np.sort(faces))
+    points = np.random.default_rng(3).random((len(change.vertex_map), 3))
+    audited = counts(points, change.faces)
+    assert (audited.inconsistent_winding_edges, audited.nonmanifold_edges, audited.nonmanifold_vertices) == (
+        0,
+        0,
+        0,
+    )
+    again = orient(change.faces, len(points))
     assert not again.turned.any()
-    assert counts(np.eye(5, 3), again.faces).inconsistent_winding_edges >= 1
+    assert len(again.vertex_map) == len(points)
+
+
+def test_whatever_the_mesh_no_ordinary_edge_is_left_inconsistent() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        count = int(rng.integers(5, 14))
+        faces = np.array([rng.choice(count, 3, replace=False) for _ in range(rng.integers(4, 30))])
+        change = orient(faces, count)
+        points = np.zeros((len(change.vertex_map), 3))
+        assert counts(points, change.faces).inconsistent_winding_edges == 0
 
 
 def test_drop_takes_one_page_of_a_book_and_the_one_that_weighs_least() -> None:

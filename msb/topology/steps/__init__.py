@@ -11,8 +11,8 @@ from msb.topology.steps.close import close
 from msb.topology.steps.cut import cut
 from msb.topology.steps.debris import debris
 from msb.topology.steps.drop import drop
-from msb.topology.steps.orient import orient
+from msb.topology.steps.orient import orient, turn_faces
 from msb.topology.steps.pair import pair
 from msb.topology.steps.weld import weld
 
-__all__ = ["Change", "close", "cut", "debris", "drop", "orient", "pair", "weld"]
+__all__ = ["Change", "close", "cut", "debris", "drop", "orient", "pair", "turn_faces", "weld"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.topology.fans import corners_at_ends, group_corners
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
 from msb.topology.steps.cut import split_vertices
-from msb.topology.steps.orient import find_sides, sides_of_faces, spanning_tree
+from msb.topology.steps.sides import find_sides, sides_of_faces, spanning_tree
 
 if TYPE_CHECKING:
     from msb.topology.steps.change import Change

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from msb.metrics.likeness import decibels
 from msb.topology.faces import names_vertex_twice
 from msb.topology.halfedge import build_half_edges, face_of
-from msb.topology.steps import orient
+from msb.topology.steps import turn_faces
 from msb.topology.steps.cut import split_vertices
 from msb.topology.weld import merged_vertices
 from msb.trial.geometry import areas
@@ -48,7 +48,7 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
     clashes = len(given.two_face_halfedges[0]) - len(agreeing(given)[0])
-    turned = orient(stored, len(used)).faces
+    turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
     points = matrix @ vertices[origin]
