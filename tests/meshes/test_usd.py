@@ -183,7 +183,7 @@ def test_validators_of_usd_find_nothing(suffix: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_what_is_repaired_stands_before_the_validator_of_nvidia(tmp_path: Path) -> None:
     pytest.importorskip("usd_validation_nvidia", reason="usd-validation-nvidia is not installed")
-    asset = msb.open(ROOT / "data_stubs/models/pebble/mesh_splatting")
+    asset = msb.open(ROOT / "data_stubs/models/walled/mesh_splatting")
     fixed = msb.repair(asset).asset
     path = tmp_path / "fixed.usdc"
     msb.save(fixed, path)
@@ -191,4 +191,4 @@ def test_what_is_repaired_stands_before_the_validator_of_nvidia(tmp_path: Path) 
     done = subprocess.run([program, path], capture_output=True, text=True, check=False)
     said = done.stdout + done.stderr
     assert "Failures: 0" in said, said
-    assert "non-manifold" not in said, said
+    assert "[ManifoldChecker]" not in said, said
