@@ -120,7 +120,8 @@ def provenance(records: Mapping[str, Result]) -> list[tuple[str, str]]:
             about = f"{record.renderer.name} {record.renderer.version} ({record.renderer.kind})"
             add(condition_title(condition), f"{about}{f'; {settings}' if settings else ''}")
         device = record.drawn_on
-        add("Device", ", ".join(str(device[key]) for key in ("platform", "name", "blends") if key in device))
+        named = [str(device[key]) for key in ("platform", "name") if key in device]
+        add("Device", ", ".join([*named, *([f"blends {device['blends']}"] if "blends" in device else [])]))
         if record.bake is not None:
             add(f"Made as {condition_title(condition)}", record.bake.sentence)
         if record.setup is not None:
