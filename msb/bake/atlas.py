@@ -180,7 +180,7 @@ def connected_atlas(
     MeshError
         MESH_ARRAY: xatlas makes nothing of this mesh.
     """
-    need_extra("trial", "xatlas", what="a texture on a surface", instead="vertex colours need nothing")
+    need_xatlas()
     # xatlas drops faces of less than 1e-7: it is given a unit in which the mean face has an area of 1.
     points = vertices.astype(np.float64)
     area = float(_areas(points[faces]).mean())
@@ -194,6 +194,11 @@ def connected_atlas(
     if reply.why:
         raise MeshError("MESH_ARRAY", f"xatlas cannot unwrap these {len(faces):,} faces: {reply.why}")
     return np.asarray(reply.arrays["uv"])
+
+
+def need_xatlas() -> None:
+    """Raise a UsageError, EXTRA_MISSING, if what cuts surfaces into charts is not installed."""
+    need_extra("trial", "xatlas", what="a texture on a surface", instead="vertex colours need nothing")
 
 
 def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.bake.raster import Seen
-
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
+
+    from msb.bake.raster import Seen
 
 SMOOTH = 0.3
 """The weight of differences along edges, in pixels."""
@@ -39,11 +39,6 @@ def pixels(seen: Seen) -> NDArray[np.float64]:
     squares, _ = products(seen)
     found: NDArray[np.float64] = squares.sum(axis=(1, 2))
     return found
-
-
-def both(one: Seen, other: Seen) -> Seen:
-    """Return what two sets of views saw."""
-    return Seen(one.sums + other.sums, np.maximum(one.most, other.most), one.slopes + other.slopes)
 
 
 def of_soup(seen: Seen, colors: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ from msb.bake.descent import Schedule, moved
 from msb.bake.kept import PIXELS_TO_CHOOSE
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
-from msb.bake.start import Best, Watch, choose, color, nobody, plain_mesh, rasters
+from msb.bake.start import Best, Watch, choose, nobody, plain_mesh, rasters
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -50,9 +50,8 @@ def fitted(
     corners.
 
     Triangles are chosen by their share in the model's look, then moved, hidden and shown as the lessons
-    ask. What is best by pictures that teach nothing (`aside`) is returned, in colours that are fitted to
-    these as well. It ends after so many `seconds` where it has not before; a result that was not cut short
-    is the same each time on one device.
+    ask. What is best by pictures that teach nothing (`aside`) is returned. It ends after so many `seconds`
+    where it has not before; a result that was not cut short is the same each time on one device.
 
     Raises
     ------
@@ -82,5 +81,4 @@ def fitted(
             return 1.0 if enough else schedule.share(step)
 
         soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, look=_LOOK, done=done)
-    color(soup, lessons, aside, device)
     return soup.mesh()

@@ -8,7 +8,7 @@ import numpy as np
 
 from msb.bake.search import try_faces
 from msb.bake.soup import Soup
-from msb.bake.start import Best, Watch, choose, color, nobody, plain_mesh, rasters
+from msb.bake.start import Best, Watch, choose, nobody, plain_mesh, rasters
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -39,9 +39,8 @@ def kept(
 ) -> Mesh:
     """Return the triangles of `asset` that are shown, with the static colours that the lessons ask for.
 
-    Which triangles are left out, pictures say that teach nothing (`aside`); the colours are then fitted to
-    these as well. Vertices that triangles share stay shared, and have one colour. A triangle that no view
-    sees keeps its colour.
+    Which triangles are left out, pictures say that teach nothing (`aside`). Vertices that triangles share
+    stay shared, and have one colour. A triangle that no view sees keeps its colour.
 
     Raises
     ------
@@ -59,7 +58,6 @@ def kept(
         if raster.pixels_a_face(soup.keep) >= FEWEST:
             search(best.soup, raster, best, np.random.default_rng(seed), watch)
         soup = best.soup
-    color(soup, lessons, aside, device)
     return soup.mesh() if soup.shared is None else soup.on(mesh)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import IO, TYPE_CHECKING, Self
 
 import numpy as np
@@ -32,7 +33,7 @@ class Lessons:
         self._draw = draw
         self._places: dict[int, int] = {}
         self._file: IO[bytes] | None = None
-        self._half: Lessons | None = None
+        self._halves: dict[tuple[int, int], Lessons] = {}
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -58,7 +59,18 @@ class Lessons:
 
     def part(self, numbers: Sequence[int]) -> Lessons:
         """Return some of these lessons, whose pictures stay here."""
-        return _Part(self, numbers)
+        return _Chosen([(self, number) for number in numbers])
+
+    def with_halves(self) -> Lessons:
+        """Return these lessons, and their pictures halved in the four ways that there are.
+
+        A picture of half the size has its pixels' middles in one of four places: together they say what is
+        seen there wherever the pixels happen to lie. Pictures of two pixels or less along a side stay alone.
+        """
+        if min(min(camera.width, camera.height) for camera in self.cameras) < 3:
+            return self
+        halves = [self._halved(right, down) for down in (0, 1) for right in (0, 1)]
+        return _Chosen([(one, number) for one in (self, *halves) for number in range(len(self))])
 
     def within(self, pixels: int) -> Lessons:
         """Return these lessons, or coarser ones: their pictures halved until the largest has so many pixels.
@@ -68,26 +80,38 @@ class Lessons:
         largest = max(camera.width * camera.height for camera in self.cameras)
         if largest <= pixels:
             return self
-        if self._half is None:
-            self._half = self._halved()
-        return self._half.within(pixels)
+        return self._halved().within(pixels)
 
-    def _halved(self) -> Lessons:
-        """Return lessons of half as many pixels each way."""
-        halves = [camera.resized(camera.width // 2, camera.height // 2) for camera in self.cameras]
+    def _halved(self, right: int = 0, down: int = 0) -> Lessons:
+        """Return lessons of half as many pixels each way, of what is so many pixels to the right and down."""
+        if (right, down) in self._halves:
+            return self._halves[right, down]
+        halves = [
+            replace(
+                camera,
+                width=(camera.width - right) // 2,
+                height=(camera.height - down) // 2,
+                fx=camera.fx / 2,
+                fy=camera.fy / 2,
+                cx=(camera.cx - right) / 2,
+                cy=(camera.cy - down) / 2,
+            )
+            for camera in self.cameras
+        ]
         numbers = {id(camera): number for number, camera in enumerate(halves)}
 
         def halved(camera: Camera) -> NDArray[np.float32]:
-            image = self.image(numbers[id(camera)])[: 2 * camera.height, : 2 * camera.width]
+            image = self.image(numbers[id(camera)])[down:, right:][: 2 * camera.height, : 2 * camera.width]
             means: NDArray[np.float32] = image.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3))
             return means
 
-        return Lessons(halves, self.background, halved)
+        made = self._halves[right, down] = Lessons(halves, self.background, halved)
+        return made
 
     def close(self) -> None:
         """Give the files back, of the coarser lessons as well."""
-        if self._half is not None:
-            self._half.close()
+        for halves in self._halves.values():
+            halves.close()
         if self._file is not None:
             self._file.close()
 
@@ -101,12 +125,14 @@ class Lessons:
         self.close()
 
 
-class _Part(Lessons):
-    """Some of the lessons of a whole, which keeps their pictures."""
+class _Chosen(Lessons):
+    """Lessons of others, by their number there, which keep the pictures."""
 
-    def __init__(self, whole: Lessons, numbers: Sequence[int]) -> None:
-        super().__init__([whole.cameras[number] for number in numbers], whole.background, whole._draw)
-        self._whole, self._numbers = whole, numbers
+    def __init__(self, chosen: Sequence[tuple[Lessons, int]]) -> None:
+        first = chosen[0][0]
+        super().__init__([one.cameras[number] for one, number in chosen], first.background, first._draw)
+        self._chosen = chosen
 
     def stored(self, number: int) -> NDArray[np.uint16]:
-        return self._whole.stored(self._numbers[number])
+        one, there = self._chosen[number]
+        return one.stored(there)

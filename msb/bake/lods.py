@@ -17,7 +17,7 @@ from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
 from msb.bake.space import Space
-from msb.bake.start import Watch, color, nobody, rasters
+from msb.bake.start import Watch, nobody, rasters
 from msb.bake.surface import taught
 from msb.base.extras import need_extra
 from msb.errors import UsageError, shorten
@@ -82,7 +82,7 @@ def lods(
     device: str | Device | None = None,
     watch: Watch = nobody,
 ) -> list[Mesh]:
-    """Return levels of detail of `mesh` with these falling shares of its faces, coloured at vertices.
+    """Return levels of detail of `mesh` with these falling shares of its faces, whose colours are rough.
 
     Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
     others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
@@ -140,9 +140,7 @@ class _Levels:
                 soup = moved(soup, raster, judge, random, rates=_RATES, most=count, look=_LOOK, done=done)
             soup = soup.shown()
             if is_level:
-                level = soup.copy()
-                color(level, self.lessons, self.aside, self.device)
-                yield level.mesh()
+                yield soup.mesh()
 
     def of_surface(self) -> Iterator[Mesh]:
         """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
@@ -172,9 +170,7 @@ class _Levels:
                 # What no view sees keeps the colour of the vertex next to it.
                 nearest = cKDTree(points).query(placed)[1]
                 fewer = replace(fewer, vertex_colors=self.mesh.vertex_colors[nearest])
-            soup = Soup.of(fewer, shares=True)
-            color(soup, self.lessons, self.aside, self.device)
-            yield soup.on(fewer)
+            yield fewer
 
     def _watched(self, level: int, levels: int, done: int, total: int) -> bool:
         """Tell how much of all levels is done; return whether to end."""

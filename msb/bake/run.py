@@ -19,6 +19,7 @@ from msb.api.opening import as_asset
 from msb.asset.look import stored_threshold, visible_faces, written_up
 from msb.asset.texture import MAX_SIDE
 from msb.asset.tiers import why_not
+from msb.bake.atlas import need_xatlas
 from msb.bake.collision import PIXELS, kind_of
 from msb.bake.collision import collision as collide
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
@@ -29,6 +30,7 @@ from msb.bake.lods import lods as lods_of
 from msb.bake.preview import Preview, preview
 from msb.bake.report import Geometry, Level, Look, Psnr, Report, Shape, Verdict, compared, mean
 from msb.bake.shares import blending_shares
+from msb.bake.start import colored
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES, Source, Teacher
 from msb.bake.texture import textured
@@ -61,6 +63,9 @@ LEAST_SEEN = 0.8
 _SEARCH = 2 / 3
 """Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
 _NO_TIME = 1e-3
+_TEXTURED = 2
+"""How many times as large the pictures are that colours are fitted to, besides those as large as the views:
+sharp from near, and without the noise of single samples from afar."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,6 +219,7 @@ def bake(
         kind_of(collision)
     began = time.perf_counter()
     asset = as_asset(asset)
+    wish.check_model(asset)
     with about(asset.opened_from), room_for_temporaries(), _stopping(keep_best) as stopped:
         views = bake_views(
             asset,
@@ -336,6 +342,20 @@ class _Wish:
     seconds: float
     seed: int
 
+    def look(self, name: Geometry, asset: Asset) -> Look:
+        """Return where the colours of a geometry go."""
+        # What has no static colours has its look within each face, which colours of corners do not show.
+        has_colors = why_not(asset.manifest, "standard") is None
+        usual: Look = "vertex" if name == "kept" and has_colors and self.texture is None else "texture"
+        return self.color or usual
+
+    def check_model(self, asset: Asset) -> None:
+        """Refuse what would be found to be missing when most of the work is done."""
+        is_auto = self.geometry == "auto" and self.faces is None and not self.for_solid
+        is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
+        if (is_auto or self.geometry == "kept") and not is_soup and self.look("kept", asset) == "texture":
+            need_xatlas()
+
 
 @dataclass(frozen=True)
 class _Facts:
@@ -361,7 +381,8 @@ class _Bake:
     ) -> None:
         self._asset, self._views, self._master, self._wish = asset, views, master, wish
         self._device, self._watch = device, watch
-        self._taught = master.lessons(views.taught, 2)
+        self._pixels = max(camera.width * camera.height for camera in views.taught)
+        self._taught = master.lessons(views.taught, _scale(self._pixels))
         first = range(len(views.teaching))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
@@ -391,17 +412,16 @@ class _Bake:
                     raise
                 notes.append(f"there is no {name}: {error.message}")
         tried: dict[str, float] = {}
-        if len(made) > 1:
-            # What is made last, of the others, is the first to be told of.
-            tried = {
-                name: self._psnr(asset_from_mesh(made[name]), [self._aside], SAMPLES)[0]
-                for name in reversed(made)
-            }
+        if len(made) > 1:  # in colours that what is aside did not teach
+            truths = [self._aside.within(_TEXTURED**2 * self._pixels)]
+            for name in reversed(made):  # what is made last, of the others, is the first to be told of
+                judged = self._colored(made[name], self._wish.look(name, self._asset), self._teaching)
+                tried[name] = self._psnr(asset_from_mesh(judged), truths, SAMPLES)[0]
         chosen, why = self._chosen(made, tried)
         notes += said[chosen]
         if stopped():
             notes.append("interrupted: this is the best so far")
-        mesh = made[chosen]
+        mesh = self._colored(made[chosen], self._wish.look(chosen, self._asset), self._taught)
         if why:
             notes.append(f"{why}: {compared(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
@@ -459,7 +479,7 @@ class _Bake:
         return ["kept", "fitted"], []
 
     def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
-        """Return the mesh of a geometry in its colours, as it is written, and what should be known of it."""
+        """Return the mesh of a geometry, in rough colours, and what should be known of it."""
         wish = self._wish
         shared: dict[str, Any] = {"seed": wish.seed, "device": self._device, "watch": self._watch}
         lessons = self._asset, self._teaching, self._aside, shares
@@ -476,10 +496,7 @@ class _Bake:
         if name == "surface":
             shared["seconds"] = seconds
             mesh, notes = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
-        # What has no static colours has its look within each face, which colours of corners do not show.
-        has_colors = why_not(self._asset.manifest, "standard") is None
-        usual = "vertex" if name == "kept" and has_colors and wish.texture is None else "texture"
-        return self._colored(mesh, wish.texture, has_texture=(wish.color or usual) == "texture"), notes
+        return mesh, notes
 
     def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:
         """Return the levels of detail of what was made, with a texture as large as its own."""
@@ -491,7 +508,7 @@ class _Bake:
         made = lods_of(bare, *lessons, shares, seed=self._wish.seed, device=self._device, watch=self._watch)
         found = []
         for share, one in zip(shares, made, strict=True):
-            level = self._colored(one, size, has_texture=size is not None)
+            level = self._colored(one, "vertex" if size is None else "texture", self._taught, size)
             own = self.measured(level)[0]
             facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
             found.append((Level(share, *facts), level))
@@ -503,11 +520,17 @@ class _Bake:
         cameras = self._taught.within(PIXELS).cameras
         return collide(mesh, kind, cameras, device=self._device)
 
-    def _colored(self, mesh: Mesh, size: int | None, *, has_texture: bool) -> Mesh:
-        """Return a mesh as it is written: with a texture (of this size), or with its colours in bytes."""
-        if has_texture:
-            mesh = textured(mesh, self._taught, size, device=self._device, watch=self._watch)
-        elif mesh.vertex_colors is not None and mesh.vertex_colors.dtype != np.uint8:
+    def _colored(self, mesh: Mesh, look: Look, lessons: Lessons, size: int | None = None) -> Mesh:
+        """Return a mesh as it is written, in the colours that fit lessons best: in bytes at its vertices, or
+        in a texture of this size, or of the one that was asked for."""
+        if self._master.source == "dedicated":
+            lessons = lessons.within(_TEXTURED**2 * self._pixels).with_halves()
+        mesh = colored(mesh, lessons, self._device)
+        if look == "texture":
+            size = size or self._wish.texture
+            mesh = textured(mesh, lessons, size, device=self._device, watch=self._watch)
+        else:
+            assert mesh.vertex_colors is not None
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
             mesh = replace(mesh, vertex_colors=colors.astype(np.uint8))
         return replace(mesh, up=written_up(self._asset))
@@ -541,6 +564,16 @@ class _Bake:
                 for values, truth in zip(found, truths, strict=True):
                     values.append(psnr(image, truth.image(number)))
         return [mean(values) for values in found]
+
+
+def _scale(pixels: int) -> int:
+    """Return how many times as large the pictures teach, of which the largest has so many pixels.
+
+    Twice, for the texture, and more where they are small: so borders of faces are found more finely."""
+    scale = _TEXTURED
+    while (2 * scale) ** 2 * pixels <= PIXELS_TO_MOVE:
+        scale *= 2
+    return scale
 
 
 @contextmanager

@@ -10,8 +10,9 @@ import numpy as np
 
 from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.tiers import why_not
-from msb.bake.colors import both, pixels
+from msb.bake.colors import pixels
 from msb.bake.raster import Raster
+from msb.bake.soup import Soup
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.meshes.sampled import with_sampled_colors
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
     from msb.bake.shares import Shares
-    from msb.bake.soup import Soup
     from msb.cl import Device
 
 Watch = Callable[[str, int, int], bool]
@@ -72,14 +72,13 @@ def rasters(
         yield raster, judge
 
 
-def color(soup: Soup, lessons: Lessons, aside: Lessons, device: str | Device | None) -> None:
-    """Give `soup` the colours that fit best over all views, those aside as well: its faces are decided."""
-    with rasters(soup, lessons, aside, device) as both_sets:
-        parts = []
-        for raster in both_sets:
-            soup.put_on(raster)
-            parts.append(raster.seen(range(len(raster.lessons))))
-        soup.recolor(both(*parts))
+def colored(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Mesh:
+    """Return `mesh` with the colours at vertices that fit the lessons best; what they do not show keeps its
+    own."""
+    soup = Soup.of(mesh, shares=True)
+    with closing(Raster(soup.corners, soup.colors, lessons, device)) as raster:
+        soup.refit(raster)
+    return soup.mesh() if soup.shared is None else soup.on(mesh)
 
 
 def plain_mesh(asset: Asset) -> Mesh:

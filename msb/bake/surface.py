@@ -25,7 +25,7 @@ from msb.bake.solid import (
 )
 from msb.bake.soup import Soup
 from msb.bake.space import Space
-from msb.bake.start import Best, Watch, color, nobody, rasters
+from msb.bake.start import Best, Watch, nobody, rasters
 from msb.base.extras import need_extra
 from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
@@ -63,7 +63,7 @@ def surface(
 
     What the cameras of the lessons see of the soup, which is opaque, says what is solid. That has about so
     many `faces`, which then move for so many `seconds` at most where pictures that teach nothing (`aside`)
-    look better for it. Colours are fitted to all.
+    look better for it.
 
     An object is enclosed from outside. A scene, which reaches beyond its cameras, encloses these: its faces
     look inward, and a shell far out shows the sky.
@@ -160,7 +160,6 @@ def taught(
         until, random = time.monotonic() + seconds, np.random.default_rng(seed)
         taken = settle.settle(places, soup, raster, best, space, random, watch, until)
         soup = best.soup
-    color(soup, lessons, aside, device)
     mesh = parted(soup.on(_moved(mesh, soup)))
     notes = []
     if taken < settle.STEPS:

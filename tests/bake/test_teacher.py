@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import msb
 from msb.asset import build_asset
+from msb.bake.lessons import Lessons
 from msb.bake.teacher import SAMPLES, Teacher
 from msb.bake.views import bake_views
 from msb.errors import AssetError, Unsupported, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics.ground_truth import ground_truth
+from msb.scenes import Camera
 from tests.bake.test_views import MODELS, SCENE, ring
 from tests.conftest import TETRAHEDRON
 
+Image = NDArray[np.float32]
 STEP = 1 / 65535
 
 
@@ -70,3 +74,24 @@ def test_a_method_that_nothing_draws_cannot_teach(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("msb.bake.teacher.why_not", lambda _, tier: f"there is no {tier}")
     with pytest.raises(Unsupported, match="mesh on tier dedicated"):
         Teacher(asset, views)
+
+
+def test_halves_show_what_cameras_of_half_the_size_see_wherever_their_pixels_lie() -> None:
+    """Of a picture in which brightness rises evenly the mean of four pixels is what lies in their middle."""
+
+    def even(camera: Camera) -> Image:
+        y, x = np.mgrid[: camera.height, : camera.width] + 0.5
+        right, down = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+        return np.stack([0.5 + right, 0.5 + down, 0.5 + right * 0], axis=2).astype(np.float32)
+
+    cameras = [Camera(12, 9, 20.0, 22.0, 5.5, 4.0, np.eye(4)), Camera(7, 10, 20.0, 20.0, 3.0, 6.0, np.eye(4))]
+    with Lessons(cameras, (0, 0, 0), even) as lessons:
+        both = lessons.with_halves()
+        assert both.cameras[:2] == lessons.cameras
+        assert [(each.width, each.height) for each in both.cameras[2::2]] == [(6, 4), (5, 4), (6, 4), (5, 4)]
+        assert len({(each.cx, each.cy) for each in both.cameras[2::2]}) == 4
+        for number, camera in enumerate(both.cameras):
+            assert np.abs(both.image(number) - even(camera)).max() <= 2 * STEP
+        assert lessons.within(100).cameras == both.cameras[2:4]
+    with Lessons([Camera(12, 2, 20.0, 20.0, 6.0, 1.0, np.eye(4))], (0, 0, 0), even) as thin:
+        assert thin.with_halves() is thin

@@ -15,6 +15,7 @@ import pytest
 
 import msb
 from msb.asset import build_asset
+from msb.bake.lessons import Lessons
 from msb.cli.output import Output
 from msb.errors import AssetError, DeviceError
 from msb.meshes import Mesh, read_mesh
@@ -212,6 +213,40 @@ def test_what_is_none_is_one_line(
     assert (result.status in (2, 3, 4), result.out, result.err.count("\n")) == (True, "", 1), result
     assert result.err.startswith(said.format(model=model.name))
     assert sorted(model.parent.rglob("*")) == before
+
+
+@pytest.mark.parametrize("geometry", ["kept", "auto"])
+def test_a_texture_of_a_surface_without_xatlas_is_refused_before_anything_is_drawn(
+    here: Here, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, geometry: str
+) -> None:
+    model, cameras = files
+    monkeypatch.setattr("msb.base.extras.is_installed", lambda module: module != "xatlas")
+    monkeypatch.setattr("msb.bake.run.bake_views", lambda *_, **__: pytest.fail("it went on"))
+    line = ["bake", "--geometry", geometry, "--color", "texture", "--cameras", cameras, model]
+    result = here(*line, "-o", model.parent / "a.glb")
+    assert result.status == 2
+    assert "a texture on a surface needs" in result.err
+    assert not (model.parent / "a.glb").exists()
+
+
+def test_two_geometries_are_judged_in_colours_that_what_is_aside_did_not_teach(
+    here: Here, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from msb.bake import run
+
+    model, cameras = files
+    poses: list[set[bytes]] = []
+
+    def colored(mesh: Mesh, lessons: Lessons, device: str | None) -> Mesh:
+        poses.append({camera.world_to_camera.tobytes() for camera in lessons.cameras})
+        return fit(mesh, lessons, device)
+
+    fit = run.colored
+    monkeypatch.setattr(run, "colored", colored)
+    out = model.parent / "a.glb"
+    assert here("bake", "--color", "vertex", "--cameras", cameras, model, "-o", out).status == 0
+    assert len(poses) == 3
+    assert poses[0] == poses[1] < poses[2]
 
 
 def test_cameras_of_another_scene_see_nothing(here: Here, files: tuple[Path, Path]) -> None:
