@@ -61,24 +61,30 @@ class Lessons:
         """Return some of these lessons, whose pictures stay here."""
         return _Chosen([(self, number) for number in numbers])
 
-    def with_halves(self) -> Lessons:
-        """Return these lessons, and their pictures halved in the four ways that there are.
+    def with_halves(self, pixels: int) -> Lessons:
+        """Return these lessons and coarser ones, down to those whose largest picture has so many pixels.
 
-        A picture of half the size has its pixels' middles in one of four places: together they say what is
-        seen there wherever the pixels happen to lie. Pictures of two pixels or less along a side stay alone.
+        Each picture is halved in the four ways in which pixels of twice the side can lie on its own: together
+        they say what is seen there wherever pixels happen to lie, and have as many pixels as it has. Pictures
+        of two pixels or less along a side are not halved.
         """
-        if min(min(camera.width, camera.height) for camera in self.cameras) < 3:
-            return self
-        halves = [self._halved(right, down) for down in (0, 1) for right in (0, 1)]
-        return _Chosen([(one, number) for one in (self, *halves) for number in range(len(self))])
+        found: list[Lessons] = [self]
+        for last in found:
+            if last.largest > pixels and min(min(one.width, one.height) for one in last.cameras) > 2:
+                found += [last._halved(right, down) for down in (0, 1) for right in (0, 1)]
+        return _Chosen([(one, number) for one in found for number in range(len(self))])
+
+    @property
+    def largest(self) -> int:
+        """The pixels of the largest picture."""
+        return max(camera.width * camera.height for camera in self.cameras)
 
     def within(self, pixels: int) -> Lessons:
         """Return these lessons, or coarser ones: their pictures halved until the largest has so many pixels.
 
         A pixel of a halved picture is the mean of four. Each size is made once, and closed with these.
         """
-        largest = max(camera.width * camera.height for camera in self.cameras)
-        if largest <= pixels:
+        if self.largest <= pixels:
             return self
         return self._halved().within(pixels)
 

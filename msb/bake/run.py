@@ -64,8 +64,8 @@ _SEARCH = 2 / 3
 """Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
 _NO_TIME = 1e-3
 _TEXTURED = 2
-"""How many times as large the pictures are that colours are fitted to, besides those as large as the views:
-sharp from near, and without the noise of single samples from afar."""
+"""How many times as large as the views the pictures are whose pixels a texture has texels for, and at least
+those that teach."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -382,7 +382,9 @@ class _Bake:
         self._asset, self._views, self._master, self._wish = asset, views, master, wish
         self._device, self._watch = device, watch
         self._pixels = max(camera.width * camera.height for camera in views.taught)
-        self._taught = master.lessons(views.taught, _scale(self._pixels))
+        is_small = (2 * _TEXTURED) ** 2 * self._pixels <= PIXELS_TO_MOVE
+        scale = 2 * _TEXTURED if is_small else _TEXTURED  # the larger, the finer are borders of faces found
+        self._taught = master.lessons(views.taught, scale)
         first = range(len(views.teaching))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
@@ -413,7 +415,7 @@ class _Bake:
                 notes.append(f"there is no {name}: {error.message}")
         tried: dict[str, float] = {}
         if len(made) > 1:  # in colours that what is aside did not teach
-            truths = [self._aside.within(_TEXTURED**2 * self._pixels)]
+            truths = [self._aside.within(self._pixels)]
             for name in reversed(made):  # what is made last, of the others, is the first to be told of
                 judged = self._colored(made[name], self._wish.look(name, self._asset), self._teaching)
                 tried[name] = self._psnr(asset_from_mesh(judged), truths, SAMPLES)[0]
@@ -523,12 +525,12 @@ class _Bake:
     def _colored(self, mesh: Mesh, look: Look, lessons: Lessons, size: int | None = None) -> Mesh:
         """Return a mesh as it is written, in the colours that fit lessons best: in bytes at its vertices, or
         in a texture of this size, or of the one that was asked for."""
-        if self._master.source == "dedicated":
-            lessons = lessons.within(_TEXTURED**2 * self._pixels).with_halves()
+        shown = lessons.within(_TEXTURED**2 * self._pixels).cameras
+        lessons = lessons.with_halves(self._pixels)
         mesh = colored(mesh, lessons, self._device)
         if look == "texture":
             size = size or self._wish.texture
-            mesh = textured(mesh, lessons, size, device=self._device, watch=self._watch)
+            mesh = textured(mesh, lessons, size, shown=shown, device=self._device, watch=self._watch)
         else:
             assert mesh.vertex_colors is not None
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
@@ -564,16 +566,6 @@ class _Bake:
                 for values, truth in zip(found, truths, strict=True):
                     values.append(psnr(image, truth.image(number)))
         return [mean(values) for values in found]
-
-
-def _scale(pixels: int) -> int:
-    """Return how many times as large the pictures teach, of which the largest has so many pixels.
-
-    Twice, for the texture, and more where they are small: so borders of faces are found more finely."""
-    scale = _TEXTURED
-    while (2 * scale) ** 2 * pixels <= PIXELS_TO_MOVE:
-        scale *= 2
-    return scale
 
 
 @contextmanager

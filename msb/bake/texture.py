@@ -6,7 +6,7 @@ drawn on the standard tier, and the equations say which change reduces what is l
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -47,6 +47,7 @@ def textured(
     lessons: Lessons,
     size: int | None = None,
     *,
+    shown: Sequence[Camera] | None = None,
     device: str | Device | None = None,
     watch: Watch = nobody,
 ) -> Mesh:
@@ -61,13 +62,15 @@ def textured(
         Of twice the pixels that will be drawn, if the texture shall be as sharp.
     size : int, optional
         Texels along a side; as many as pictures show if not given.
+    shown : sequence of Camera, optional
+        Those whose pictures say how many texels a face needs; the lessons' if not given.
 
     Raises
     ------
     UsageError
         USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
     """
-    pixels = most_pixels(mesh, lessons, device)
+    pixels = most_pixels(mesh, lessons.cameras if shown is None else shown, device)
     size = _own_size(pixels) if size is None else size
     if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
         mesh.faces.reshape(-1), np.arange(mesh.faces.size)
@@ -113,11 +116,11 @@ def _own_size(pixels: Reals) -> int:
     return int(min(max(2 ** round(np.log2(side)), least), most))
 
 
-def most_pixels(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Reals:
-    """Return the most pixels (F,) of each face that one of the pictures has."""
+def most_pixels(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Reals:
+    """Return the most pixels (F,) of each face that a picture of one of the cameras has."""
     most = np.zeros(len(mesh.faces))
     with Renderer(asset_from_mesh(mesh), "standard", device=device) as renderer:
-        for camera in lessons.cameras:
+        for camera in cameras:
             ids = renderer.render(camera).face_id
             assert ids is not None
             np.maximum(most, np.bincount(ids[ids >= 0], minlength=len(most)), out=most)
