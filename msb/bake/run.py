@@ -475,8 +475,7 @@ class _Bake:
             return ["fitted", "surface"], []
         if wish.faces is not None:
             return ["fitted"], []
-        largest = max(camera.width * camera.height for camera in self._taught.cameras)
-        if count * FEWEST > min(largest, PIXELS_TO_MOVE):
+        if count * FEWEST > min(self._taught.largest, PIXELS_TO_MOVE):
             return ["kept"], [f"fitted is not tried with {count:,} faces, which pictures are too small for"]
         return ["kept", "fitted"], []
 
