@@ -63,14 +63,15 @@ def textured(
     size : int, optional
         Texels along a side; as many as pictures show if not given.
     shown : sequence of Camera, optional
-        Those whose pictures say how many texels a face needs; the lessons' if not given.
+        Those whose pictures say how many texels faces need; the lessons' if not given.
 
     Raises
     ------
     UsageError
         USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
     """
-    pixels = most_pixels(mesh, lessons.cameras if shown is None else shown, device)
+    cameras = lessons.cameras if shown is None else shown
+    pixels = most_pixels(mesh, cameras, device)
     size = _own_size(pixels) if size is None else size
     if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
         mesh.faces.reshape(-1), np.arange(mesh.faces.size)
@@ -78,8 +79,8 @@ def textured(
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         # A chart from here to the horizon has as many texels here as there, so what is far is drawn together.
-        shown = seen_points(mesh, lessons.cameras, device)
-        places = Space.of(shown, lessons.cameras).inward(mesh.vertices) if len(shown) else mesh.vertices
+        points = seen_points(mesh, cameras, device)
+        places = Space.of(points, cameras).inward(mesh.vertices) if len(points) else mesh.vertices
         uvs = connected_atlas(places, mesh.faces, pixels, size)
     chart, texture = _beginning(mesh, uvs, size, device)
     made = replace(
