@@ -175,6 +175,7 @@ def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
         return None
 
     def draw(axes: Axes) -> None:
+        axes.use_sticky_edges = False
         for place, parts in enumerate(bars.values()):
             for name, better, worse in parts:
                 which = STEPS.index(name)
@@ -184,7 +185,6 @@ def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
         axes.invert_yaxis()
-        axes.use_sticky_edges = False
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("PSNR (dB): from Standard (left) to Dedicated (right)")
         handles, labels = axes.get_legend_handles_labels()

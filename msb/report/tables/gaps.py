@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, Gap, GapName
+from msb.bench.records import BAKED
 from msb.report.layout import PAPER_ROW, difference_cell
 from msb.report.metric_format import title
 from msb.report.numbers import (
@@ -70,8 +71,15 @@ def gaps_table(numbers: Numbers, dataset: str, paper: Numbers | None = None) -> 
         for standard, dedicated in numbers.gap_tiers(dataset):
             for method in numbers.methods(dataset, dedicated, standard):
                 key = GapKey(dataset, MEAN, method, metric, standard, dedicated)
-                if not key.own_tiers and key not in numbers.gaps:
+                gaps = numbers.gaps.get(key)
+                if not key.own_tiers and gaps is None:
                     continue
+                if (
+                    standard.startswith(f"{BAKED}/")
+                    and gaps
+                    and all(gaps[one].value is None for one in _NAMES)
+                ):
+                    continue  # of the many rows of bakes those that say nothing
                 labels = (title(metric), gap_title(key))
                 rows.append(Row(labels, tuple(_cells(numbers, key).values())))
                 if paper is not None and key in paper.gaps:
