@@ -1,0 +1,63 @@
+"""What releases and other projects run: workflows, the action and the recipe say what pyproject.toml says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import msb
+from tests.conftest import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PLACE = "https://github.com/OWNER/meshsplatbench"
+
+
+def of_yaml(name: str) -> Any:
+    return yaml.safe_load((ROOT / name).read_text())
+
+
+def test_the_recipe_needs_what_the_core_needs() -> None:
+    recipe = of_yaml("conda/recipe.yaml")
+    core = {re.split(r"[;\s]", word)[0] for word in PROJECT["dependencies"]}
+    wanted = {re.sub(r"([a-z])>", r"\1 >", word) for word in core if not word.startswith("pocl")}
+    there = {word for word in recipe["requirements"]["run"] if not word.startswith(("pocl", "python "))}
+    assert there == wanted
+    assert f"python {PROJECT['requires-python']}" in recipe["requirements"]["run"]
+    assert recipe["context"]["version"] == msb.__version__
+    scripts = {f"{name} = {place}" for name, place in PROJECT["scripts"].items()}
+    assert set(recipe["build"]["python"]["entry_points"]) == scripts
+
+
+def test_one_place_is_marked_for_the_address() -> None:
+    assert set(PROJECT["urls"].values()) == {PLACE, f"{PLACE}/issues", f"{PLACE}/blob/main/CHANGELOG.md"}
+    assert of_yaml("CITATION.cff")["repository-code"] == PLACE
+    assert of_yaml("conda/recipe.yaml")["about"]["repository"] == PLACE
+    assert f"{PLACE}/actions/workflows/ci.yml" in (ROOT / "README.md").read_text()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="the action's steps are of bash")
+@pytest.mark.parametrize(
+    ("fail_on", "verdict", "status"),
+    [("", "", 0), ("nonmanifold_edge_ratio>0\nfaces>0", "", 1), ("faces<0", "", 0), ("", "limited", 1)],
+)
+def test_the_action_ends_as_the_audit_does(fail_on: str, verdict: str, status: int, tmp_path: Path) -> None:
+    (step,) = (step for step in of_yaml("action.yml")["runs"]["steps"] if step.get("id") == "audit")
+    given = {"PATHS": "data_stubs/check*", "FAIL_ON": fail_on, "VERDICT": verdict}
+    for name in ("RUNNER_TEMP", "GITHUB_OUTPUT", "GITHUB_STEP_SUMMARY"):
+        given[name] = str(tmp_path if name == "RUNNER_TEMP" else tmp_path / name)
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    command = ["bash", "--noprofile", "--norc", "-e", "-o", "pipefail", "-c", step["run"]]
+    done = subprocess.run(command, cwd=ROOT, env={**os.environ, **given, "PATH": path}, check=False)
+    assert done.returncode == status
+    output = (tmp_path / "GITHUB_OUTPUT").read_text()
+    assert Path(output.strip().removeprefix("json=")).is_file()
+    assert "BAD" in (tmp_path / "GITHUB_STEP_SUMMARY").read_text()
