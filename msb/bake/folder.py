@@ -33,7 +33,7 @@ _DOCUMENT, _PICTURE = "bake.json", "preview.png"
 _OURS = re.compile(r"asset(_lod\d+|_collision)?\.glb|bake\.json|preview\.png|index\.html")
 _START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(SCHEMA).encode())
 """How every ``bake.json`` begins."""
-_SCRIPTS = "page.js", "hands.js", "baked.js", "start.js"
+_SCRIPTS = "camera.js", "page.js", "hands.js", "baked.js", "start.js"
 _LEAST_SIDE = 1024
 """Pixels of the longer side of a view on the page: a mesh has no size of its own."""
 

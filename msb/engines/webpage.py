@@ -10,6 +10,7 @@ import base64
 import gzip
 import html
 import json
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 
 LARGE = 3_000_000
 """Number of faces from which a page with the asset in it is more than most browsers hold."""
-_SCRIPTS = ("page.js", "hands.js", "files.js", "start.js")
+_SCRIPTS = ("camera.js", "page.js", "hands.js", "files.js", "start.js")
+_OF_A_MODULE = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)
+"""What only a file of its own begins with, and what a module has to import and export."""
 
 
 def write_web_page(
@@ -109,9 +112,12 @@ def _three_modules() -> str:
 
 
 def read_script(name: str) -> str:
-    """Return a file of msb/engines/web, to stand behind another one."""
+    """Return a file of msb/engines/web, to stand behind another one.
+
+    Some are modules, which the package for npm in js/ has as they are; a page is one script without any.
+    """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
-    return text.removeprefix('"use strict";\n')
+    return _OF_A_MODULE.sub("", text)
 
 
 def camera_data(camera: Camera) -> dict[str, Any]:

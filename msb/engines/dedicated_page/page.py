@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     Color = tuple[float, float, float]
 
 SCRIPTS = (
-    *("page.js", "hands.js", "store.js", "dedicated.js", "official.js", "faithful.js"),
-    "start.js",
+    *("camera.js", "page.js", "hands.js", "store.js", "dedicated.js"),
+    *("official.js", "faithful.js", "start.js"),
 )
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 """What every device with WebGPU takes."""

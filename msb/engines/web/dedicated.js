@@ -1,4 +1,5 @@
 "use strict";
+import { matrixOf } from "./camera.js";
 // Runs the plan of a frame (msb/engines/hardware/program.py) in WebGPU: the same WGSL, buffers and passes that
 // the renderer `wgpu` runs. From frame to frame this script computes nothing but the camera record.
 const SLOT = 256;        // bytes between entries of a uniform buffer that are bound one at a time
@@ -116,7 +117,7 @@ async function openDevice(needs) {
 
 // ---- the plan
 
-class Dedicated {
+export class Dedicated {
   // `about` is scene.dedicated of the page; `read` returns the array of a name; `told` hears of progress.
   static async open(about, canvas, read, told) {
     const made = new Dedicated();

@@ -58,13 +58,6 @@ function target(type, width, height) {
   return found;
 }
 
-// A view is { width, height, fx, fy, cx, cy, world_to_camera, unit }: ours, OpenCV, row-major. Near planes count
-// in its unit, so it is drawn by a matrix that does, too.
-function matrixOf(view) {
-  const m = view.world_to_camera;
-  return [...m.slice(0, 3).map((row) => row.map((value) => value / (view.unit || 1))), m[3]];
-}
-
 function aim(view) {
   const { width: w, height: h, fx, fy, cx, cy } = view;
   const rows = matrixOf(view).flat();

@@ -3,9 +3,9 @@
 const CHUNK = 192;  // rows of a chunk of "grid"
 const TYPES = { float32: Float32Array, uint32: Uint32Array, uint16: Uint16Array, uint8: Uint8Array };
 
-// The bytes of the elements <script data-array="name">, inflated; the elements are gone then.
-async function storedBytes(name, size) {
-  const parts = [...document.querySelectorAll("script[data-array]")].filter((part) => part.dataset.array === name);
+// The bytes of the elements <script data-array="name"> of a page, inflated; the elements are gone then.
+async function storedBytes(name, size, page) {
+  const parts = [...page.querySelectorAll("script[data-array]")].filter((part) => part.dataset.array === name);
   if (!parts.length) throw new Error(`this page lacks its array "${name}"`);
   const texts = parts.map((part) => part.textContent.trim());
   for (const part of parts) part.remove();
@@ -88,13 +88,13 @@ const DECODERS = {
   },
 };
 
-async function storedArray(name, head) {
+export async function storedArray(name, head, page = document) {
   const rows = head.shape[0], columns = head.shape.slice(1).reduce((a, b) => a * b, 1);
-  return DECODERS[head.how](await storedBytes(name, head.bytes), head, rows, columns);
+  return DECODERS[head.how](await storedBytes(name, head.bytes, page), head, rows, columns);
 }
 
 // Triangles, rows of three corners, shrunk about their centroids: in float32, each step rounded.
-function shrunk(positions, factor) {
+export function shrunk(positions, factor) {
   const f = Math.fround, found = new Float32Array(positions.length);
   for (let i = 0; i < positions.length; i += 9) {
     for (let k = i; k < i + 3; k += 1) {
