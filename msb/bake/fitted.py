@@ -45,9 +45,9 @@ def fitted(
     seed: int = 0,
     device: str | Device | None = None,
     watch: Watch = nobody,
-) -> Mesh:
+) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, at most so many `faces`, with colours at
-    corners.
+    corners, and what should be known of it.
 
     Triangles are chosen by their share in the model's look, then moved, hidden and shown as the lessons
     ask. What is best by pictures that teach nothing (`aside`) is returned. It ends after so many `seconds`
@@ -75,10 +75,14 @@ def fitted(
         if faces is not None:
             hide_least(soup, raster, random, faces)
         schedule = Schedule(_STEPS, until)
+        taken: list[int] = []
 
         def done(step: int) -> float:
+            taken.append(step)
             enough = watch("moving faces", step, schedule.steps)
             return 1.0 if enough else schedule.share(step)
 
         soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, look=_LOOK, done=done)
-    return soup.mesh()
+    cut_short = 0 < len(taken) < _STEPS
+    said = f"its triangles took {len(taken)} of {_STEPS} steps to where pictures want them"
+    return soup.mesh(), [said] if cut_short else []

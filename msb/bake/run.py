@@ -388,7 +388,7 @@ class _Bake:
         first = range(len(views.teaching))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
-        self._soups: dict[int | None, Mesh] = {}
+        self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
 
     def close(self) -> None:
         """Give the pictures back."""
@@ -493,10 +493,11 @@ class _Bake:
             most = wish.faces if name == "fitted" else None
             if most not in self._soups:
                 self._soups[most] = fitted(*lessons, seconds=seconds, faces=most, **shared)
-            mesh = self._soups[most]
+            mesh, notes = self._soups[most]
         if name == "surface":
             shared["seconds"] = seconds
-            mesh, notes = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
+            mesh, more = surface(mesh, self._teaching, self._aside, faces=wish.faces, **shared)
+            notes = [f"of the soup it is made of: {note}" for note in notes] + more
         return mesh, notes
 
     def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:

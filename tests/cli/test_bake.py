@@ -148,9 +148,9 @@ def test_a_surface_is_taken_for_solids_unless_it_is_bad(
 
     made: list[Mesh] = []
 
-    def fitted(*_: object, **__: object) -> Mesh:
+    def fitted(*_: object, **__: object) -> tuple[Mesh, list[str]]:
         made.append(Mesh(TETRAHEDRON[0], TETRAHEDRON[1][:3].astype(np.int64), vertex_colors=COLORS))
-        return made[-1]
+        return made[-1], []
 
     def surface(soup: Mesh, *_: object, **__: object) -> tuple[Mesh, list[str]]:
         assert soup is made[0], "it starts from the soup that is compared with it"
