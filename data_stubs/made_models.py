@@ -70,9 +70,19 @@ def _triangle_splatting(folder: Path, surface: Surface, white: bool, layout: str
 
 
 def _mesh_splatting(folder: Path, surface: Surface, white: bool, layout: str) -> None:
+    values = _connected(surface)
+    counts = np.full(len(surface.faces), 100, np.int32)
+    _write_state_dict(folder, {**values, "pixel_count": counts}, white)
+
+
+def _triangle_splatting_plus(folder: Path, surface: Surface, white: bool, layout: str) -> None:
+    _write_state_dict(folder, _connected(surface), white)
+
+
+def _connected(surface: Surface) -> dict[str, Any]:
     random, faces = np.random.default_rng(2), len(surface.faces)
     color = surface.color + random.normal(0, 0.02, surface.color.shape)
-    values = {
+    return {
         "triangles_points": surface.vertices.astype(np.float32),
         "_triangle_indices": surface.faces.astype(np.int32),
         "vertex_weight": random.normal(6.0, 1.0, (len(color), 1)).astype(np.float32),
@@ -82,9 +92,7 @@ def _mesh_splatting(folder: Path, surface: Surface, white: bool, layout: str) ->
         "features_rest": _f_rest(surface.gloss, surface.light),
         "importance_score": np.ones(faces, np.float32),
         "image_size": np.full(faces, 20, np.float32),
-        "pixel_count": np.full(faces, 100, np.int32),
     }
-    _write_state_dict(folder, values, white)
 
 
 def _diffsoup(folder: Path, surface: Surface, white: bool, layout: str) -> None:
@@ -131,6 +139,7 @@ _WRITERS: dict[str, Callable[[Path, Surface, bool, str], None]] = {
     "two_dts": _two_dts,
     "triangle_splatting": _triangle_splatting,
     "mesh_splatting": _mesh_splatting,
+    "triangle_splatting_plus": _triangle_splatting_plus,
     "diffsoup": _diffsoup,
 }
 

@@ -78,6 +78,7 @@ BUILT_IN = (
     "two_dts",
     "triangle_splatting",
     "mesh_splatting",
+    "triangle_splatting_plus",
     "diffsoup",
     "two_dgs",
     "three_dgs",

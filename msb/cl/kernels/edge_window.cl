@@ -16,6 +16,7 @@
 #define MIN_LENGTH 1e-4f
 #define MIN_OPACITY 0.01f
 #define MAX_RADIUS 1600.0f
+#define MIN_DETERMINANT 1e-3f
 #define CORNERS_MAY_BE_BEHIND 1
 
 typedef struct {
@@ -103,6 +104,39 @@ Box window_box(__constant View *view, const Window *w, real rim)
     Box box = box_of(low, high, view);
     box.x1 = rim > 1.0f ? (mask)-1 : box.x1;
     return box;
+}
+
+// The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected. The rim
+// beyond it, down to alpha = 1/255, is seen only in tiles that the contour touches.
+Box contour_tiles(__constant View *view, const Window *w, real shrunk)
+{
+    real offset[3], distance = (real)0.0f;
+    for (int k = 0; k < 3; k++) {
+        // One edge's distance serves all three, unless it underflowed to 0.
+        distance = distance == 0.0f ? w->inradius[k] * shrunk : distance;
+        offset[k] = w->edge_offset[k] / length2(w->edge_normal[k]) - distance;
+    }
+    Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
+    for (int pair = 0; pair < 3; pair++) {
+        int current = pair == 2 ? 0 : pair + 1, previous = pair;
+        vec2 n = w->edge_normal[current], m = w->edge_normal[previous];
+        real t = offset[current], s = offset[previous];
+        real determinant = cross2(n, m);
+        // The last pair's test is the other way round upstream, so NaN skips it there alone.
+        mask use = magnitude(determinant) >= MIN_DETERMINANT;
+        if (pair < 2)
+            use = !(magnitude(determinant) < MIN_DETERMINANT);
+        real x = -(t * m.y - s * n.y) / determinant;
+        real y = -(s * n.x - t * m.x) / determinant;
+        mask x0 = tile_number(x / TILE, view->columns), y0 = tile_number(y / TILE, view->rows);
+        mask x1 = tile_number((x + TILE - 1) / TILE, view->columns);
+        mask y1 = tile_number((y + TILE - 1) / TILE, view->rows);
+        found.x0 = use ? lesser_of(found.x0, x0) : found.x0;
+        found.y0 = use ? lesser_of(found.y0, y0) : found.y0;
+        found.x1 = use ? greater_of(found.x1, x1) : found.x1;
+        found.y1 = use ? greater_of(found.y1, y1) : found.y1;
+    }
+    return found;
 }
 
 #if !ENGINE

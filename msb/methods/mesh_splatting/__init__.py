@@ -1,4 +1,4 @@
-"""MeshSplatting, Triangle Splatting 2: triangles that share vertices, in the end nearly opaque."""
+"""MeshSplatting: triangles that share vertices, in the end nearly opaque."""
 
 from __future__ import annotations
 

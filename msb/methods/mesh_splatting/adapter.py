@@ -1,8 +1,7 @@
-"""MeshSplatting, Triangle Splatting 2: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
+"""MeshSplatting: ``point_cloud/iteration_N/point_cloud_state_dict.pt`` or a mesh PLY.
 
-Layouts: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py) and its sibling
-trianglesplatting2/triangle-splatting2 at fcde03d, which lacks `pixel_count`. Everything is per vertex; sigma
-is global.
+Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create_ply.py). Everything is per
+vertex; sigma is global. Its sibling Triangle Splatting+ lacks `pixel_count` alone and is read here, too.
 """
 
 from __future__ import annotations
@@ -28,25 +27,35 @@ if TYPE_CHECKING:
     from msb.adapters.locate import Place
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
-_OLDER_FLOOR = 0.9999
-"""The opacity floor that the loader of Triangle Splatting 2 and the re-import of a PLY impose."""
+_FLOOR_OF_MESHES = 0.9999
+"""The opacity floor that the re-import of a PLY imposes."""
 
 
 def recognises(content: Content) -> bool:
+    """Return whether `content` is a state dict with shared vertices, and counts of pixels."""
+    return shares_vertices(content) and "pixel_count" in content.value
+
+
+def shares_vertices(content: Content) -> bool:
     """Return whether `content` is a state dict with shared vertices."""
     value = content.value
     return isinstance(value, dict) and bool({"_triangle_indices", "vertex_weight"} & value.keys())
 
 
 def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`.
+    """Return the model at `place`."""
+    return read_as("mesh_splatting", place, content, options)
 
-    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: 0.999 is what the
-    official loader imposes, 0.9999 that of Triangle Splatting 2.
+
+def read_as(method: str, place: Place, content: Content, options: Options) -> Model:
+    """Return the model at `place` as one of `method`, which has this layout.
+
+    The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: it is what the
+    method's official loader imposes.
     """
     if place.kind in ("ply", "mesh"):
-        return _read_mesh(place, options)
-    settings = Settings("mesh_splatting", options.settings)
+        return _read_mesh(method, place, options)
+    settings = Settings(method, options.settings)
     tensors = Tensors(content.mapping(place.file), place.file, options.check_values)
     positions = tensors.floats("triangles_points", "V", 3)
     count = len(positions)
@@ -66,22 +75,20 @@ def read(place: Place, content: Content, options: Options) -> Model:
         active = min(tensors.integer("active_sh_degree", 0, highest), degree)
         settings.add("sh_degree", active, "checkpoint", place.file)
     settings.add("sigma", _exp(tensors.number("sigma")), "checkpoint", place.file, "exp(sigma)")
-    if "pixel_count" not in tensors:
-        settings.add("opacity_floor", _OLDER_FLOOR, "default")
     arguments, files, warnings = read_cfg_args(place.root)
-    description = _description(settings, degree, arguments, trained_up(arguments))
+    description = _description(method, settings, degree, arguments, trained_up(arguments))
     files = (place.file, *files)
     return Model(
         buffers, domains_of(buffers, "vertex"), description, place.root, files, (*tensors.warnings, *warnings)
     )
 
 
-def _read_mesh(place: Place, options: Options) -> Model:
+def _read_mesh(method: str, place: Place, options: Options) -> Model:
     """Return the model the official code makes of an exported mesh: opaque, its colours as coefficient 0.
 
     f_dc = clip((rgb - 0.5) / C0, -4, 4), an infinite logit, no higher SH.
     """
-    settings = Settings("mesh_splatting", options.settings)
+    settings = Settings(method, options.settings)
     mesh = read_mesh(place.file)
     with about(place.file):
         buffers, _, _ = mesh_buffers(mesh)
@@ -94,15 +101,17 @@ def _read_mesh(place: Place, options: Options) -> Model:
     del buffers["color"]
     buffers["f_dc"] = np.clip((colors - np.float32(0.5)) / np.float32(SH_C0), -4, 4)
     buffers["opacity"] = np.full(len(colors), np.inf, np.float32)
-    settings.add("opacity_floor", _OLDER_FLOOR, "default")
-    description = _description(settings, 0, {}, mesh.up or "unknown")
+    settings.add("opacity_floor", _FLOOR_OF_MESHES, "default")
+    description = _description(method, settings, 0, {}, mesh.up or "unknown")
     return Model(buffers, domains_of(buffers, "vertex"), description, place.root, (place.file,))
 
 
-def _description(settings: Settings, degree: int, arguments: Mapping[str, Any], up: str) -> Description:
+def _description(
+    method: str, settings: Settings, degree: int, arguments: Mapping[str, Any], up: str
+) -> Description:
     stored = settings.finish(degree)
     return Description(
-        method="mesh_splatting",
+        method=method,
         sh_degree=degree,
         coverage={"kernel": "edge_window", "sigma": stored["sigma"].value},
         opacity={"encoding": "logit", "floor": stored["opacity_floor"].value, "of_face": "minimum"},

@@ -1,10 +1,15 @@
-// MeshSplatting: an indexed mesh with colours and opacities at its vertices.
-// Source: meshsplatting/diff-triangle-mesh-rasterization at b27f283: cuda_rasterizer/forward.cu.
+// MeshSplatting: an indexed mesh with colours and opacities at its vertices; with PLUS Triangle Splatting+.
+// Sources: meshsplatting/diff-triangle-mesh-rasterization at b27f283,
+// trianglesplatting2/diff-triangle2-rasterization at 42e62aa (PLUS): cuda_rasterizer/forward.cu.
 
 #include "splat_common.cl"
 #include "splat_color.cl"
 
+#if PLUS
+#define MAX_ALPHA 0.99f
+#else
 #define MAX_ALPHA 0.999f
+#endif
 #define SIGMA (view->own.sigma)
 #define MARGIN 5.0f
 #define BLENDS_CROSSING 0
@@ -12,7 +17,7 @@
 #define COLORS 9
 #define SMALL_IS_DROPPED 0 // not if two corners coincide on the screen
 
-// coverage, of vertices: opacity, the rim. f_dc holds the vertices' colours.
+// coverage, of vertices: opacity, the rim; with PLUS the share of the inradius at which o phi^sigma = 0.01. f_dc holds the vertices' colours.
 
 #if ENGINE
 #define LINES 12
@@ -102,7 +107,14 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     if (!ANY(kept))
         return kept;
     *depth = w.depth;
+#if PLUS
+    real shrunk = load(source->coverage, v.rows[0], COVERAGE, 2); // as the rim
+    for (int k = 1; k < 3; k++)
+        shrunk = greater(shrunk, load(source->coverage, v.rows[k], COVERAGE, 2));
+    *official = contour_tiles(view, &w, shrunk);
+#else
     *official = corner_tiles(view, &w);
+#endif
     kept &= (official->x1 != official->x0) & (official->y1 != official->y0);
     keep_window(view, &w, rim, f);
     vec2 e1 = sub2(w.corners[1], w.corners[0]), e2 = sub2(w.corners[2], w.corners[0]);
@@ -117,6 +129,10 @@ mask project_faces(const size_t *rows, const Source *source, __constant View *vi
     f->depth[0] = affine(z, p[0]);
     f->depth[1] = affine(z, p[1]) - f->depth[0];
     f->depth[2] = affine(z, p[2]) - f->depth[0];
+#if PLUS
+    f->depth[0] = w.depth;
+    f->depth[1] = f->depth[2] = (real)0.0f;
+#endif
 #endif
     return kept;
 }

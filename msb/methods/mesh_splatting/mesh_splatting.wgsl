@@ -1,11 +1,15 @@
 // MeshSplatting: an indexed mesh with colours and opacities at its vertices. The text of mesh_splatting.cl for
 // graphics hardware; its comments say more.
-// Source: meshsplatting/diff-triangle-mesh-rasterization at b27f283: cuda_rasterizer/forward.cu.
 
 const STOP = 1e-4; // the face that would take T below it is refused
+#if PLUS
+const MAX_ALPHA = 0.99;
+const COVERAGE = 3u; // of vertices: opacity, the rim, the share of the inradius at which o phi^sigma = 0.01
+#else
 const MAX_ALPHA = 0.999;
-const MARGIN = 5.0;
 const COVERAGE = 2u; // of vertices: opacity, the rim
+#endif
+const MARGIN = 5.0;
 
 // color is that of corner 0, and what corners 1 and 2 have more.
 #if ENGINE
@@ -67,9 +71,10 @@ fn corner_tiles(w: ptr<function, Window>) -> vec4<i32> {
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     var found: Projected;
     let rows = corners_of(number);
-    let opacity = min(min(coverage[2u * rows.x], coverage[2u * rows.y]), coverage[2u * rows.z]);
+    let at = COVERAGE * rows;
+    let opacity = min(min(coverage[at.x], coverage[at.y]), coverage[at.z]);
     // The rim grows as opacity falls: that of the least opacity is the largest.
-    let rim = max(max(coverage[2u * rows.x + 1u], coverage[2u * rows.y + 1u]), coverage[2u * rows.z + 1u]);
+    let rim = max(max(coverage[at.x + 1u], coverage[at.y + 1u]), coverage[at.z + 1u]);
     if (opacity < MIN_OPACITY) {
         return found;
     }
@@ -88,7 +93,12 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
         return found;
     }
     found.depth = w.depth;
+#if PLUS
+    let shrunk = max(max(coverage[at.x + 2u], coverage[at.y + 2u]), coverage[at.z + 2u]);
+    found.tiles = contour_tiles(&w, shrunk);
+#else
     found.tiles = corner_tiles(&w);
+#endif
     found.kept = found.tiles.x != found.tiles.z && found.tiles.y != found.tiles.w;
     found.samples = window_box(&w, rim);
     let n = w.edge_normal;
@@ -102,6 +112,11 @@ fn project_face(number: u32, face: ptr<function, Face>) -> Projected {
     (*face).edges = vec4<f32>(e1, e2);
     (*face).color1.w = affine(view.world_to_camera[2], corners[1]) - z;
     (*face).color2.w = affine(view.world_to_camera[2], corners[2]) - z;
+#if PLUS
+    (*face).origin.w = w.depth;
+    (*face).color1.w = 0.0;
+    (*face).color2.w = 0.0;
+#endif
     return found;
 #endif
 }

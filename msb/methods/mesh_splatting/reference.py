@@ -7,7 +7,7 @@ cuda_rasterizer/forward.cu.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from msb.reference.tiles import Modes
     from msb.scenes import Camera
 
+TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
 MAX_ALPHA = 0.999
 MARGIN = 5
 """Samples by which a face's tiles reach beyond its corners."""
@@ -41,6 +42,28 @@ def render(
     modes: Modes,
 ) -> ReferenceFrame:
     """Return `asset` seen by `camera`; see `render_reference`."""
+    return form_image(
+        asset, camera, background, settings, dtype, modes, max_alpha=MAX_ALPHA, flat_depth=False
+    )
+
+
+def form_image(
+    asset: Asset,
+    camera: Camera,
+    background: Reals,
+    settings: Mapping[str, Any],
+    dtype: type[Any],
+    modes: Modes,
+    *,
+    max_alpha: float,
+    flat_depth: bool,
+    tiles_of: TilesOf | None = None,
+) -> ReferenceFrame:
+    """Return `asset` seen by `camera`, as MeshSplatting or Triangle Splatting+ has it.
+
+    `max_alpha` caps alpha. With `flat_depth` a face has the depth of its centroid everywhere, otherwise that
+    of its corners is interpolated. `tiles_of` gives the tiles of faces, `corner_tiles` if it is not given.
+    """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)
     positions = asset.buffers["positions"].astype(dtype)
@@ -54,18 +77,27 @@ def render(
     color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
     shapes = project_shapes(positions[indices], view, modes)
-    rectangles = corner_tiles(shapes, view) if isinstance(shapes, Windows) else shapes.rectangles
+    if not isinstance(shapes, Windows):
+        rectangles = shapes.rectangles
+    elif tiles_of is None:
+        rectangles = corner_tiles(shapes, view)
+    else:
+        rectangles = tiles_of(shapes, opacity, sigma, view)
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
     def cover(chosen: Integers, x: Reals, y: Reals) -> Reals:
-        return window_alpha(shapes.phi(chosen, x, y), opacity[chosen], sigma[chosen], MAX_ALPHA)
+        return window_alpha(shapes.phi(chosen, x, y), opacity[chosen], sigma[chosen], max_alpha)
 
     def shade(chosen: Integers, x: Reals, y: Reals) -> Layers:
         b0, b1, b2 = shapes.barycentrics(chosen, x, y)
         c, z = color[chosen], depth[chosen]
+        if flat_depth:
+            here = shapes.depth_at(chosen, x, y)
+        else:
+            here = b0 * z[:, 0] + b1 * z[:, 1] + b2 * z[:, 2]
         return Layers(
             b0[:, None] * c[:, 0] + b1[:, None] * c[:, 1] + b2[:, None] * c[:, 2],
-            b0 * z[:, 0] + b1 * z[:, 1] + b2 * z[:, 2],
+            here,
             shapes.normal[chosen],
         )
 

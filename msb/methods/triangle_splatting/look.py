@@ -9,7 +9,7 @@ import numpy as np
 
 from msb.asset.activation import exponential, sigmoid
 from msb.asset.drawable import require, required_buffer
-from msb.render.splat.model import Model, rim, soup_positions
+from msb.render.splat.model import Model, contour, rim, soup_positions
 from msb.render.splat.view import Culling
 
 if TYPE_CHECKING:
@@ -26,18 +26,13 @@ def splat_model(asset: Asset, settings: Settings) -> Model:
     offset = np.float32(asset.manifest.coverage.get("sigma_offset", 0))
     opacity = sigmoid(required_buffer(asset, "opacity", count))
     sigma = offset + exponential(required_buffer(asset, "sigma", count))
-    with np.errstate(divide="ignore"):
-        # The official fast power, each step rounded: o phi^sigma = 0.01 there.
-        power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
-    with np.errstate(over="ignore"):
-        shrunk = np.exp2(power, dtype=np.float64).astype(np.float32)
     return Model(
         program="triangle_splatting",
         package=__package__,
         face_words=24,
         engine_words=32,
         positions=soup_positions(asset),
-        coverage=np.stack([opacity, sigma, shrunk, rim(opacity, sigma)], axis=1),
+        coverage=np.stack([opacity, sigma, contour(opacity, sigma), rim(opacity, sigma)], axis=1),
         near=0.01,
         far=100.0,
         # Where two edges are nearly parallel (a determinant of 1e-3) rounding moves their intersection by up

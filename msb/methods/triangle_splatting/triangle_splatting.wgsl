@@ -4,7 +4,6 @@
 
 const STOP = 1e-4; // the face that would take T below it is refused
 const MAX_ALPHA = 0.99;
-const MIN_DETERMINANT = 1e-3;
 const COVERAGE = 4u; // opacity, sigma, the share of the inradius at which o phi^sigma = 0.01, the rim
 
 #if ENGINE
@@ -38,38 +37,6 @@ fn point_seen(rows: vec3<u32>) -> vec3<f32> {
     // Upstream means the centroid, but its expression broadcasts the last component; trained coefficients
     // are right only with this.
     return select(center, center.zzz, view.broadcast_z == 1u);
-}
-
-// The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected.
-fn contour_tiles(w: ptr<function, Window>, shrunk: f32) -> vec4<i32> {
-    var offset: array<f32, 3>;
-    var distance = 0.0;
-    for (var k = 0; k < 3; k++) {
-        // One edge's distance serves all three, unless it underflowed to 0.
-        if (distance == 0.0) {
-            distance = mul((*w).inradius[k], shrunk);
-        }
-        offset[k] = keep(div((*w).edge_offset[k], length2((*w).edge_normal[k])) - distance);
-    }
-    var found = vec4<i32>(i32(view.columns), i32(view.rows), 0, 0);
-    for (var pair = 0; pair < 3; pair++) {
-        let current = (pair + 1) % 3;
-        let n = (*w).edge_normal[current];
-        let m = (*w).edge_normal[pair];
-        let t = offset[current];
-        let s = offset[pair];
-        let determinant = cross2(n, m);
-        if (abs(determinant) < MIN_DETERMINANT) {
-            continue;
-        }
-        let x = div(-keep(mul(t, m.y) - mul(s, n.y)), determinant);
-        let y = div(-keep(mul(s, n.x) - mul(t, m.x)), determinant);
-        let low = vec2<i32>(tile_number(x / 16.0, view.columns), tile_number(y / 16.0, view.rows));
-        let high = vec2<i32>(tile_number(keep(keep(x + 16.0) - 1.0) / 16.0, view.columns),
-                             tile_number(keep(keep(y + 16.0) - 1.0) / 16.0, view.rows));
-        found = vec4<i32>(min(found.xy, low), max(found.zw, high));
-    }
-    return found;
 }
 
 fn project_face(number: u32, face: ptr<function, Face>) -> Projected {

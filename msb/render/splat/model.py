@@ -97,6 +97,13 @@ def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -
     return np.where(share < 1.0001, rim, 2).astype(np.float32)
 
 
+def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
+    """Return the phi at which o phi^sigma = 0.01, as the official fast power has it: each step rounded."""
+    with np.errstate(divide="ignore", over="ignore"):
+        power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
+        return np.exp2(power, dtype=np.float64).astype(np.float32)
+
+
 def make_model(asset: Asset, settings: Settings) -> Model:
     """Return `asset` as the kernels take it, as its method's module `look` makes it (``splat_model``)."""
     method = asset.manifest.method

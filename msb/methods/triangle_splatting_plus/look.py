@@ -1,0 +1,30 @@
+"""Triangle Splatting+ on the dedicated tier: MeshSplatting's kernels with their `PLUS` defined."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.methods.mesh_splatting import look
+from msb.render.splat.model import Model, contour
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+    Settings = Mapping[str, Any]
+
+
+def splat_model(asset: Asset, settings: Settings) -> Model:
+    """Return `asset` as the kernels take it; errors as `make_model`."""
+    model = look.splat_model(asset, settings)
+    shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))
+    # The margin is Triangle-Splatting's, whose tiles it has.
+    return replace(
+        model,
+        coverage=np.column_stack([model.coverage, shrunk]),
+        culling=replace(model.culling, margin=8.0),
+        defines={"PLUS": True},
+    )
