@@ -101,7 +101,7 @@ def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float3
     """Return the phi at which o phi^sigma = 0.01, as the official fast power has it: each step rounded."""
     with np.errstate(divide="ignore", over="ignore"):
         power = (1 / sigma) * np.log2(np.float32(0.01) / opacity, dtype=np.float64).astype(np.float32)
-        return np.exp2(power, dtype=np.float64).astype(np.float32)
+        return np.asarray(np.exp2(power, dtype=np.float64), np.float32)
 
 
 def make_model(asset: Asset, settings: Settings) -> Model:
