@@ -33,6 +33,7 @@ from tests.render.textured_scenes import CASES, textured_asset
 
 JS = ROOT / "js"
 WEB = ROOT / "msb" / "engines" / "web"
+CONTROLS = ROOT / ".engines" / "node_modules" / "three" / "examples" / "jsm" / "controls" / "OrbitControls.js"
 SHARED = ("camera.js", "store.js", "dedicated.js")
 
 HTML = """<!DOCTYPE html>
@@ -87,11 +88,23 @@ HTML = """<!DOCTYPE html>
     return [{ title: own.title }, bytes];
   }
 
+  async function example({ example }) {
+    const frame = Object.assign(document.createElement("iframe"), { src: `example.html?url=${example}` });
+    document.body.append(frame);
+    await new Promise((done) => frame.addEventListener("load", done));
+    const read = () => frame.contentDocument.getElementById("text").textContent;
+    while (!read().includes(example)) await new Promise((done) => setTimeout(done, 20));
+    const found = { text: read(), size: frame.contentDocument.getElementById("mesh").width };
+    frame.remove();
+    return [found];
+  }
+
   await answer({});
   for (;;) {
     let asked;
     try { asked = await (await fetch("next")).json(); } catch { window.close(); break; }
-    try { await answer(...await (asked.page ? dedicated : standard)(asked)); } catch (error) {
+    const answerer = asked.page ? dedicated : asked.example ? example : standard;
+    try { await answer(...await answerer(asked)); } catch (error) {
       await answer({ said: error.message });
     }
   }
@@ -111,7 +124,12 @@ def ask() -> Iterator[Ask]:
     """Return what has the package open a file and answer; one browser for all tests."""
     need("threejs")
     content = {name: (WEB / "three" / name).read_bytes() for name in ("three.module.js", "three.core.js")}
-    content |= {name: (JS / name).read_bytes() for name in ("TriassetLoader.js", "DedicatedPage.js")}
+    content |= {f"node_modules/three/build/{name}": data for name, data in content.items()}
+    if CONTROLS.is_file():
+        content["node_modules/three/examples/jsm/controls/OrbitControls.js"] = CONTROLS.read_bytes()
+    content |= {
+        name: (JS / name).read_bytes() for name in ("TriassetLoader.js", "DedicatedPage.js", "example.html")
+    }
     content |= {f"shared/{name}": (WEB / name).read_bytes() for name in SHARED}
     content["page.html"] = HTML.encode()
     page = browser.Page(str(browser.find_browser()), content, "", software=True, webgpu=True)
@@ -207,6 +225,16 @@ def test_the_methods_own_look_is_that_of_the_page(ask: Ask) -> None:
         .head["said"]
         .endswith("a.triasset is no page that msb web --tier dedicated wrote")
     )
+
+
+@pytest.mark.slow
+def test_the_example_shows_a_file_or_says_why_not(ask: Ask, tmp_path: Path) -> None:
+    if not CONTROLS.is_file():
+        pytest.skip("OrbitControls of three.js are not here: make engines")
+    found = ask(packed(mesh_asset(scene("small", 1)), tmp_path), "example").head
+    assert found == {"text": "a.triasset: mesh, 700 faces", "size": 300}
+    said = ask(b"glTF", "example").head["text"]
+    assert said.startswith("TriassetLoader: a.triasset is no packed .triasset")
 
 
 def changed(data: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:
