@@ -35,7 +35,8 @@ BUILT_IN = (
 RESERVED = frozenset(
     "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
     "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
-    "flicker flicker_worst holes train_seconds train_memory chamfer vf_ratio mean_valence "
+    "flicker flicker_worst holes train_seconds train_memory chamfer psnr_16 faces bake_seconds tasks "
+    "vf_ratio mean_valence "
     "boundary_edge_ratio nonmanifold_edge_ratio nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio "
     "components".split()
 )

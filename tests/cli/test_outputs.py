@@ -216,10 +216,10 @@ def test_flags_and_lists_may_be_given_again(msb: Msb) -> None:
     ("line", "hint"),
     [
         ("export a out.glb", "; it must end in .triasset; for a mesh file: msb convert"),
-        ("convert a.ply out.fbx", ".glb; .glb is opened by Blender and by every engine"),
-        ("repair a.ply out.gltf", ".glb; .glb is opened by Blender and by every engine"),
+        ("convert a.ply out.fbx", ".usdz; .glb is opened by Blender and by every engine"),
+        ("repair a.ply out.gltf", ".usdz; .glb is opened by Blender and by every engine"),
         ("export a out.usdz", "opened by Blender and by every engine: msb convert writes it"),
-        ("convert a.ply out.html", ".glb; for a page: msb web"),
+        ("convert a.ply out.html", ".usdz; for a page: msb web"),
         ("web -o out.glb a.ply", ".htm; for a mesh file: msb convert"),
         ("audit --elements out.triasset a.ply", ".npz; for an asset: msb export or msb convert"),
         ("view --figure out.html a.ply", ".pdf; for a page: msb web"),
