@@ -1,0 +1,230 @@
+"""An official checkpoint on your machine, in one command and one file that can be given away.
+
+    python -m benchmarks.official CHECKPOINT --scene DIR --device gpu -o garden.json
+    python -m benchmarks.official --table garden.json truck.json
+
+The first takes what a method's training wrote, and the capture that it was trained on, and measures export,
+audit, both tiers by OpenCL and by WebGPU (wgpu, where it is installed), the order of costs and a bake; with
+the capture also dB to its photographs, and to official renderings in test/ours_N/renders of the checkpoint.
+It takes minutes on a graphics card, needs no network and sends nothing. What is finished is kept in the file:
+the same command goes on where it was stopped, and tries again what failed. The second prints the tables of
+such files in Markdown. docs/official.md shows them, and what such files are asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.official_stages import STAGES, Given, asked, work
+from msb.adapters.locate import locate
+from msb.asset.strict_json import parse_strict_json
+from msb.base.atomic import check_place, new_file
+from msb.base.children import run_apart
+from msb.base.files import file_sha256, read_file
+from msb.base.limits import Limits
+from msb.bench.cell import INTERNAL
+from msb.errors import InputError, MsbError, UsageError, shorten
+from msb.registry import lookup
+
+SCHEMA = "msb.official/1"
+_MAX_BYTES = 1 << 20
+_SEEN = 40.0
+"""dB below which a cost can be seen."""
+_WIDEST = 160
+"""Characters of a cell; files come from strangers."""
+_LIMITS = Limits(seconds=1800, memory=None)
+"""Of one stage: what a software renderer may take for a capture."""
+OF_CAPTURE = "capture", "official"
+"""Stages that need one."""
+FIRST = "machine", "export", "capture"
+"""Stages without which the others say nothing: they decide whose figures a file holds."""
+_STEPS = (
+    *("model", "faces", "capture", "machine", "export, s", "audit, s", "verdict", "official renderings, dB"),
+    *("costs, the gravest first, dB", "bake, s", "baked, dB"),
+)
+_DRAWN = (
+    *("model", "faces", "tier", "by", "device", "FPS", "P50, ms", "P95, ms", "buffers, MB", "card, MB"),
+    *("to photographs, dB", "to official, dB"),
+)
+HELD = """\
+- of the machine: operating system and its version, processor, cores, memory; names of the OpenCL device, of
+  graphics cards and of their drivers; versions of Python, NumPy, PyOpenCL, wgpu and MeshSplatBench
+- of the model: its method, the SHA-256 of its file, how many faces and vertices it has, the numbers among its
+  settings (such as the SH degree), what the audit counts
+- of the capture: how many views it has and of what size, how the training differed, and the names of dataset
+  and scene if the benchmark knows them
+- of each stage: seconds, memory, frame times, dB; of what failed the code of the error
+It holds no picture, no path, no name of a file, of a user or of the host, and it is sent nowhere."""
+
+
+def measured(given: Given, place: Path) -> dict[str, Any]:
+    """Return the record of a checkpoint, every stage of which is done; `place` has it after each stage."""
+    stages = [name for name in STAGES if given.scene is not None or name not in OF_CAPTURE]
+    found = {name: _stage(name, given) for name in stages if name in FIRST}
+    for name, path in (("export", given.checkpoint), ("capture", given.scene)):
+        if "failed" in found.get(name, {}):
+            raise InputError("FILE_UNREADABLE", "it cannot be read, so nothing is measured", file=path)
+    head = {
+        "schema": SCHEMA,
+        "measured": time.strftime("%Y-%m-%d"),
+        "machine": found["machine"],
+        "model_sha256": file_sha256(locate(given.checkpoint).file),
+        "capture": found.get("capture"),
+    }
+    done = {"export": found["export"]} | _done(place, head)
+    for name in stages:
+        if name not in FIRST and "failed" in done.get(name, {"failed": ""}):
+            done[name] = _stage(name, given)
+        record = {**head, "stages": {each: done[each] for each in stages if each in done}}
+        with new_file(place) as file:
+            file.write(json.dumps(record, indent=1).encode() + b"\n")
+    return record
+
+
+def _stage(name: str, given: Given) -> dict[str, Any]:
+    """Do a stage in a process of its own; say what came of it, and return it without the words."""
+    print(f"{name:15}", end=" ", flush=True)
+    start = time.perf_counter()
+    reply = run_apart(work, asked(name, given), {}, _LIMITS)
+    found = reply.data or {"failed": reply.ended_by or INTERNAL, "said": reply.why}
+    said = found.pop("said", "")
+    print(f"{time.perf_counter() - start:6.1f} s  {said}", flush=True)
+    return found
+
+
+def _done(place: Path, head: dict[str, Any]) -> dict[str, Any]:
+    """Return the stages that a file has already, of the same model, capture, machine and versions."""
+    if not place.exists():
+        return {}
+    there = read(place)
+    if any(there[key] != head[key] for key in ("machine", "model_sha256", "capture")):
+        text = "it holds figures of another model, machine, capture or version; give another place by -o"
+        raise UsageError("OUTPUT_EXISTS", text, file=place)
+    return dict(there["stages"])
+
+
+def read(place: Path) -> dict[str, Any]:
+    """Return the record in a file."""
+    about: dict[str, Any] = {"name": "the record", "error": InputError, "code": "FILE_NOT_RECOGNISED"}
+    data = parse_strict_json(read_file(place, _MAX_BYTES), file=place, **about)
+    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+        text = f"it is nothing that benchmarks.official wrote (schema {SCHEMA})"
+        raise InputError("FILE_NOT_RECOGNISED", text, file=place)
+    return data
+
+
+def tables(records: Sequence[dict[str, Any]]) -> str:
+    """Return the tables of records in Markdown: what each step took, and how each tier draws."""
+    try:
+        drawn = [row for record in records for row in _drawn(record)]
+        return "\n".join([*_table(_STEPS, map(_steps, records)), "", *_table(_DRAWN, drawn)])
+    except (AttributeError, KeyError, TypeError, ValueError) as error:  # a file that was changed by hand
+        text = f"a record of schema {SCHEMA} is not as it was written: {error!r}"
+        raise InputError("FILE_NOT_RECOGNISED", text) from error
+
+
+def _table(heads: Sequence[str], rows: Any) -> Iterator[str]:
+    for cells in (heads, ["---"] * len(heads), *rows):
+        yield f"| {' | '.join(shorten(str(cell), _WIDEST).replace('|', '/') for cell in cells)} |"
+
+
+def _model(record: dict[str, Any]) -> list[str]:
+    method, faces = (record["stages"]["export"][key] for key in ("method", "faces"))
+    return [lookup(method).title, f"{faces:,}"]
+
+
+def _steps(record: dict[str, Any]) -> list[str]:
+    stages, capture = record["stages"], record["capture"] or {}
+    audit, costs, bake = (stages.get(name, {}) for name in ("audit", "why", "bake"))
+    seen = [one for one in costs.get("costs", ()) if one["db"] is not None and one["db"] < _SEEN]
+    order = ", ".join(f"{one['name'].replace('_', ' ')} {one['db']:.1f}" for one in seen)
+    near = (bake.get("psnr") or {}).get("photographs") or (bake.get("psnr") or {}).get("own") or {}
+    return [
+        *_model(record),
+        capture.get("scene") or capture.get("dataset") or "--",
+        record["machine"].get("machine", "--"),
+        _number(stages["export"].get("seconds"), 1),
+        _number(audit.get("seconds"), 1),
+        audit.get("verdict", "--"),
+        _number(stages.get("official", {}).get("psnr"), 2),
+        order or "--",
+        _number(bake.get("seconds"), 0),
+        _number(near.get("after_16"), 2),
+    ]
+
+
+def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
+    for name, found in record["stages"].items():
+        tier, _, renderer = name.partition("/")
+        if tier not in ("standard", "dedicated"):
+            continue
+        head = [*_model(record), tier, renderer or "OpenCL"]
+        if "failed" in found:
+            yield [*head, found["failed"], *["--"] * 7]
+            continue
+        times, near, card = found["device_ms"], found.get("psnr", {}), found["gpu_memory"]["bytes"]
+        yield [
+            *head,
+            found["device"]["name"],
+            _number(found["fps"], 1),
+            _number(times["p50"], 1),
+            _number(times["p95"], 1),
+            _number(found["memory_bytes"] / 1e6, 0),
+            _number(None if card is None else card / 1e6, 0),
+            _number(near.get("photographs"), 2),
+            _number(near.get("official"), 2),
+        ]
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "--" if value is None else f"{value:,.{digits}f}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and write, or print tables; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.official",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add(
+        "checkpoint",
+        nargs="?",
+        type=Path,
+        metavar="CHECKPOINT",
+        help="what a training wrote, as msb export takes it",
+    )
+    add("--scene", type=Path, metavar="DIR", help="the capture it was trained on, as msb run takes it")
+    add("--device", metavar="SELECTOR", help="what draws: gpu, cpu, or a name that msb devices shows")
+    add("-o", "--out", type=Path, default=Path("official.json"), metavar="FILE.json")
+    add("--table", nargs="+", type=Path, metavar="FILE.json", help="print the tables of such files instead")
+    options = parser.parse_args(arguments)
+    if (options.checkpoint is None) == (options.table is None):
+        parser.error("give a CHECKPOINT to measure, or --table and files")
+    try:
+        if options.table:
+            print(tables([read(place) for place in options.table]))
+            return 0
+        check_place(options.out)
+        scene = None if options.scene is None else str(options.scene.resolve())
+        given = Given(str(options.checkpoint.resolve()), scene, options.device)
+        print(f"{options.out} will hold nothing but\n{HELD}\n", flush=True)
+        print("", tables([measured(given, options.out)]), sep="\n")
+    except MsbError as error:
+        print(error, file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        print(f"\nstopped; the same command goes on from what {options.out} holds", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,333 @@
+"""What `benchmarks.official` measures: a function for each stage, called in a process of its own.
+
+A stage opens the checkpoint anew, so that its peak of memory is its own, and what a driver brings down is one
+stage. It returns numbers, and texts that say nothing of the user: names of methods, devices and metrics, and
+of what went wrong the code alone, because messages name files.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import platform
+import re
+import tempfile
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import psutil
+
+import msb
+from benchmarks import measure
+from msb.adapters.locate import locate
+from msb.asset.settings import effective_settings
+from msb.bench.machine import machine
+from msb.bench.nvml import Gpus
+from msb.bench.profile import profile
+from msb.bench.renders import Renders, check_size, find_renders
+from msb.cl.devices import KINDS
+from msb.errors import InputError, MsbError
+from msb.metrics import psnr, read_image
+from msb.metrics.ground_truth import ground_truth
+from msb.metrics.registry import mean_of
+from msb.render import Renderer
+from msb.render.backend import lean_options
+from msb.render.images import to_bytes
+from msb.scenes.datasets import (
+    DATASETS,
+    dataset_of,
+    own_background,
+    scene_at,
+    stated_background,
+    trained_otherwise,
+)
+from msb.views import choose_views, spread
+from msb.why import why
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.registry import Tier
+    from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
+
+SIZE = 1237, 822
+"""Of views where there is no capture: that of Mip-NeRF 360's garden at a quarter."""
+_WHY_VIEWS, _WHY_LONGEST = 12, 640
+"""As many views as `msb why` takes, and as large, by itself."""
+_TIMED, _FEWEST, _LONG = 100, 10, 60.0
+"""Frames that are timed, and no more than take about a minute, but for the fewest."""
+_OF_DEVICE = "platform", "name", "vendor", "driver", "version", "kind", "compute_units"
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the user gave: absolute paths, and the selector of a device."""
+
+    checkpoint: str
+    scene: str | None = None
+    device: str | None = None
+
+    def capture(self, asset: Asset) -> Scene | None:
+        """Return the scene as the model's method is evaluated on it."""
+        if self.scene is None:
+            return None
+        place, manifest = Path(self.scene), asset.manifest
+        own = stated_background(manifest)
+        return scene_at(place, dataset_of(place), manifest.method, own_background=own).read()
+
+    def renders(self, scene: Scene) -> Renders:
+        """Return the official renderings of the test views, the latest there are."""
+        root = locate(self.checkpoint).root
+        found = {
+            int(number[1]): folder / "renders"
+            for folder in (root / "test").glob("ours_*")
+            if (number := re.fullmatch(r"ours_(\d{1,9})", folder.name)) and (folder / "renders").is_dir()
+        }
+        if not found:
+            text = "there are no official renderings in test/ours_N/renders"
+            raise InputError("FILE_NOT_FOUND", text, file=root)
+        return find_renders(found[max(found)], scene.test)
+
+
+def stage_machine(given: Given) -> dict[str, Any]:
+    """Return what the figures are measured on."""
+    try:
+        found = machine(given.device)["device"]
+        device = {key: found[key] for key in _OF_DEVICE}
+    except MsbError as error:
+        device = {"failed": error.code}
+    gpus = Gpus()
+    return {
+        "system": platform.platform(),
+        "memory_gib": round(psutil.virtual_memory().total / 2**30),
+        **measure.machine("numpy", "pyopencl", "wgpu"),
+        "opencl": device,
+        "nvidia": [{"name": one.name, "total_bytes": one.total_bytes} for one in gpus.devices()],
+        "nvml": gpus.result()[2] or "there",
+    }
+
+
+def stage_export(given: Given) -> dict[str, Any]:
+    """Export the checkpoint into a file, which is not kept; return what it holds."""
+    start = time.perf_counter()
+    asset = msb.open(given.checkpoint)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder, "official.triasset")
+        msb.save(asset, place)
+        seconds, size = time.perf_counter() - start, place.stat().st_size
+    manifest = asset.manifest
+    numbers = {
+        key: value for key, value in effective_settings(manifest).items() if isinstance(value, int | float)
+    }
+    return {
+        "method": manifest.method,
+        "faces": manifest.face_count,
+        "vertices": manifest.vertex_count,
+        "settings": numbers,
+        "seconds": seconds,
+        "bytes": size,
+    }
+
+
+def stage_capture(given: Given) -> dict[str, Any]:
+    """Return which capture it is, by name if it is one of the benchmark's, and how the training differed."""
+    asset = msb.open(given.checkpoint)
+    scene = given.capture(asset)
+    assert scene is not None
+    known = DATASETS.get(scene.dataset)
+    own = stated_background(asset.manifest)
+    return {
+        "dataset": scene.dataset if known else "custom",
+        "scene": scene.name if known and scene.name in known.scenes else None,
+        "train": len(scene.train),
+        "test": len(scene.test),
+        "sizes": _sizes(scene.test),
+        "trained_otherwise": [
+            note.message for note in trained_otherwise(asset.manifest.training, own, scene)
+        ],
+    }
+
+
+def stage_audit(given: Given) -> dict[str, Any]:
+    """Audit the mesh as it is stored."""
+    asset = msb.open(given.checkpoint)
+    start = time.perf_counter()
+    found = msb.audit(asset).to_dict()
+    return {
+        "seconds": time.perf_counter() - start,
+        "verdict": found["verdict"]["level"],
+        "counts": found["counts"],
+        "metrics": found["metrics"],
+    }
+
+
+def stage_official(given: Given) -> dict[str, Any]:
+    """Return how near the official renderings are to the photographs, in dB."""
+    scene = given.capture(msb.open(given.checkpoint))
+    assert scene is not None
+    theirs = _read(given.renders(scene), scene)
+    values = [psnr(theirs(number), ground_truth(scene, one)) for number, one in enumerate(scene.test)]
+    return {"views": len(values), "psnr": mean_of(values)}
+
+
+def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[str, Any]:
+    """Return how fast and in what memory a tier draws the test views, and how near it is to them in dB."""
+    asset = msb.open(given.checkpoint)
+    scene = given.capture(asset)
+    if scene is None:
+        cameras: Sequence[Camera] = choose_views(asset, size=SIZE, device=given.device).cameras
+        background = own_background(asset.manifest)
+    else:
+        cameras, background = scene.test, scene.background
+    gpus, start = Gpus(), time.perf_counter()
+    options = lean_options(tier, renderer)
+    # An engine takes a kind of device, not the name of an OpenCL platform.
+    selector = given.device if renderer is None or given.device in KINDS else None
+    with Renderer(asset, tier, selector, name=renderer, **options) as drawing:
+        device = _device(given, drawing.device_info)
+        drawing.draw(cameras[0], background)
+        first = time.perf_counter() - start
+        again = time.perf_counter()
+        drawing.draw(cameras[0], background)
+        frames = int(_LONG / max(time.perf_counter() - again, 1e-6))
+        timed = profile(drawing, cameras, background, frames=min(max(frames, _FEWEST), _TIMED)).to_dict()
+        held = gpu_memory(gpus, device["kind"])
+        near = {} if scene is None else _decibels(given, drawing, scene)
+        name = drawing.name
+    return {
+        "renderer": name,
+        "device": device,
+        "views": len(cameras),
+        "sizes": _sizes(cameras),
+        "first_frame_seconds": first,
+        **{key: timed[key] for key in ("frames", "fps", "device_ms", "busy_ms", "stages_ms")},
+        "memory_bytes": sum(timed["memory_bytes"].values()),
+        "gpu_memory": held,
+        **({"psnr": near} if near else {}),
+    }
+
+
+def gpu_memory(gpus: Gpus, kind: str) -> dict[str, Any]:
+    """Return what NVML says that this process holds since `gpus` was made, or why nobody knows."""
+    if kind != "gpu":
+        return {"bytes": None, "source": None, "reason": "what draws is no GPU"}
+    gpus.look({os.getpid()})
+    held, source, reason = gpus.result()
+    if not held:
+        return {"bytes": None, "source": None, "reason": reason or "NVML names no memory of this process"}
+    return {"bytes": held, "source": source, "reason": None}
+
+
+def _device(given: Given, engine: Mapping[str, str] | None) -> dict[str, Any]:
+    found = machine(given.device, engine=engine)["device"]
+    return {key: found[key] for key in _OF_DEVICE if key in found}
+
+
+def _sizes(cameras: Sequence[Camera]) -> list[str]:
+    return sorted({f"{one.width}x{one.height}" for one in cameras})
+
+
+def _read(renders: Renders, scene: Scene) -> Callable[[int], NDArray[Any]]:
+    """Return how the official rendering of a test view is read, by the view's number."""
+
+    def read(number: int) -> NDArray[Any]:
+        file = renders.files[number]
+        image = read_image(file, background=scene.background)
+        check_size(file, (image.shape[1], image.shape[0]), scene.test[number])
+        return image
+
+    return read
+
+
+def _decibels(given: Given, drawing: Renderer, scene: Scene) -> dict[str, float | None]:
+    """Return the mean PSNR of the test views to the photographs, and to the official renderings."""
+    theirs: Callable[[int], NDArray[Any]] | None = None
+    with contextlib.suppress(MsbError):  # the stage about them says why there are none
+        theirs = _read(given.renders(scene), scene)
+        theirs(0)
+    photographs, official = [], []
+    for number, camera in enumerate(scene.test):
+        image = to_bytes(drawing.render(camera, scene.background).image)
+        photographs.append(psnr(image, ground_truth(scene, camera)))
+        official += [] if theirs is None else [psnr(image, theirs(number))]
+    return {"photographs": mean_of(photographs), "official": mean_of(official)}
+
+
+def stage_why(given: Given) -> dict[str, Any]:
+    """Return what each cause of a worse look costs in dB, the gravest first, and all of them at once."""
+    asset = msb.open(given.checkpoint)
+    scene = given.capture(asset)
+    views = None
+    if scene is not None:
+        few = spread(scene.test, _WHY_VIEWS)
+        views = [one.scaled(min(1.0, _WHY_LONGEST / max(one.width, one.height))) for one in few]
+    start = time.perf_counter()
+    background = None if scene is None else scene.background
+    causes = why(asset, views, background=background, device=given.device)
+    costs = [(cause.db, cause.to_dict()) for cause in causes if cause.db is not None]
+    total = causes.total.to_dict()
+    return {
+        "seconds": time.perf_counter() - start,
+        "costs": [
+            {key: one[key] for key in ("name", "db", "equal")}
+            for _, one in sorted(costs, key=lambda pair: pair[0])
+        ],
+        "total": {key: total[key] for key in ("db", "equal", "engine_settings", "bake")},
+    }
+
+
+def stage_bake(given: Given) -> dict[str, Any]:
+    """Bake the model's own triangles, which needs no search; return what that gives back."""
+    asset = msb.open(given.checkpoint)
+    baked = msb.bake(asset, scene=given.scene, geometry="kept", device=given.device)
+    with tempfile.TemporaryDirectory() as folder:
+        report = baked.save(Path(folder, "official.glb"))
+    found = report.to_dict()
+    keys = "geometry", "color", "faces", "texture", "bytes", "seconds", "psnr", "unseen_area"
+    return {
+        **{key: found[key] for key in keys},
+        "views": {key: found["views"][key] for key in ("taught", "held_back")},
+        "verdict": {key: found[f"verdict_{key}"]["level"] for key in ("before", "after")},
+    }
+
+
+STAGES: dict[str, Callable[[Given], dict[str, Any]]] = {
+    "machine": stage_machine,
+    "export": stage_export,
+    "capture": stage_capture,
+    "audit": stage_audit,
+    "official": stage_official,
+    "standard": partial(stage_draw, tier="standard"),
+    "dedicated": partial(stage_draw, tier="dedicated"),
+    "standard/wgpu": partial(stage_draw, tier="standard", renderer="wgpu"),
+    "dedicated/wgpu": partial(stage_draw, tier="dedicated", renderer="wgpu"),
+    "why": stage_why,
+    "bake": stage_bake,
+}
+"""Every stage, in their order."""
+
+
+def work(word: str, _: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Do the stage that `word` names, with what was given; what a child process is told to do.
+
+    An error's code stays in the result; `said` is its whole text, for the user alone.
+    """
+    stage, about = json.loads(word)
+    try:
+        found = STAGES[stage](Given(**about))
+    except MsbError as error:
+        return {"failed": error.code, "said": str(error)}, {}
+    peak = {} if stage in ("machine", "capture") else {"peak_memory_bytes": measure.peak()}
+    return {**found, **peak}, {}
+
+
+def asked(stage: str, given: Given) -> str:
+    """Return the word by which `work` is told to do a stage."""
+    return json.dumps([stage, asdict(given)])
