@@ -45,22 +45,44 @@ OF_CAPTURE = "capture", "official"
 FIRST = "machine", "export", "capture"
 """Stages without which the others say nothing: they decide whose figures a file holds."""
 _STEPS = (
-    *("model", "faces", "capture", "machine", "export, s", "audit, s", "verdict", "official renderings, dB"),
-    *("costs, the gravest first, dB", "bake, s", "baked, dB"),
+    "model",
+    "faces",
+    "capture",
+    "export, s",
+    "audit, s",
+    "verdict",
+    "bake, s",
+    "baked, dB",
+    "official, dB",
 )
 _DRAWN = (
-    *("model", "faces", "tier", "by", "device", "FPS", "P50, ms", "P95, ms", "buffers, MB", "card, MB"),
-    *("to photographs, dB", "to official, dB"),
+    "model",
+    "faces",
+    "drawn",
+    "device",
+    "FPS",
+    "P50, ms",
+    "P95, ms",
+    "MB",
+    "card, MB",
+    "dB",
+    "dB to official",
 )
+_COSTS = "model", "faces", "machine", "costs below 40 dB, the gravest first"
 HELD = """\
-- of the machine: operating system and its version, processor, cores, memory; names of the OpenCL device, of
-  graphics cards and of their drivers; versions of Python, NumPy, PyOpenCL, wgpu and MeshSplatBench
-- of the model: its method, the SHA-256 of its file, how many faces and vertices it has, the numbers among its
-  settings (such as the SH degree), what the audit counts
-- of the capture: how many views it has and of what size, how the training differed, and the names of dataset
-  and scene if the benchmark knows them
-- of each stage: seconds, memory, frame times, dB; of what failed the code of the error
-It holds no picture, no path, no name of a file, of a user or of the host, and it is sent nowhere."""
+- of the machine: operating system and its version, processor, cores,
+  memory; names of the OpenCL device, of graphics cards, of drivers;
+  versions of Python, NumPy, PyOpenCL, wgpu and MeshSplatBench
+- of the model: its method, the SHA-256 of its file, how many faces and
+  vertices it has, the numbers among its settings (such as the SH
+  degree), what the audit counts
+- of the capture: how many views it has and of what size, how the
+  training differed, and the names of dataset and scene if the
+  benchmark knows them
+- of each stage: seconds, memory, frame times, dB; of what failed the
+  code of the error
+It holds no picture, no path, no name of a file, of a user or of the
+host, and it is sent nowhere."""
 
 
 def measured(given: Given, place: Path) -> dict[str, Any]:
@@ -103,7 +125,7 @@ def _done(place: Path, head: dict[str, Any]) -> dict[str, Any]:
     if not place.exists():
         return {}
     there = read(place)
-    if any(there[key] != head[key] for key in ("machine", "model_sha256", "capture")):
+    if any(there.get(key) != head[key] for key in ("machine", "model_sha256", "capture")):
         text = "it holds figures of another model, machine, capture or version; give another place by -o"
         raise UsageError("OUTPUT_EXISTS", text, file=place)
     return dict(there["stages"])
@@ -113,17 +135,18 @@ def read(place: Path) -> dict[str, Any]:
     """Return the record in a file."""
     about: dict[str, Any] = {"name": "the record", "error": InputError, "code": "FILE_NOT_RECOGNISED"}
     data = parse_strict_json(read_file(place, _MAX_BYTES), file=place, **about)
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
+    if not (isinstance(data, dict) and data.get("schema") == SCHEMA and isinstance(data.get("stages"), dict)):
         text = f"it is nothing that benchmarks.official wrote (schema {SCHEMA})"
         raise InputError("FILE_NOT_RECOGNISED", text, file=place)
     return data
 
 
 def tables(records: Sequence[dict[str, Any]]) -> str:
-    """Return the tables of records in Markdown: what each step took, and how each tier draws."""
+    """Return the tables of records in Markdown: what each tier takes, what each step, and what costs dB."""
     try:
         drawn = [row for record in records for row in _drawn(record)]
-        return "\n".join([*_table(_STEPS, map(_steps, records)), "", *_table(_DRAWN, drawn)])
+        blocks = (_DRAWN, drawn), (_STEPS, map(_steps, records)), (_COSTS, map(_costs, records))
+        return "\n\n".join("\n".join(_table(heads, rows)) for heads, rows in blocks)
     except (AttributeError, KeyError, TypeError, ValueError) as error:  # a file that was changed by hand
         text = f"a record of schema {SCHEMA} is not as it was written: {error!r}"
         raise InputError("FILE_NOT_RECOGNISED", text) from error
@@ -141,22 +164,26 @@ def _model(record: dict[str, Any]) -> list[str]:
 
 def _steps(record: dict[str, Any]) -> list[str]:
     stages, capture = record["stages"], record["capture"] or {}
-    audit, costs, bake = (stages.get(name, {}) for name in ("audit", "why", "bake"))
-    seen = [one for one in costs.get("costs", ()) if one["db"] is not None and one["db"] < _SEEN]
-    order = ", ".join(f"{one['name'].replace('_', ' ')} {one['db']:.1f}" for one in seen)
-    near = (bake.get("psnr") or {}).get("photographs") or (bake.get("psnr") or {}).get("own") or {}
+    audit, bake = (stages.get(name, {}) for name in ("audit", "bake"))
+    near = bake.get("psnr", {})
+    baked = _number((near.get("photographs") or near.get("own") or {}).get("after_16"), 2)
     return [
         *_model(record),
         capture.get("scene") or capture.get("dataset") or "--",
-        record["machine"].get("machine", "--"),
         _number(stages["export"].get("seconds"), 1),
         _number(audit.get("seconds"), 1),
         audit.get("verdict", "--"),
-        _number(stages.get("official", {}).get("psnr"), 2),
-        order or "--",
         _number(bake.get("seconds"), 0),
-        _number(near.get("after_16"), 2),
+        baked if near.get("photographs") or baked == "--" else f"{baked} to its own look",
+        _number(stages.get("official", {}).get("psnr"), 2),
     ]
+
+
+def _costs(record: dict[str, Any]) -> list[str]:
+    costs = record["stages"].get("why", {}).get("costs", ())
+    seen = [one for one in costs if one["db"] is not None and one["db"] < _SEEN]
+    order = ", ".join(f"{one['name'].replace('_', ' ')} {one['db']:.1f}" for one in seen)
+    return [*_model(record), record["machine"].get("machine", "--"), order or "--"]
 
 
 def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
@@ -164,7 +191,7 @@ def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
         tier, _, renderer = name.partition("/")
         if tier not in ("standard", "dedicated"):
             continue
-        head = [*_model(record), tier, renderer or "OpenCL"]
+        head = [*_model(record), f"{tier}, {renderer or 'OpenCL'}"]
         if "failed" in found:
             yield [*head, found["failed"], *["--"] * 7]
             continue
