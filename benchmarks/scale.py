@@ -5,8 +5,9 @@
 
 Every step is a fresh process, as a command is: export (the checkpoint to a .triasset), audit, one frame of
 the standard and of the dedicated tier at 1237 x 822, the first of the process, with all that comes before,
-repair (orient, pair) and the page of the dedicated tier with the 100,000 faces that contribute most, for
-which our reference renderer draws 16 views in NumPy.
+repair (orient, pair), weighing faces over 8 views of 640 x 480 as the page does, by OpenCL and by the NumPy
+reference, and the page of the dedicated tier with the 100,000 faces that contribute most, for which the
+reference draws 4 views of the whole and 4 of what is kept.
 Memory is the process's peak with everything in it, mapped files and the device's buffers included (those of
 a CPU are in the same memory); `private` is the part that no file backs, which the system cannot drop.
 """
@@ -127,6 +128,35 @@ def repair(folder: Path) -> int:
     return msb.repair(folder / _ASSET, "orient,pair").asset.manifest.face_count
 
 
+def weigh(folder: Path) -> int:
+    """Sum what each face adds to the views of a page, by OpenCL."""
+    import msb
+    from msb.render.shares import shares_by_view
+
+    asset = msb.load(folder / _ASSET)
+    weights = np.zeros(asset.manifest.face_count)
+    for shares in shares_by_view(asset, ((view, None) for view in _views(asset))):
+        weights += 0 if shares is None else shares[:, 0]
+    return len(weights)
+
+
+def weigh_by_reference(folder: Path) -> int:
+    """Sum the same by the NumPy reference."""
+    import msb
+    from msb.reference import render_reference
+
+    asset = msb.load(folder / _ASSET)
+    weights = sum(render_reference(asset, view).contribution for view in _views(asset))
+    return len(weights)
+
+
+def _views(asset: Any) -> list[Any]:
+    from msb.cli.web import TEST_SIDE, TEST_VIEWS
+    from msb.scenes.around import around
+
+    return around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, "+y")
+
+
 def page(folder: Path) -> int:
     """Write the page of the dedicated tier with the faces that contribute most, as `msb web` does."""
     import msb
@@ -143,6 +173,8 @@ STEPS: dict[str, Callable[[Path], int]] = {
     "standard": lambda folder: draw(folder, "standard"),
     "dedicated": lambda folder: draw(folder, "dedicated"),
     "repair": repair,
+    "weigh": weigh,
+    "by NumPy": weigh_by_reference,
     "page": page,
 }
 
@@ -199,6 +231,7 @@ def main() -> None:
     )
     parser.add_argument("--folder", type=Path, help="where 5 GB fit; a temporary folder if not given")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    parser.add_argument("--step", choices=STEPS, action="append", help="after export; default: all")
     parser.add_argument("--worker", choices=["write", *STEPS], help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker == "write":
@@ -218,7 +251,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory(dir=options.folder) as name:
             arguments = ["--method", method, "--faces", str(options.faces), "--folder", name]
             run("write", *arguments)
-            steps = {step: json.loads(run(step, *arguments)) for step in STEPS}
+            wanted = [step for step in STEPS if step in ("export", *(options.step or STEPS))]
+            steps = {step: json.loads(run(step, *arguments)) for step in wanted}
         record["steps"][method] = steps
         show(method, steps)
     keep(record, options.json)
@@ -243,6 +277,9 @@ def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
         a_face, private = ((value - found["before"]) / found["faces"] for value in (high, own))
         row = f"{found['seconds']:>8.1f}{high / 1e9:>9.2f}{own / 1e9:>12.2f}{a_face:>8.0f}{private:>9.0f}"
         print(f"{'':<20}{step:<11}{row}", flush=True)
+    if "weigh" in steps and "by NumPy" in steps:
+        ratio = steps["by NumPy"]["seconds"] / steps["weigh"]["seconds"]
+        print(f"{'':<20}weighing takes 1/{ratio:.0f} of its time by NumPy", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,9 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
-from msb.render import Renderer
-from msb.render.dedicated import pipeline_of
-from msb.render.splat.pipeline import SplattingPipeline
+from msb.render.shares import shares_by_view
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -31,8 +28,7 @@ class Shares:
     Attributes
     ----------
     weight : (F,) float64
-        In pixels: of a face that is blended the sum of alpha times transmittance, of an opaque one the number
-        of pixels that show it.
+        In pixels, as `msb.render.shares` has it.
     color : (F, 3) float64
         The mean of what the pictures show where the face is, weighted likewise; 0.5 where the weight is 0.
     pixels : int
@@ -51,31 +47,15 @@ def blending_shares(asset: Asset, lessons: Lessons, device: str | Device | None 
     None if a package draws it and does not say which face a pixel shows. Raises what `msb.Renderer` raises.
     """
     tier: Tier = "standard" if why_not(asset.manifest, "dedicated") else "dedicated"
-    views = enumerate(lessons.cameras)
-    count = asset.manifest.face_count
-    sums = np.zeros((count, 4))
-    if tier == "dedicated" and pipeline_of(asset) is SplattingPipeline:
-        with closing(SplattingPipeline(asset, device=device, outputs=())) as pipeline:
-            for number, camera in views:
-                sums += pipeline.shares(camera.in_units(), lessons.image(number))
-    else:
-        with Renderer(asset, tier, device) as renderer:
-            for number, camera in views:
-                faces = renderer.render(camera, lessons.background).face_id
-                if faces is None:
-                    return None
-                sums += _counted(faces, lessons.image(number), count)
+    views = ((camera, lessons.image(number)) for number, camera in enumerate(lessons.cameras))
+    sums = np.zeros((asset.manifest.face_count, 4))
+    for shares in shares_by_view(asset, views, tier=tier, device=device):
+        if shares is None:
+            return None
+        sums += shares
     weight = sums[:, 3]
     seen = weight > 0
-    color = np.full((count, 3), _NO_COLOR)
+    color = np.full((len(sums), 3), _NO_COLOR)
     color[seen] = sums[seen, :3] / weight[seen, None]
     pixels = sum(camera.width * camera.height for camera in lessons.cameras)
     return Shares(weight, color, pixels)
-
-
-def _counted(faces: NDArray[np.int32], picture: NDArray[np.float32], count: int) -> NDArray[np.float64]:
-    """Return the sums (F, 4) of a view whose pixels show `faces` (H, W), -1 for none: colours and pixels."""
-    seen = faces >= 0
-    numbers, colors = faces[seen], picture[seen]
-    values = (*colors.T, np.ones(len(numbers)))
-    return np.stack([np.bincount(numbers, value, minlength=count) for value in values], axis=1)

@@ -329,10 +329,9 @@ def _smaller(
     views = [test.camera for test in tests]
     total = smaller.manifest.face_count
     if faces is not None and faces < total:
-        frames = _drawn(shown, smaller, [_at_most(camera) for camera in seen], output, "weighing faces")
-        weights = sum(frame.contribution for frame in frames if frame.contribution is not None)
+        weights = _weighed(shown, [_at_most(camera) for camera in seen], output)
         # The heaviest; of equal ones the first. They stay in their order.
-        kept = np.sort(np.argsort(-np.broadcast_to(weights, total), kind="stable")[:faces])
+        kept = np.sort(np.argsort(-weights, kind="stable")[:faces])
         smaller = with_faces(smaller, kept)
         steps.append((f"{faces:,} of {total:,} faces (--faces)", smaller))
     if options.quantise:
@@ -355,6 +354,22 @@ def _smaller(
         output.note(f"{what}: {_decibels(psnr)}, the worst of {len(views)} views, to what was there before")
         before = after
     return smaller, costs
+
+
+def _weighed(shown: Shown, cameras: Sequence[Camera], output: Output) -> NDArray[np.float64]:
+    """Return what each face (F,) adds to the images of all cameras."""
+    import numpy as np
+
+    from msb.render.shares import shares_by_view
+
+    weights = np.zeros(shown.asset.manifest.face_count)
+    views = ((camera, None) for camera in cameras)
+    with output.counted("weighing faces", len(cameras)) as step:
+        for shares in shares_by_view(shown.asset, views, settings=shown.settings):
+            if shares is not None:
+                weights += shares[:, 0]
+            step()
+    return weights
 
 
 def _measured(

@@ -36,6 +36,7 @@ def test_weights_are_those_of_the_reference(view: View, device: Device) -> None:
         exported(view.folder / "checkpoint"), device=device, settings=view.settings, outputs=()
     )
     weight = pipeline.shares(view.camera, picture_for(view.camera))[:, 3]
+    np.testing.assert_array_equal(pipeline.shares(view.camera)[:, 0], weight)
     alpha = pipeline.render(view.camera, BLACK).alpha
     pipeline.close()
     assert view.frame.contribution is not None

@@ -205,18 +205,18 @@ class SplattingPipeline(OnDevice):
         self.counts = {"listed": seen.lists.listed, "pairs": seen.lists.pairs}
 
     @in_turn
-    def shares(self, camera: Camera, picture: NDArray[np.float32]) -> NDArray[np.float64]:
+    def shares(self, camera: Camera, picture: NDArray[np.float32] | None = None) -> NDArray[np.float64]:
         """Return what each face adds to the image that `camera` sees, and what `picture` shows there.
 
         Parameters
         ----------
         camera : Camera
-        picture : (H, W, 3) float32
+        picture : (H, W, 3) float32, optional
             Finite.
 
         Returns
         -------
-        (F, 4) float64
+        (F, 4) float64, or (F, 1), the sum of the weights alone, without a picture
             Red, green and blue of the picture, each weighted by alpha times transmittance of the face in that
             pixel and summed over all pixels; and the sum of these weights. A pixel of several samples has
             the mean of theirs, so that the weights of all faces add up to the alpha of the frame.
@@ -225,8 +225,11 @@ class SplattingPipeline(OnDevice):
         device, seen = self._device, self._list(camera)
         summing = {**self._defines, "EXTRAS": False, "SHARES": True}
         program = device.program(self._model.program, summing, self._model.package)
-        shown = self._scratch("picture", picture.shape)
-        shown.write(np.ascontiguousarray(picture, np.float32))
+        shown = self._scratch("picture", (camera.height, camera.width, 3))
+        if picture is None:
+            shown.fill(0)
+        else:
+            shown.write(np.ascontiguousarray(picture, np.float32))
         pairs = seen.lists.pairs
         sums = self._scratch("share sums", (max(pairs, 1), 4))
         sums.fill(0)
@@ -240,7 +243,7 @@ class SplattingPipeline(OnDevice):
         arguments = seen.lists.list, seen.projected.faces, numbers, np.uint32(pairs)
         self._program.numbers_of(pairs, WORK_GROUP, *arguments)
         # Entries are added in their order, in double precision.
-        faces, columns = numbers.read()[:pairs], sums.read()[:pairs].T
+        faces, columns = numbers.read()[:pairs], sums.read()[:pairs].T[3 if picture is None else 0 :]
         return np.stack([np.bincount(faces, column, minlength=self._count) for column in columns], axis=1)
 
     def _list(self, camera: Camera) -> _Listed:
