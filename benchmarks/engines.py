@@ -22,7 +22,6 @@ import msb
 from benchmarks import engines_dedicated
 from benchmarks.measure import keep, machine
 from benchmarks.standard_scenes import FOCAL, HEIGHT, WIDTH, pose, shell
-from data_stubs.made_models import TRAINED
 from data_stubs.make import splat_like_asset
 from msb import Camera
 from msb.asset import Description, build_asset
@@ -30,6 +29,7 @@ from msb.engines.agreement import agreement
 from msb.registry import METHODS
 from msb.render.backend import ENGINES, what_is_missing
 from msb.render.images import to_bytes
+from tests.golden.views import METHODS as OFFICIAL
 from tests.reference.golden import exported, golden_views
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class Task(NamedTuple):
 
 def goldens() -> Iterator[Task]:
     """Yield the golden scenes: their checkpoints' meshes from their own cameras."""
-    for method in (name for name in TRAINED if METHODS[name].supports("standard")):
+    for method in (name for name in OFFICIAL if METHODS[name].supports("standard")):
         for view in golden_views(method):
             chosen = {key: view.settings[key] for key in ("ste_threshold",) if key in view.settings}
             yield Task(exported(view.folder / "checkpoint"), [(view.camera, view.background)], chosen)

@@ -27,9 +27,12 @@ from benchmarks.dedicated_scenes import camera as capture_camera
 from data_stubs.made_models import TRAINED
 from msb.registry import METHODS
 from msb.why import CAUSES, EQUAL, why
+from tests.golden.views import METHODS as GOLDEN
 from tests.golden.views import scenes, views
 
 ROOT = Path(__file__).parent.parent
+OFFICIAL = tuple(name for name in TRAINED if name in GOLDEN)
+"""Methods that have golden scenes and models in the demo."""
 TITLES = {name: METHODS[name].title for name in TRAINED}
 CHOICES: dict[str, dict[str, str]] = {
     "`order=global`": {"order": "global"},
@@ -75,7 +78,7 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
     """Return the figures by method and scene, and the rows of the picture."""
     found: dict[Row, Figures] = {}
     strips = []
-    for method in TRAINED:
+    for method in OFFICIAL:
         for scene in (folder for root in roots for folder in scenes(root, method)):
             asset = msb.export(scene / "checkpoint")
             for name, camera, background, settings, official, stable in views(scene, method):
@@ -146,8 +149,8 @@ def save(strips: list[NDArray[np.float32]], path: Path) -> None:
 def causes(folder: Path) -> str:
     """Write a picture of each cause on the stub models into `folder`, and return their table."""
     cameras = [camera.resized(*SIZE) for camera in msb.read_cameras(STUBS / "scenes/mipnerf360/pebble")[:4]]
-    found = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in TRAINED}
-    head = ["cause", *TITLES.values()]
+    found = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in OFFICIAL}
+    head = ["cause", *(TITLES[method] for method in found)]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for row in zip(*found.values(), strict=True):
         lines.append(f"| {row[0].title} | " + " | ".join(_decibels(one.db) for one in row) + " |")
