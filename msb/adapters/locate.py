@@ -19,7 +19,7 @@ from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
 from msb.meshes import MESH_SUFFIXES
 from msb.meshes.ply_table import ply_names
-from msb.registry import METHODS
+from msb.registry import METHODS, Method
 
 Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
@@ -85,7 +85,7 @@ def _model_file(path: Path) -> Path:
         below = [folder for folder in _folders(path) if _pick(folder) is not None]
         if len(below) == 1:
             return _model_file(below[0])
-        bare = [] if below else bare_models(path)
+        bare = [] if below else bare_models(path) or _named_meshes(path)
         if len(bare) == 1:
             return bare[0]
         text = "it is not the output folder of a method we know; docs/export.md shows how these look"
@@ -104,15 +104,27 @@ def bare_models(folder: Path) -> list[Path]:
     return [folder / name for name in sorted(_names(folder)) if name.lower().endswith(TORCH_SUFFIXES)]
 
 
+def _named_meshes(folder: Path) -> list[Path]:
+    """Return the mesh files whose names say whose they are, where there are too many to take one."""
+    files = (folder / name for name in sorted(_names(folder)))
+    return [file for file in files if any(is_named(method, file) for method in METHODS.values())]
+
+
 def in_bundle(file: Path, names: tuple[str, ...]) -> bool:
     """Return whether `file` is the first of the files that `names` says hold a model together."""
     return file.name in names[:1] and any((file.parent / name).exists() for name in names[1:])
 
 
-def _is_declared(file: Path) -> bool:
-    """Return whether a method says that its models are called so."""
-    names = (pattern.rpartition("/")[2] for method in METHODS.values() for pattern in method.files)
+def is_named(method: Method, file: Path) -> bool:
+    """Return whether `method` says that its models are called so."""
+    names = (pattern.rpartition("/")[2] for pattern in method.files)
     return any(re.fullmatch(_expression(name), file.name) for name in names)
+
+
+def _is_declared(file: Path) -> bool:
+    """Return whether a method says that its models are called so, and are no mesh files."""
+    suffix = file.suffix.lower()
+    return suffix not in MESH_SUFFIXES and any(is_named(method, file) for method in METHODS.values())
 
 
 def _root(file: Path) -> Path:
@@ -124,9 +136,16 @@ def _root(file: Path) -> Path:
         and re.match(r"(iteration|ours)_\d+\Z", above[0])
     ):
         return file.absolute().parents[2]
-    if len(above) > 1 and above[0] in ("ckpt", "point_cloud", "glb", "mesh_ply"):
+    if len(above) > 1 and (above[0] in ("ckpt", "point_cloud", "glb", "mesh_ply") or _is_below(file)):
         return file.absolute().parents[1]
     return file.parent
+
+
+def _is_below(file: Path) -> bool:
+    """Return whether a method says that its models lie in a folder called as that of `file`."""
+    name = f"{file.absolute().parent.name}/{file.name}"
+    below = (pattern for method in METHODS.values() for pattern in method.files if "/" in pattern)
+    return any(re.fullmatch(_expression(pattern), name) for pattern in below)
 
 
 def _pick(folder: Path) -> Path | None:
@@ -151,14 +170,18 @@ def _declared(folder: Path) -> Path | None:
             if above and folder.name == above:
                 places.append(folder)
             for place in places:
-                file = _latest(place, _expression(name)) if "{n}" in name else place / name
+                if "*" in name:
+                    fitting = [each for each in _names(place) if re.fullmatch(_expression(name), each)]
+                    file = place / fitting[0] if len(fitting) == 1 else None
+                else:
+                    file = _latest(place, _expression(name)) if "{n}" in name else place / name
                 if file is not None and file.exists():
                     return file
     return None
 
 
 def _expression(name: str) -> str:
-    return re.escape(name).replace(re.escape("{n}"), r"(\d+)")
+    return re.escape(name).replace(re.escape("{n}"), r"(\d+)").replace(re.escape("*"), "[^/]*")
 
 
 def _iteration(folder: Path) -> Path | None:

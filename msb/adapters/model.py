@@ -122,6 +122,9 @@ def sh_appearance(degree: int, white: object = None) -> dict[str, Any]:
     appearance: dict[str, Any] = {"kind": "spherical_harmonics"}
     if degree:
         appearance["f_rest_order"] = "coefficient_major"
-    if isinstance(white, bool):
-        appearance["background"] = "#ffffff" if white else "#000000"
-    return appearance
+    return {**appearance, **background_of(white)}
+
+
+def background_of(white: object) -> dict[str, str]:
+    """Return what a manifest says of the background if `white` is true or false."""
+    return {"background": "#ffffff" if white else "#000000"} if isinstance(white, bool) else {}

@@ -4,7 +4,8 @@ A method is a package whose ``__init__.py`` declares a `Method` called ``METHOD`
 nothing to read. Its code lies beside it, in modules named after their roles, which are imported when they are
 needed:
 
-- ``adapter`` turns what its training writes into an asset (`msb.adapters.exporter.Adapter`);
+- ``adapter`` turns what its training writes into an asset (`msb.adapters.exporter.Adapter`); a mesh with
+  colours needs none where its file's name says whose it is;
 - ``official`` writes what its own exporter would write (`msb.adapters.official.Official`);
 - ``reference`` forms its image in NumPy (``render``, as `msb.reference` calls it);
 - ``look`` forms the same image on the dedicated tier, with its kernels (`msb.render.dedicated`).
@@ -82,6 +83,11 @@ BUILT_IN = (
     "diffsoup",
     "two_dgs",
     "three_dgs",
+    "milo",
+    "gaussian_wrapping",
+    "trisplat",
+    "sugar",
+    "frosting",
     "mesh",
 )
 """Folders of our methods, in the order of the tables. `mesh` stands for any mesh that came from elsewhere."""

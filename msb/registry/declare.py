@@ -146,8 +146,8 @@ class Method:
     coverage: str = "solid"
     """The `coverage.kernel` of its manifests, which says how the weight falls off."""
     files: tuple[str, ...] = ()
-    """Places of its models below an output folder, such as ``ckpt/{n}.ckpt``; {n} is the number of an
-    iteration, of which the last is taken."""
+    """Places of its models below an output folder, such as ``ckpt/{n}.ckpt``, the best one first; {n} is the
+    number of an iteration, of which the last is taken, and * stands for anything, if one file alone fits."""
     bundle: tuple[str, ...] = ()
     """Names of the files that hold a model together: first the file that is read first, then those beside it.
     Any of the latter shows that a folder is of this kind."""
@@ -174,3 +174,16 @@ OTHER_LPIPS = PaperNote(
     ("lpips",),
 )
 NO_APPEARANCE = "it has static colours only, no appearance of its own to draw"
+
+
+def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> Method:
+    """Return a method that leaves a mesh with colours in one of `files`, and needs no adapter for it."""
+    return Method(
+        title=title,
+        retained={"standard": Retained("Fallback", "baked color")},
+        unsupported={"reference": NO_APPEARANCE, "dedicated": NO_APPEARANCE},
+        passes={"standard": ("opaque_unlit",)},
+        files=files,
+        reads_meshes=True,
+        rules=rules,
+    )

@@ -37,13 +37,14 @@ def test_one_scene_is_described_in_full(msb: Msb) -> None:
         "white, for every method",
         "1 pinhole camera, recorded at 144 x 144",
         "test: 8 images that no camera names",
-        "triangle_splatting, mesh_splatting, two_dgs, three_dgs: 144 x 144; over black",
+        "triangle_splatting, mesh_splatting, triangle_splatting_plus, two_dgs, three_dgs, milo, "
+        "gaussian_wrapping, sugar, frosting: 144 x 144; over black",
     ):
         assert text in result.out
     both = msb("scenes", "-v", STUBS / "dtu", STUBS / "mipnerf360", COLUMNS="200").out
     for text in (
         "SfM points",
-        "two_dts, diffsoup, three_dgs: no rule for dtu",
+        "two_dts, diffsoup, three_dgs, sugar, frosting: no rule for dtu",
         "images_2: 16 images of 128 x 96",
     ):
         assert text in both

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data_stubs import captures, made_models
+from data_stubs import captures, made_meshes, made_models
 from data_stubs.photographs import averaged
 from data_stubs.surface import Surface, pebble, walled
 from msb.reference.standard import render_standard
@@ -59,6 +59,7 @@ PEBBLE = captures.World(
 def write_models(folder: Path) -> None:
     """Write a model of each method for the masked scenes, and one for those before a wall."""
     made_models.write_models(folder / "pebble", pebble(), white=True, layout="synthetic")
+    made_meshes.write_meshes(folder / "pebble", pebble(), white=True)
     surface = walled().turned(captures.Y_DOWN)
     made_models.write_models(folder / "walled", surface, white=False, layout="colmap")
 

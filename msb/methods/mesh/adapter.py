@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from msb.adapters.model import Content, Model, Options
+from msb.adapters.locate import is_named
+from msb.adapters.model import Content, Model, Options, background_of
 from msb.adapters.setting_sources import Settings
+from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.errors import about
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.meshes.mesh import left_out_finding
+from msb.registry import METHODS
 
 if TYPE_CHECKING:
     from msb.adapters.locate import Place
@@ -34,3 +38,34 @@ def read(place: Place, content: Content, options: Options) -> Model:
         appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
     )
     return Model(buffers, domains, description, place.root, (place.file,), left_out_finding(mesh))
+
+
+@dataclass(frozen=True)
+class ByName:
+    """The adapter of a method that brings none: a mesh file with one of the names that it declares."""
+
+    method: str
+
+    def recognises(self, content: Content) -> bool:
+        """Return whether `content` is a mesh file whose name says that it is of this method."""
+        return recognises(content) and is_named(METHODS[self.method], content.place.file)
+
+    def read(self, place: Place, content: Content, options: Options) -> Model:
+        """Return the mesh at `place`, as `read`, with what its `cfg_args` says, if there is one."""
+        model = read(place, content, options)
+        description = replace(model.description, method=self.method)
+        arguments, files, warnings = read_cfg_args(place.root)
+        if not files:
+            return replace(model, description=description)
+        description = replace(
+            description,
+            appearance={**description.appearance, **background_of(arguments.get("white_background"))},
+            training=training_of(arguments),
+            coordinate_frame=CoordinateFrame(up=trained_up(arguments)),
+        )
+        return replace(
+            model,
+            description=description,
+            files=(*model.files, *files),
+            warnings=(*model.warnings, *warnings),
+        )

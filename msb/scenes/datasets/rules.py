@@ -111,6 +111,13 @@ FAMILY: Mapping[str, Photographs] = {
 }
 """The photographs that all code derived from 3DGS takes."""
 
+FULL_SIZE: Mapping[str, Photographs] = {
+    **FAMILY,
+    "mipnerf360/outdoor": Photographs(),
+    "mipnerf360/indoor": Photographs(),
+}
+"""Those it takes where its scripts name no folder: of Mip-NeRF 360 the originals, reduced to `LARGEST`."""
+
 
 def check_resolution(resolution: int) -> int:
     """Return `resolution` if it is a valid one."""

@@ -81,6 +81,8 @@ def test_rules_are_named_like_methods_and_cover_their_datasets() -> None:
         "ours": ("images_2", -1),
         "two_dts": ("images", 2),
         "diffsoup": ("images_4", -1),
+        **dict.fromkeys(("milo", "gaussian_wrapping"), ("images", -1)),
+        **dict.fromkeys(("sugar", "frosting"), ("images", 1920)),
         **dict.fromkeys(
             ("triangle_splatting", "mesh_splatting", "triangle_splatting_plus", "two_dgs", "three_dgs"),
             ("images_2", -1),

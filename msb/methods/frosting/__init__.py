@@ -1,0 +1,14 @@
+"""Gaussian Frosting: Gaussians in a layer on a mesh; shown as that mesh with the texture they give."""
+
+from __future__ import annotations
+
+from msb.methods.sugar import PHOTOGRAPHS
+from msb.registry.declare import extracted_mesh
+from msb.scenes.datasets.rules import Rules
+
+METHOD = extracted_mesh(
+    "Frosting mesh",
+    # Anttwo/Frosting at 08b1cb2: frosting_trainers/refine.py, in output/refined_frosting_base_mesh/SCENE.
+    ("frostingfine_*.obj",),
+    Rules("Frosting", "Anttwo/Frosting: frosting_scene/cameras.py", photographs=PHOTOGRAPHS),
+)

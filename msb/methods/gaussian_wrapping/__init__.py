@@ -1,0 +1,23 @@
+"""Gaussian Wrapping: oriented Gaussians, shown as the mesh around them, with colours at its vertices."""
+
+from __future__ import annotations
+
+from msb.registry.declare import extracted_mesh
+from msb.scenes.datasets.rules import FULL_SIZE, Rules
+
+METHOD = extracted_mesh(
+    "Gaussian Wrapping mesh",
+    # diego1401/GaussianWrapping at a064133: texture_mesh.py, pivot_based_mesh_extraction.py, scripts. The
+    # post-processed mesh has no colours before its texture is refined.
+    (
+        "*_texture_refined_*.ply",
+        "mesh_*pivots.ply",
+        "mesh_*pivots*_searched.ply",
+        "mesh_*pivots*.ply",
+    ),
+    Rules(
+        "Gaussian Wrapping",
+        "diego1401/GaussianWrapping: scripts/benchmark_mip360_gw_ours.py, utils/camera_utils.py",
+        photographs=FULL_SIZE,
+    ),
+)

@@ -1,0 +1,19 @@
+"""MILo: Gaussians whose mesh is trained along with them; shown as that mesh, with colours at its vertices."""
+
+from __future__ import annotations
+
+from msb.registry.declare import extracted_mesh
+from msb.scenes.datasets.rules import FULL_SIZE, Rules
+
+METHOD = extracted_mesh(
+    "MILo mesh",
+    # Anttwo/MILo at 0c38aa6: mesh_extract_sdf.py, mesh_extract_integration.py, mesh_extract_regular_tsdf.py.
+    (
+        "mesh_learnable_sdf.ply",
+        "mesh_integration_sdf.ply",
+        "mesh_depth_fusion_sdf.ply",
+        "mesh_regular_tsdf_res{n}_post.ply",
+        "mesh_regular_tsdf_res{n}.ply",
+    ),
+    Rules("MILo", "Anttwo/MILo: README.md, milo/utils/camera_utils.py", photographs=FULL_SIZE),
+)
