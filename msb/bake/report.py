@@ -11,6 +11,7 @@ from msb.topology.verdict import judge
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from msb.bake.collision import Collision
     from msb.scenes.colors import Color
     from msb.topology import Audit
 
@@ -112,6 +113,12 @@ class Shape:
     mid_air_share: float
     why: str
     output: str | None = None
+
+    @classmethod
+    def of(cls, made: Collision) -> Shape:
+        """Return the facts of what was made."""
+        faces = len(made.mesh.faces)
+        return cls(made.kind, faces, made.parts, made.mean_distance, made.mid_air_share, made.why)
 
     @property
     def said(self) -> str:

@@ -173,7 +173,7 @@ class _Search:
         if cell.renderer is not None:
             yield self.error_of(_check_renderer, cell.renderer), f"pictures of {cell.condition_key}", True
         if cell.bake is not None:
-            from msb.bake.run import need_libraries
+            from msb.bake.options import need_libraries
 
             table = next(one for one in self.file.protocol.bakes if one.label == cell.bake)
             yield self.error_of(need_libraries, table.geometry), f"bakes {cell.bake}", True

@@ -134,10 +134,10 @@ def _check(protocol: Protocol) -> _Faults:
     for number, variant in enumerate(protocol.variants):
         yield from _check_variant(variant, protocol, f"/variants/{number}")
     if protocol.bakes:
-        from msb.bake.run import check_options
+        from msb.bake.options import Options
 
         for number, bake in enumerate(protocol.bakes):
-            yield from _refused(f"/bakes/{number}", partial(check_options, **bake.options))
+            yield from _refused(f"/bakes/{number}", partial(Options, **bake.options))
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(one.label for one in protocol.variants), *(one.label for one in protocol.bakes)]
     drawn = (*WALKED, *protocol.engines, *labels)

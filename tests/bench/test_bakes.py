@@ -77,7 +77,7 @@ def test_a_dry_run_names_what_a_surface_lacks(tmp_path: Path, monkeypatch: pytes
     def lacks(geometry: str) -> None:
         raise UsageError("EXTRA_MISSING", f"{geometry} needs the extra trial")
 
-    monkeypatch.setattr("msb.bake.run.need_libraries", lacks)
+    monkeypatch.setattr("msb.bake.options.need_libraries", lacks)
     file = protocol(tmp_path, ("two_dts",), tail='[[bakes]]\nlabel = "s"\ngeometry = "surface"')
     report = run_protocol(file, dry=True, only=["s"])
     assert [one.message for one in report.missing] == [

@@ -144,7 +144,7 @@ def test_a_surface_is_taken_for_solids_unless_it_is_bad(
     chosen: str,
     said: str,
 ) -> None:
-    from msb.bake import run
+    from msb.bake import making
 
     made: list[Mesh] = []
 
@@ -159,8 +159,8 @@ def test_a_surface_is_taken_for_solids_unless_it_is_bad(
         corners = TETRAHEDRON[1][:faces] if faces > 1 else TETRAHEDRON[1][[0, 0, 0]]
         return Mesh(TETRAHEDRON[0], corners.astype(np.int64), vertex_colors=COLORS), ["of the surface"]
 
-    monkeypatch.setattr(run, "fitted", fitted)
-    monkeypatch.setattr(run, "surface", surface)
+    monkeypatch.setattr(making, "fitted", fitted)
+    monkeypatch.setattr(making, "surface", surface)
     model, cameras = files
     result = here(
         *("bake", "--for-solid", "--color", "vertex", "--cameras", cameras, model),
@@ -232,7 +232,7 @@ def test_a_texture_of_a_surface_without_xatlas_is_refused_before_anything_is_dra
 def test_two_geometries_are_judged_in_colours_that_what_is_aside_did_not_teach(
     here: Here, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from msb.bake import run
+    from msb.bake import making
 
     model, cameras = files
     poses: list[set[bytes]] = []
@@ -241,8 +241,8 @@ def test_two_geometries_are_judged_in_colours_that_what_is_aside_did_not_teach(
         poses.append({camera.world_to_camera.tobytes() for camera in lessons.cameras})
         return fit(mesh, lessons, device)
 
-    fit = run.colored
-    monkeypatch.setattr(run, "colored", colored)
+    fit = making.colored
+    monkeypatch.setattr(making, "colored", colored)
     out = model.parent / "a.glb"
     assert here("bake", "--color", "vertex", "--cameras", cameras, model, "-o", out).status == 0
     assert len(poses) == 3
@@ -298,7 +298,7 @@ def test_a_device_that_dies_and_an_interrupt_leave_nothing(
         raise error
 
     model, cameras = files
-    monkeypatch.setattr("msb.bake.run.kept", die)
+    monkeypatch.setattr("msb.bake.making.kept", die)
     before = sorted(model.parent.rglob("*"))
     result = here("bake", "--geometry", "kept", "--cameras", cameras, model, "-o", model.parent / "a.glb")
     assert result.status == (5 if isinstance(error, DeviceError) else 130)
@@ -309,7 +309,7 @@ def test_a_device_that_dies_and_an_interrupt_leave_nothing(
 def test_an_interrupt_ends_with_the_best_so_far_if_asked(
     here: Here, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from msb.bake import run
+    from msb.bake import making
 
     made = []
 
@@ -318,9 +318,9 @@ def test_an_interrupt_ends_with_the_best_so_far_if_asked(
         made.append(watch("choosing faces", 1, 9))
         return kept(*lessons, watch=watch, **options)
 
-    kept = run.kept
-    monkeypatch.setattr(run, "kept", interrupted)
-    monkeypatch.setattr(run, "fitted", lambda *_, **__: pytest.fail("there was no time for more"))
+    kept = making.kept
+    monkeypatch.setattr(making, "kept", interrupted)
+    monkeypatch.setattr(making, "fitted", lambda *_, **__: pytest.fail("there was no time for more"))
     model, cameras = files
     out = model.parent / "a.glb"
     handler = signal.getsignal(signal.SIGINT)

@@ -1,0 +1,234 @@
+"""One bake: what is made of the faces of a model, which of that is taken, and in which colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from msb.api.auditing import audit
+from msb.asset.look import stored_threshold, visible_faces, written_up
+from msb.asset.tiers import why_not
+from msb.bake.collision import PIXELS
+from msb.bake.collision import collision as collide
+from msb.bake.fitted import PIXELS_TO_MOVE, fitted
+from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
+from msb.bake.lods import lods, screen_share
+from msb.bake.measured import mean_psnr, measured
+from msb.bake.report import Geometry, Level, Look, Psnr, Verdict, compared
+from msb.bake.shares import blending_shares
+from msb.bake.start import colored
+from msb.bake.surface import surface
+from msb.bake.teacher import SAMPLES
+from msb.bake.texture import textured
+from msb.errors import AssetError, UsageError
+from msb.meshes.assets import asset_from_mesh
+from msb.topology.faces import face_areas
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.bake.collision import Collision
+    from msb.bake.lessons import Lessons
+    from msb.bake.options import Options
+    from msb.bake.shares import Shares
+    from msb.bake.start import Watch
+    from msb.bake.teacher import Teacher
+    from msb.bake.views import BakeViews
+    from msb.meshes.mesh import Mesh
+
+LEAST_SEEN = 0.8
+"""Of the area of a model that nobody has cameras for, what made views must see."""
+_SEARCH = 2 / 3
+"""Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
+_NO_TIME = 1e-3
+_TEXTURED = 2
+"""How many times as large as the views the pictures are whose pixels a texture has texels for, and at least
+those that teach."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What was found out while the mesh was made."""
+
+    geometry: Geometry
+    unseen: float
+    tried: dict[str, float]
+    notes: tuple[str, ...]
+
+
+class Bake:
+    """One bake: what teaches, what is made, and what that looks like."""
+
+    def __init__(
+        self,
+        asset: Asset,
+        views: BakeViews,
+        master: Teacher,
+        options: Options,
+        device: str | None,
+        watch: Watch,
+    ) -> None:
+        self._asset, self._views, self._master, self._options = asset, views, master, options
+        self._device, self._watch = device, watch
+        self._pixels = max(camera.width * camera.height for camera in views.taught)
+        is_small = (2 * _TEXTURED) ** 2 * self._pixels <= PIXELS_TO_MOVE
+        scale = 2 * _TEXTURED if is_small else _TEXTURED  # the larger, the finer are borders of faces found
+        self._taught = master.lessons(views.taught, scale)
+        first = range(len(views.teaching))
+        self._teaching = self._taught.part(first)
+        self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
+        self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
+
+    def close(self) -> None:
+        """Give the pictures back."""
+        for lessons in (self._teaching, self._aside, self._taught):
+            lessons.close()
+
+    def best(self, stopped: Callable[[], bool]) -> tuple[Mesh, Facts]:
+        """Return the mesh as it is written, and what was found out."""
+        for number in range(len(self._taught)):
+            self._taught.stored(number)
+            self._watch("looking at the model", number + 1, len(self._taught))
+        unseen, shares = self._seen()
+        wanted, notes = self._wanted()
+        made: dict[Geometry, Mesh] = {}
+        said: dict[Geometry, list[str]] = {}
+        for name in wanted:
+            if made and stopped():
+                break
+            try:
+                made[name], said[name] = self._made(name, shares)
+            except AssetError as error:
+                if not made:
+                    raise
+                notes.append(f"there is no {name}: {error.message}")
+        tried: dict[str, float] = {}
+        if len(made) > 1:  # in colours that what is aside did not teach
+            truths = [self._aside.within(self._pixels)]
+            for name in reversed(made):  # what is made last, of the others, is the first to be told of
+                judged = self._colored(made[name], self._options.look(name, self._asset), self._teaching)
+                tried[name] = mean_psnr(asset_from_mesh(judged), truths, SAMPLES, self._device)[0]
+        chosen, why = self._chosen(made, tried)
+        notes += said[chosen]
+        if stopped():
+            notes.append("interrupted: this is the best so far")
+        mesh = self._colored(made[chosen], self._options.look(chosen, self._asset), self._taught)
+        if why:
+            notes.append(f"{why}: {compared(tried)}")
+        if dropped := self._asset.manifest.face_count - len(mesh.faces):
+            verb = "fewer" if dropped > 0 else "more"
+            notes.append(f"{abs(dropped):,} triangles {verb} than the model's")
+        return mesh, Facts(chosen, unseen, tried, tuple(notes))
+
+    def _chosen(self, made: dict[Geometry, Mesh], tried: dict[str, float]) -> tuple[Geometry, str]:
+        """Return which of what is made is taken, and why, if there was a choice."""
+        best = max(made, key=lambda name: tried.get(name, 0.0))
+        if not tried:
+            return best, ""
+        if "surface" not in made:
+            return best, "the better of two"
+        verdict = Verdict.of(audit(asset_from_mesh(made["surface"])))
+        if verdict.level == "bad":
+            return "fitted", f"the surface is not taken, as its verdict is BAD: {verdict.reason}"
+        return "surface", "the surface is taken, which tools for solids need"
+
+    def _seen(self) -> tuple[float, Shares | None]:
+        """Return the share of the area that no view sees, and what faces add to the pictures that teach.
+
+        Views that were made must see most of it.
+        """
+        teaching, aside = (
+            blending_shares(self._asset, lessons.within(PIXELS_TO_CHOOSE), self._device)
+            for lessons in (self._teaching, self._aside)
+        )
+        if teaching is None or aside is None:
+            return 0.0, None
+        buffers = self._asset.buffers
+        area = face_areas(buffers["positions"], buffers["indices"])[0]
+        shown = visible_faces(self._asset, stored_threshold(self._asset))
+        if shown is not None:
+            area[~shown] = 0.0
+        unseen = float(area[teaching.weight + aside.weight == 0].sum() / max(area.sum(), 1e-300))
+        views = self._views
+        if views.origin in ("turntable", "inside") and 1 - unseen < LEAST_SEEN:
+            seen, needed = int(100 * (1 - unseen)), round(100 * LEAST_SEEN)
+            text = f"{views.said} see {seen} % of its area, and {needed} % are needed"
+            raise UsageError("USAGE", f"{text}: give its scene (--scene) or cameras (--cameras)")
+        return unseen, None if why_not(self._asset.manifest, "dedicated") else teaching
+
+    def _wanted(self) -> tuple[list[Geometry], list[str]]:
+        """Return the geometries to make, and what is to be said of one that is left out."""
+        options, count = self._options, self._asset.manifest.face_count
+        if options.geometry != "auto":
+            return [options.geometry], []
+        if options.for_solid:
+            return ["fitted", "surface"], []
+        if options.faces is not None:
+            return ["fitted"], []
+        if count * FEWEST > min(self._taught.largest, PIXELS_TO_MOVE):
+            return ["kept"], [f"fitted is not tried with {count:,} faces, which pictures are too small for"]
+        return ["kept", "fitted"], []
+
+    def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
+        """Return the mesh of a geometry, in rough colours, and what should be known of it."""
+        options = self._options
+        shared: dict[str, Any] = {"seed": options.seed, "device": self._device, "watch": self._watch}
+        lessons = self._asset, self._teaching, self._aside, shares
+        seconds = max(_SEARCH * options.seconds, _NO_TIME)
+        notes: list[str] = []
+        if name == "kept":
+            mesh = kept(*lessons, **shared)
+        else:
+            # A surface has its number of faces from the end, not from the soup that it is made of.
+            most = options.faces if name == "fitted" else None
+            if most not in self._soups:
+                self._soups[most] = fitted(*lessons, seconds=seconds, faces=most, **shared)
+            mesh, notes = self._soups[most]
+        if name == "surface":
+            shared["seconds"] = seconds
+            mesh, more = surface(mesh, self._teaching, self._aside, faces=options.faces, **shared)
+            notes = [f"of the soup it is made of: {note}" for note in notes] + more
+        return mesh, notes
+
+    def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:
+        """Return the levels of detail of what was made, with a texture as large as its own."""
+        if not shares:
+            return []
+        size = mesh.textures[0].shape[0] if mesh.textures else None
+        bare = replace(mesh, corner_uvs=None, textures=())
+        lessons = self._teaching, self._aside
+        made = lods(bare, *lessons, shares, seed=self._options.seed, device=self._device, watch=self._watch)
+        found = []
+        for share, one in zip(shares, made, strict=True):
+            level = self._colored(one, "vertex" if size is None else "texture", self._taught, size)
+            own = self.measured(level)[0]
+            facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
+            found.append((Level(share, *facts), level))
+        return found
+
+    def shape(self, mesh: Mesh, kind: str) -> Collision:
+        """Return what stands in for what was made where things bump into it."""
+        self._watch("collision", 0, 1)
+        cameras = self._taught.within(PIXELS).cameras
+        return collide(mesh, kind, cameras, device=self._device)
+
+    def _colored(self, mesh: Mesh, look: Look, lessons: Lessons, size: int | None = None) -> Mesh:
+        """Return a mesh as it is written, in the colours that fit lessons best: in bytes at its vertices, or
+        in a texture of this size, or of the one that was asked for."""
+        shown = lessons.within(_TEXTURED**2 * self._pixels).cameras
+        lessons = lessons.with_halves(self._pixels)
+        mesh = colored(mesh, lessons, self._device)
+        if look == "texture":
+            size = size or self._options.texture
+            mesh = textured(mesh, lessons, size, shown=shown, device=self._device, watch=self._watch)
+        else:
+            assert mesh.vertex_colors is not None
+            colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))
+            mesh = replace(mesh, vertex_colors=colors.astype(np.uint8))
+        return replace(mesh, up=written_up(self._asset))
+
+    def measured(self, mesh: Mesh) -> tuple[Psnr | None, Psnr | None]:
+        """Return the numbers of the views held back: against the own look, and against photographs."""
+        return measured(self._asset, asset_from_mesh(mesh), self._views, self._master, self._device)

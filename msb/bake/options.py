@@ -1,0 +1,92 @@
+"""What is asked of a bake, refused before anything is read where it is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+from msb.asset.texture import MAX_SIDE
+from msb.asset.tiers import why_not
+from msb.bake.atlas import need_xatlas
+from msb.bake.report import Geometry, Look
+from msb.bake.teacher import Source
+from msb.base.extras import need_extra
+from msb.errors import UsageError, shorten
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+Wanted = Literal["auto", "kept", "fitted", "surface"]
+LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is asked for of the faces and their colours, and what teaches: `msb.bake` says what each means.
+
+    Raises
+    ------
+    UsageError
+        USAGE: one is none, or they do not go together.
+    """
+
+    geometry: Wanted = "auto"
+    for_solid: bool = False
+    color: Look | None = None
+    teacher: Source = "dedicated"
+    faces: int | None = None
+    texture: int | None = None
+    seconds: float = 60.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, value, words in (
+            ("geometry", self.geometry, get_args(Wanted)),
+            ("color", self.color, (None, *get_args(Look))),
+            ("teacher", self.teacher, get_args(Source)),
+        ):
+            if value not in words:
+                one_of = ", ".join(word for word in words if word)
+                raise _refused(f'{name} is "{shorten(str(value), 40)}"; it must be one of {one_of}')
+        if self.for_solid and self.geometry != "auto":
+            text = f'for_solid chooses among what geometry "auto" makes; "{self.geometry}" is chosen already'
+            raise _refused(text)
+        if self.texture is not None:
+            if not LEAST_TEXTURE <= self.texture <= MOST_TEXTURE:
+                sides = f"{LEAST_TEXTURE} to {MOST_TEXTURE} texels a side"
+                raise _refused(f"texture is {self.texture}; it must be {sides}")
+            if self.color == "vertex":
+                raise _refused("texture is the size of a texture, which color vertex has none of")
+        if self.faces is not None and self.faces < 1:
+            raise _refused(f"faces is {self.faces}; it must be 1 or more")
+        if self.faces is not None and self.geometry == "kept":
+            raise _refused("faces limits fitted ones; kept ones are the model's own")
+        if not 0 <= self.seconds < float("inf"):
+            raise _refused(f"seconds is {self.seconds}; it must be 0 or more")
+        if self.seed < 0:
+            raise _refused(f"seed is {self.seed}; it must be 0 or more")
+
+    def look(self, name: Geometry, asset: Asset) -> Look:
+        """Return where the colours of a geometry go."""
+        # What has no static colours has its look within each face, which colours of corners do not show.
+        has_colors = why_not(asset.manifest, "standard") is None
+        usual: Look = "vertex" if name == "kept" and has_colors and self.texture is None else "texture"
+        return self.color or usual
+
+    def check_model(self, asset: Asset) -> None:
+        """Refuse what would be found to be missing when most of the work is done."""
+        is_auto = self.geometry == "auto" and self.faces is None and not self.for_solid
+        is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
+        if (is_auto or self.geometry == "kept") and not is_soup and self.look("kept", asset) == "texture":
+            need_xatlas()
+
+
+def need_libraries(geometry: str) -> None:
+    """Refuse a geometry whose libraries are not installed."""
+    if geometry == "surface":
+        need_extra("bench", "skimage", what="a closed surface")
+        need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")
+
+
+def _refused(text: str) -> UsageError:
+    return UsageError("USAGE", text)
