@@ -29,6 +29,8 @@ MEMORY = 0.9
 """What a step leaves of the sums of the steps before it."""
 RECOLOR, _TRY = 5, 40
 """Steps after which colours are solved, and after which faces are hidden and shown."""
+LOOK = 20
+"""Steps after which it is looked at by what judges."""
 _FARTHEST = 3.0
 """How many times the rate a corner moves at most in a step."""
 _PACE = 10
@@ -36,19 +38,30 @@ _PACE = 10
 
 
 class Schedule:
-    """How many steps there are: as many as planned, or as there is time for."""
+    """How many steps there are: as many as planned, or as there is time for from now on until `until`, of
+    `time.monotonic`."""
 
-    def __init__(self, steps: int, until: float) -> None:
-        self.steps = steps
+    def __init__(self, planned: int, until: float = np.inf) -> None:
+        self.steps = planned
+        self._planned, self._taken = planned, 0
         self._began, self._until = time.monotonic(), until
 
-    def share(self, step: int) -> float:
-        """Return how much of all is done after a step."""
+    def share(self, step: int, *, enough: bool) -> float:
+        """Return how much of all is done after a step: all where somebody says that it is `enough`."""
+        self._taken = step
+        if enough:
+            return 1.0
         now = time.monotonic()
         if step == _PACE and now < self._until < np.inf:
             pace = (now - self._began) / step
             self.steps = min(self.steps, max(step, int((self._until - self._began) / pace)))
         return 1.0 if now > self._until else step / self.steps
+
+    def lacks(self, what: str) -> list[str]:
+        """Return the note on `what` was moved in fewer steps than were planned, if it was."""
+        if not 0 < self._taken < self._planned:
+            return []
+        return [f"{what} took {self._taken} of {self._planned} steps to where pictures want them"]
 
 
 class Adam:
@@ -120,11 +133,10 @@ def moved(
     *,
     rates: tuple[float, float],
     most: int | None,
-    look: int,
     done: Callable[[int], float],
 ) -> Soup:
     """Return the best of `soup` in the views of `judge`, on its way from where it is: as `descend`, which
-    takes the other arguments, and looked at after every `look` steps.
+    takes the other arguments.
 
     Where its faces have too few pixels they stay where they are.
     """
@@ -133,7 +145,7 @@ def moved(
     best.look(soup)
 
     def looked(step: int) -> float:
-        if step % look == 0:
+        if step % LOOK == 0:
             best.look(soup)
         return done(step)
 

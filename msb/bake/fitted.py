@@ -5,26 +5,21 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from msb.asset.tiers import why_not
 from msb.bake.descent import Schedule, moved
 from msb.bake.kept import PIXELS_TO_CHOOSE
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
-from msb.bake.start import Best, Watch, choose, nobody, plain_mesh, rasters
+from msb.bake.start import Best, Guide, choose, plain_mesh
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.bake.lessons import Lessons
     from msb.bake.shares import Shares
-    from msb.cl import Device
     from msb.meshes.mesh import Mesh
 
 _HIDDEN_FIRST = 12
 """Rounds in which faces are hidden before any moves."""
-_STEPS, _LOOK = 400, 20
-"""Steps, and after how many views aside are looked at."""
+_STEPS = 400
 _RATES = 0.015, 0.0005
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 PIXELS_TO_MOVE = 1 << 18
@@ -36,53 +31,43 @@ in four."""
 
 def fitted(
     asset: Asset,
-    lessons: Lessons,
-    aside: Lessons,
+    guide: Guide,
     shares: Shares | None = None,
     *,
     seconds: float = 40.0,
     faces: int | None = None,
-    seed: int = 0,
-    device: str | Device | None = None,
-    watch: Watch = nobody,
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, at most so many `faces`, with colours at
     corners, and what should be known of it.
 
     Triangles are chosen by their share in the model's look, then moved, hidden and shown as the lessons
-    ask. What is best by pictures that teach nothing (`aside`) is returned. It ends after so many `seconds`
-    where it has not before; a result that was not cut short is the same each time on one device.
+    ask. What is best by pictures that teach nothing is returned. It ends after so many `seconds` where it has
+    not before; a result that was not cut short is the same each time on one device.
 
     Raises
     ------
     DeviceError, and as `kept`.
     """
     until = time.monotonic() + seconds
-    random = np.random.default_rng(seed)
+    random = guide.random()
     soup = Soup.of(plain_mesh(asset), shares=False)
-    coarse, fine = ((lessons.within(most), aside.within(most)) for most in (PIXELS_TO_CHOOSE, PIXELS_TO_MOVE))
-    with rasters(soup, *coarse, device) as (raster, judge):
-        watch("colours", 0, 1)
+    with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
+        guide.watch("colours", 0, 1)
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         soup = best.soup
     if why_not(asset.manifest, "standard") is not None and 4 * soup.keep.sum() <= _COARSE:
         soup = soup.cut()
-    with rasters(soup, *fine, device) as (raster, judge):
+    with guide.within(PIXELS_TO_MOVE).rasters(soup) as (raster, judge):
         soup.refit(raster)
         for _ in range(_HIDDEN_FIRST):
             try_faces(soup, raster, random, show=False)
         if faces is not None:
             hide_least(soup, raster, random, faces)
         schedule = Schedule(_STEPS, until)
-        taken: list[int] = []
 
         def done(step: int) -> float:
-            taken.append(step)
-            enough = watch("moving faces", step, schedule.steps)
-            return 1.0 if enough else schedule.share(step)
+            return schedule.share(step, enough=guide.watch("moving faces", step, schedule.steps))
 
-        soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, look=_LOOK, done=done)
-    cut_short = 0 < len(taken) < _STEPS
-    said = f"its triangles took {len(taken)} of {_STEPS} steps to where pictures want them"
-    return soup.mesh(), [said] if cut_short else []
+        soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, done=done)
+    return soup.mesh(), schedule.lacks("its triangles")

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from msb.bake.search import try_faces
 from msb.bake.soup import Soup
-from msb.bake.start import Best, Watch, choose, nobody, plain_mesh, rasters
+from msb.bake.start import Best, Guide, Watch, choose, plain_mesh
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from msb.asset import Asset
-    from msb.bake.lessons import Lessons
     from msb.bake.raster import Raster
     from msb.bake.shares import Shares
-    from msb.cl import Device
     from msb.meshes.mesh import Mesh
 
 _ROUNDS, _REFIT, _PATIENCE = 60, 5, 4
@@ -27,19 +25,10 @@ FEWEST = 2.0
 """Pixels of a face in a view, in the mean, below which a search would follow noise."""
 
 
-def kept(
-    asset: Asset,
-    lessons: Lessons,
-    aside: Lessons,
-    shares: Shares | None = None,
-    *,
-    seed: int = 0,
-    device: str | Device | None = None,
-    watch: Watch = nobody,
-) -> Mesh:
+def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     """Return the triangles of `asset` that are shown, with the static colours that the lessons ask for.
 
-    Which triangles are left out, pictures say that teach nothing (`aside`). Vertices that triangles share
+    Which triangles are left out, pictures say that teach nothing. Vertices that triangles share
     stay shared, and have one colour. A triangle that no view sees keeps its colour.
 
     Raises
@@ -48,15 +37,12 @@ def kept(
     """
     mesh = plain_mesh(asset)
     soup = Soup.of(mesh, shares=True)
-    with rasters(soup, lessons.within(PIXELS_TO_CHOOSE), aside.within(PIXELS_TO_CHOOSE), device) as (
-        raster,
-        judge,
-    ):
-        watch("choosing faces", 0, _ROUNDS)
+    with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
+        guide.watch("choosing faces", 0, _ROUNDS)
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         if raster.pixels_a_face(soup.keep) >= FEWEST:
-            search(best.soup, raster, best, np.random.default_rng(seed), watch)
+            search(best.soup, raster, best, guide.random(), guide.watch)
         soup = best.soup
     return soup.mesh() if soup.shared is None else soup.on(mesh)
 

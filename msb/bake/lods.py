@@ -10,22 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.bake.apart import distances, spread
-from msb.bake.descent import moved
+from msb.bake.descent import Schedule, moved
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import seen_points
 from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
 from msb.bake.space import Space
-from msb.bake.start import Watch, nobody, rasters
 from msb.bake.surface import taught
 from msb.base.extras import need_extra
 from msb.errors import UsageError, shorten
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from msb.bake.lessons import Lessons
-    from msb.cl import Device
+    from msb.bake.start import Guide
 
 ROWS = 1080
 """Of the image in which an error of a level must be below a pixel."""
@@ -34,7 +32,7 @@ _MOST_POINTS = 95.0
 _STAGE = 0.7
 """Share of the faces of a soup that stay at a time, before the others are moved to make up for those that
 went."""
-_STEPS, _LOOK = 200, 20
+_STEPS = 200
 _RATES = 0.03, 0.001
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 
@@ -72,17 +70,9 @@ def _no_shares(given: str) -> UsageError:
     return UsageError("USAGE", text)
 
 
-def lods(
-    mesh: Mesh,
-    lessons: Lessons,
-    aside: Lessons,
-    shares: Sequence[float],
-    *,
-    seed: int = 0,
-    device: str | Device | None = None,
-    watch: Watch = nobody,
-) -> list[Mesh]:
-    """Return levels of detail of `mesh` with these falling shares of its faces, whose colours are rough.
+def lods(mesh: Mesh, guide: Guide, shares: Sequence[float]) -> list[tuple[Mesh, list[str]]]:
+    """Return levels of detail of `mesh` with these falling shares of its faces, whose colours are rough, and
+    what should be known of each.
 
     Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
     others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
@@ -99,7 +89,7 @@ def lods(
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
-    levels = _Levels(mesh, lessons, aside, counts, seed, device, watch)
+    levels = _Levels(mesh, guide, counts)
     if len(mesh.vertices) == 3 * len(mesh.faces):
         return list(levels.of_soup())
     need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
@@ -111,53 +101,51 @@ class _Levels:
     """Levels of a mesh of so many faces each, and the pictures that they are taught by."""
 
     mesh: Mesh
-    lessons: Lessons
-    aside: Lessons
+    guide: Guide
     counts: Sequence[int]
-    seed: int
-    device: str | Device | None
-    watch: Watch
 
-    def of_soup(self) -> Iterator[Mesh]:
+    def of_soup(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield what is left of a soup when the faces go that are worth least."""
         whole = len(self.mesh.faces)
-        random = np.random.default_rng(self.seed)
+        random = self.guide.random()
         soup = Soup.of(self.mesh, shares=False)
         stages = _stages(whole, self.counts)
         for stage, (count, is_level) in enumerate(stages):
             # Larger faces need fewer pixels; at half the faces those are enough by which all were moved.
             pixels = 2 * PIXELS_TO_MOVE * count // whole
-            small = self.lessons.within(pixels), self.aside.within(pixels)
             # Faces that are gone do not come back: they would count as some of those tried at a time.
-            with rasters(soup, *small, self.device) as (raster, judge):
+            with self.guide.within(pixels).rasters(soup) as (raster, judge):
                 unseen = np.flatnonzero(soup.refit(raster).most == 0)
                 soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
                 hide_least(soup, raster, random, count)
 
-                def done(step: int, stage: int = stage) -> float:
-                    return 1.0 if self._watched(stage, len(stages), step, _STEPS) else step / _STEPS
+                schedule = Schedule(_STEPS)
 
-                soup = moved(soup, raster, judge, random, rates=_RATES, most=count, look=_LOOK, done=done)
+                def done(step: int, stage: int = stage, schedule: Schedule = schedule) -> float:
+                    enough = self._watched(stage, len(stages), step, _STEPS)
+                    return schedule.share(step, enough=enough)
+
+                soup = moved(soup, raster, judge, random, rates=_RATES, most=count, done=done)
             soup = soup.shown()
             if is_level:
-                yield soup.mesh()
+                yield soup.mesh(), schedule.lacks("its triangles")
 
-    def of_surface(self) -> Iterator[Mesh]:
+    def of_surface(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
-        lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (self.lessons, self.aside))
-        seen = seen_points(self.mesh, lessons.cameras, self.device)
+        guide = self.guide.within(PIXELS_TO_MOVE)
+        cameras = guide.lessons.cameras
+        seen = seen_points(self.mesh, cameras, guide.device)
         points = self.mesh.vertices.astype(np.float64)
-        space = Space.of(seen if len(seen) else points, lessons.cameras)
+        space = Space.of(seen if len(seen) else points, cameras)
         made = space.inward(points), self.mesh.faces
         for level, count in enumerate(self.counts):
 
             def watch(_: str, done: int, total: int, level: int = level) -> bool:
                 return self._watched(level, len(self.counts), done, total)
 
-            given = *made, max(4, count), space, lessons, aside
-            yield taught(*given, seed=self.seed, device=self.device, watch=watch)[0]
+            yield taught(*made, count, space, replace(guide, watch=watch))
 
-    def of_mesh(self) -> Iterator[Mesh]:
+    def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield an open surface with fewer faces, which stay where they are."""
         from scipy.spatial import cKDTree
 
@@ -170,11 +158,11 @@ class _Levels:
                 # What no view sees keeps the colour of the vertex next to it.
                 nearest = cKDTree(points).query(placed)[1]
                 fewer = replace(fewer, vertex_colors=self.mesh.vertex_colors[nearest])
-            yield fewer
+            yield fewer, []
 
     def _watched(self, level: int, levels: int, done: int, total: int) -> bool:
         """Tell how much of all levels is done; return whether to end."""
-        return self.watch("levels of detail", level * total + done, levels * total)
+        return self.guide.watch("levels of detail", level * total + done, levels * total)
 
 
 def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, bool]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from msb.bake.lods import lods, screen_share
 from msb.bake.measured import mean_psnr, measured
 from msb.bake.report import Geometry, Level, Look, Psnr, Verdict, compared
 from msb.bake.shares import blending_shares
-from msb.bake.start import colored
+from msb.bake.start import Guide, colored
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES
 from msb.bake.texture import textured
@@ -79,6 +79,7 @@ class Bake:
         first = range(len(views.teaching))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
+        self._guide = Guide(self._teaching, self._aside, options.seed, device, watch)
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
 
     def close(self) -> None:
@@ -173,40 +174,34 @@ class Bake:
 
     def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
-        options = self._options
-        shared: dict[str, Any] = {"seed": options.seed, "device": self._device, "watch": self._watch}
-        lessons = self._asset, self._teaching, self._aside, shares
-        seconds = max(_SEARCH * options.seconds, _NO_TIME)
-        notes: list[str] = []
+        options, seconds = self._options, max(_SEARCH * self._options.seconds, _NO_TIME)
         if name == "kept":
-            mesh = kept(*lessons, **shared)
-        else:
-            # A surface has its number of faces from the end, not from the soup that it is made of.
-            most = options.faces if name == "fitted" else None
-            if most not in self._soups:
-                self._soups[most] = fitted(*lessons, seconds=seconds, faces=most, **shared)
-            mesh, notes = self._soups[most]
-        if name == "surface":
-            shared["seconds"] = seconds
-            mesh, more = surface(mesh, self._teaching, self._aside, faces=options.faces, **shared)
-            notes = [f"of the soup it is made of: {note}" for note in notes] + more
-        return mesh, notes
+            return kept(self._asset, self._guide, shares), []
+        # A surface has its number of faces from the end, not from the soup that it is made of.
+        most = options.faces if name == "fitted" else None
+        if most not in self._soups:
+            self._soups[most] = fitted(self._asset, self._guide, shares, seconds=seconds, faces=most)
+        soup, notes = self._soups[most]
+        if name == "fitted":
+            return soup, notes
+        mesh, more = surface(soup, self._guide, faces=options.faces, seconds=seconds)
+        return mesh, [*(f"of the soup it is made of: {note}" for note in notes), *more]
 
-    def levels(self, mesh: Mesh, shares: Sequence[float]) -> list[tuple[Level, Mesh]]:
-        """Return the levels of detail of what was made, with a texture as large as its own."""
+    def levels(self, mesh: Mesh, shares: Sequence[float]) -> tuple[list[tuple[Level, Mesh]], list[str]]:
+        """Return the levels of detail of what was made, with a texture as large as its own, and what should
+        be known of them."""
         if not shares:
-            return []
+            return [], []
         size = mesh.textures[0].shape[0] if mesh.textures else None
-        bare = replace(mesh, corner_uvs=None, textures=())
-        lessons = self._teaching, self._aside
-        made = lods(bare, *lessons, shares, seed=self._options.seed, device=self._device, watch=self._watch)
-        found = []
-        for share, one in zip(shares, made, strict=True):
+        made = lods(replace(mesh, corner_uvs=None, textures=()), self._guide, shares)
+        found, said = [], []
+        for share, (one, notes) in zip(shares, made, strict=True):
             level = self._colored(one, "vertex" if size is None else "texture", self._taught, size)
             own = self.measured(level)[0]
             facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
             found.append((Level(share, *facts), level))
-        return found
+            said += [f"of the level with {share:g} of the faces: {note}" for note in notes]
+        return found, said
 
     def shape(self, mesh: Mesh, kind: str) -> Collision:
         """Return what stands in for what was made where things bump into it."""

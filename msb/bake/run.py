@@ -200,7 +200,7 @@ def bake(
             with closing(made):
                 mesh, facts = made.best(stopped)
                 own, photographs = made.measured(mesh)
-                levels = made.levels(mesh, wanted)
+                levels, more = made.levels(mesh, wanted)
                 shape = None if collision is None else made.shape(mesh, collision)
             baked = asset_from_mesh(mesh)
             picture = preview(asset, baked, views, master, device)
@@ -225,7 +225,7 @@ def bake(
         seed=seed,
         device=choose_device(device).record.name,
         tried=facts.tried,
-        notes=(*views.notes, *facts.notes),
+        notes=(*views.notes, *facts.notes, *more),
         lods=tuple(level for level, _ in levels),
         collision=None if shape is None else Shape.of(shape),
         path=None if asset.opened_from is None else str(asset.opened_from),

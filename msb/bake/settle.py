@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake import colors
-from msb.bake.descent import MEMORY, RECOLOR, Adam, Schedule
+from msb.bake.descent import LOOK, MEMORY, RECOLOR, Adam, Schedule
 from msb.bake.search import some_views
 from msb.bake.solid import put_back
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from msb.bake.raster import Raster
     from msb.bake.soup import Soup
     from msb.bake.space import Space
-    from msb.bake.start import Best, Watch
+    from msb.bake.start import Best, Guide
 
     Reals = NDArray[np.float64]
 
 STIFF = 0.5
 """How far a slope is smoothed: the square of the width, in edges."""
-STEPS, LOOK = 200, 20
+STEPS = 200
 RATES = 0.12, 0.01
 """In edges, how far a step moves a vertex in the mean: at first, and at last."""
 _FARTHEST = 4.0
@@ -40,15 +40,13 @@ def settle(
     raster: Raster,
     best: Best,
     space: Space,
-    random: np.random.Generator,
-    watch: Watch,
-    until: float,
-) -> int:
+    guide: Guide,
+    schedule: Schedule,
+) -> None:
     """Move the vertices at `points` (V, 3) inside `space` where `soup`, whose faces share them, looks better
     for it; no more faces cross than did. `best` looks every few steps.
 
-    It ends early where the time is up (`until`, of `time.monotonic`) or `watch` says so; return how many of
-    the `STEPS` were taken."""
+    There are as many steps as `schedule` has and the guide's watch allows."""
     from scipy.sparse import identity
     from scipy.sparse.linalg import splu
 
@@ -59,7 +57,8 @@ def settle(
     good, moved = points, bending @ points
     adam = Adam(_FARTHEST)
     memory = None
-    schedule, step, share = Schedule(STEPS, until), 0, 0.0
+    random = guide.random()
+    step, share = 0, 0.0
     while share < 1:
         step += 1
         seen = raster.seen(some_views(raster, random))
@@ -71,7 +70,7 @@ def settle(
         moved -= rate * _edge(points, faces) * move
         points = space.held(smooth(moved))
         memory = seen.sums if memory is None else MEMORY * memory + seen.sums
-        share = 1.0 if watch("moving vertices", step, schedule.steps) else schedule.share(step)
+        share = schedule.share(step, enough=guide.watch("moving vertices", step, schedule.steps))
         looks = step % LOOK == 0 or share >= 1
         if looks:
             good = put_back(points, good, faces, space)
@@ -83,7 +82,6 @@ def settle(
             best.look(soup)
         elif step % RECOLOR == 0:
             soup.recolor(seen._replace(sums=memory))
-    return step
 
 
 def _at_vertices(values: Reals, faces: NDArray[np.int64], count: int) -> Reals:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,16 +61,43 @@ class Best:
         return self.since == 0
 
 
-@contextmanager
-def rasters(
-    soup: Soup, lessons: Lessons, aside: Lessons, device: str | Device | None
-) -> Iterator[tuple[Raster, Raster]]:
-    """Yield what draws a soup as the lessons see it, and as what is aside does."""
-    with (
-        closing(Raster(soup.corners, soup.colors, lessons, device)) as raster,
-        closing(Raster(soup.corners, soup.colors, aside, device)) as judge,
-    ):
-        yield raster, judge
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """What guides a search.
+
+    Attributes
+    ----------
+    lessons, aside : Lessons
+        Pictures that teach, and pictures that teach nothing and say what is best.
+    seed : int
+        Where chance begins.
+    device : str or Device, optional
+    watch : callable
+        Is told how far the search is, and may end it.
+    """
+
+    lessons: Lessons
+    aside: Lessons
+    seed: int = 0
+    device: str | Device | None = None
+    watch: Watch = nobody
+
+    def within(self, pixels: int) -> Guide:
+        """Return the same with pictures of so many pixels at most."""
+        return replace(self, lessons=self.lessons.within(pixels), aside=self.aside.within(pixels))
+
+    def random(self) -> np.random.Generator:
+        """Return chance, which is the same each time."""
+        return np.random.default_rng(self.seed)
+
+    @contextmanager
+    def rasters(self, soup: Soup) -> Iterator[tuple[Raster, Raster]]:
+        """Yield what draws a soup as the lessons see it, and as what is aside does."""
+        with (
+            closing(Raster(soup.corners, soup.colors, self.lessons, self.device)) as raster,
+            closing(Raster(soup.corners, soup.colors, self.aside, self.device)) as judge,
+        ):
+            yield raster, judge
 
 
 def colored(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Mesh:

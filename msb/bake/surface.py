@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake import settle
+from msb.bake.descent import Schedule
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
 from msb.bake.solid import (
@@ -25,7 +26,7 @@ from msb.bake.solid import (
 )
 from msb.bake.soup import Soup
 from msb.bake.space import Space
-from msb.bake.start import Best, Watch, nobody, rasters
+from msb.bake.start import Best, Guide
 from msb.base.extras import need_extra
 from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
@@ -33,7 +34,6 @@ from msb.meshes.mesh import Mesh
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from msb.bake.lessons import Lessons
     from msb.cl import Device
     from msb.scenes import Camera
 
@@ -43,27 +43,21 @@ CELLS = 192, 288
 """Cells along the longest side of an object, and of a scene."""
 _FEWEST = 4
 """Faces of a tetrahedron."""
+_ABOUT = 1.25
+"""How many times the faces asked for are about as many."""
 LEAST_PART = 1e-4
 """Share of the pixels of all views below which a part is left out."""
 
 
 def surface(
-    soup: Mesh,
-    lessons: Lessons,
-    aside: Lessons,
-    *,
-    faces: int | None = None,
-    seconds: float = math.inf,
-    seed: int = 0,
-    device: str | Device | None = None,
-    watch: Watch = nobody,
+    soup: Mesh, guide: Guide, *, faces: int | None = None, seconds: float = math.inf
 ) -> tuple[Mesh, list[str]]:
     """Return a closed, manifold, consistently wound mesh that looks like `soup`, coloured at vertices, and
     what should be known of it.
 
     What the cameras of the lessons see of the soup, which is opaque, says what is solid. That has about so
-    many `faces`, which then move for so many `seconds` at most where pictures that teach nothing (`aside`)
-    look better for it.
+    many `faces`, which then move for so many `seconds` at most where pictures that teach nothing look
+    better for it.
 
     An object is enclosed from outside. A scene, which reaches beyond its cameras, encloses these: its faces
     look inward, and a shell far out shows the sky.
@@ -78,14 +72,12 @@ def surface(
     """
     need_extra("bench", "skimage", what="a closed surface")
     need_extra("trial", "fast_simplification", what="a closed surface")
-    lessons, aside = (each.within(PIXELS_TO_MOVE) for each in (lessons, aside))
-    watch("solid", 0, 1)
-    places, made, space = enclosed(soup, lessons.cameras, CELLS, device=device)
-    watch("fewer faces", 0, 1)
+    guide = guide.within(PIXELS_TO_MOVE)
+    guide.watch("solid", 0, 1)
+    places, made, space = enclosed(soup, guide.lessons.cameras, CELLS, device=guide.device)
+    guide.watch("fewer faces", 0, 1)
     count = FACES[space.contracted] if faces is None else faces
-    return taught(
-        places, made, count, space, lessons, aside, seconds=seconds, seed=seed, device=device, watch=watch
-    )
+    return taught(places, made, count, space, guide, seconds)
 
 
 def enclosed(
@@ -130,13 +122,8 @@ def taught(
     faces: NDArray[np.int64],
     count: int,
     space: Space,
-    lessons: Lessons,
-    aside: Lessons,
-    *,
+    guide: Guide,
     seconds: float = math.inf,
-    seed: int,
-    device: str | Device | None,
-    watch: Watch,
 ) -> tuple[Mesh, list[str]]:
     """Return a closed surface, with places inside `space`, with about `count` faces that look right, and what
     should be known of it.
@@ -153,17 +140,17 @@ def taught(
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     mesh = Mesh(space.outward(places).astype(np.float32), made)
     soup = Soup.of(mesh, shares=True)
-    with rasters(soup, lessons, aside, device) as (raster, judge):
+    with guide.rasters(soup) as (raster, judge):
         soup.refit(raster)
         best = Best(judge)
         best.look(soup)
-        until, random = time.monotonic() + seconds, np.random.default_rng(seed)
-        taken = settle.settle(places, soup, raster, best, space, random, watch, until)
+        schedule = Schedule(settle.STEPS, time.monotonic() + seconds)
+        settle.settle(places, soup, raster, best, space, guide, schedule)
         soup = best.soup
     mesh = parted(soup.on(_moved(mesh, soup)))
-    notes = []
-    if taken < settle.STEPS:
-        notes.append(f"its vertices took {taken} of {settle.STEPS} steps to where pictures want them")
+    notes = schedule.lacks("its vertices")
+    if len(made) > _ABOUT * max(count, _FEWEST):
+        notes.append(f"it has {len(made):,} faces, not {count:,}: with fewer it did not stay closed")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes

@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 
 from msb.bake import lods as levels
+from msb.bake.lessons import Lessons
 from msb.bake.lods import lods, screen_share, shares_of
 from msb.bake.raster import Raster
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
+from msb.bake.start import Guide
 from msb.errors import UsageError
 from msb.meshes.mesh import Mesh
 from tests.bake.solids import ball, box, colors_at, soup_of, together
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
 
 
-def error(mesh: Mesh, lessons: levels.Lessons) -> float:
+def error(mesh: Mesh, lessons: Lessons) -> float:
     soup = Soup.of(mesh, shares=False)
     with closing(Raster(soup.corners, soup.colors, lessons)) as raster:
         return soup.error(raster)
@@ -33,7 +35,7 @@ def test_of_a_soup_the_faces_stay_that_are_seen(monkeypatch: pytest.MonkeyPatch)
         lessons_of(corners, colors, cameras(2)) as lessons,
         lessons_of(corners, colors, cameras(1)) as aside,
     ):
-        half, few = lods(mesh, lessons, aside, (0.5, 0.1))
+        half, few = (level for level, _ in lods(mesh, Guide(lessons, aside), (0.5, 0.1)))
         assert 4 * error(half, lessons) < error(few, lessons)
     assert len(half.faces) == len(corners)
     assert half.vertices[:, 2].min() > -25
@@ -47,8 +49,8 @@ def test_levels_of_so_few_faces_that_some_are_the_same(monkeypatch: pytest.Monke
     corners, colors = tiles(1)
     mesh = mesh_of(np.concatenate([corners, corners[:1] + 1]), np.concatenate([colors, colors[:1]]))
     with lessons_of(corners, colors, cameras(1)) as lessons:
-        made = lods(mesh, lessons, lessons, (0.7, 0.4, 0.1))
-    assert [len(level.faces) for level in made] == [2, 1, 1]
+        made = lods(mesh, Guide(lessons, lessons), (0.7, 0.4, 0.1))
+    assert [len(level.faces) for level, _ in made] == [2, 1, 1]
 
 
 def test_faces_of_a_soup_move_to_make_up_for_those_that_go() -> None:
@@ -59,15 +61,24 @@ def test_faces_of_a_soup_move_to_make_up_for_those_that_go() -> None:
         lessons_of(corners, colors, cameras(4)) as lessons,
         lessons_of(corners, colors, cameras(3)) as aside,
     ):
-        (made,) = lods(mesh, lessons, aside, (0.7,))
-        (unmoved,) = _without_steps(mesh, lessons, aside)
+        ((made, _),) = lods(mesh, Guide(lessons, aside), (0.7,))
+        unmoved = _without_steps(mesh, lessons, aside)
         assert error(made, lessons) < 0.7 * error(unmoved, lessons)
 
 
-def _without_steps(mesh: Mesh, lessons: levels.Lessons, aside: levels.Lessons) -> list[Mesh]:
+def _without_steps(mesh: Mesh, lessons: Lessons, aside: Lessons) -> Mesh:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(levels, "_STEPS", 1)
-        return lods(mesh, lessons, aside, (0.7,))
+        return lods(mesh, Guide(lessons, aside), (0.7,))[0][0]
+
+
+def test_a_level_that_ends_early_says_so() -> None:
+    corners, colors = tiles(6)
+    mesh = mesh_of(corners, colors)
+    with lessons_of(corners, colors, cameras(2)) as lessons:
+        guide = Guide(lessons, lessons, watch=lambda _, done, __: done >= 3)
+        ((_, notes),) = lods(mesh, guide, (0.8,))
+    assert notes == ["its triangles took 3 of 200 steps to where pictures want them"]
 
 
 def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
@@ -79,7 +90,7 @@ def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
         lessons_of(corners, colors, cameras(4)) as lessons,
         lessons_of(corners, colors, cameras(3)) as aside,
     ):
-        made = lods(mesh, lessons, aside, (0.5, 0.1))
+        made = [level for level, _ in lods(mesh, Guide(lessons, aside), (0.5, 0.1))]
     for level, share in zip(made, (0.5, 0.1), strict=True):
         assert len(level.faces) <= share * len(mesh.faces)
         assert closed(level.vertices.astype(np.float64), level.faces)

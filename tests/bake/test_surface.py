@@ -16,6 +16,7 @@ from msb.bake import surface as made
 from msb.bake.fusion import BEHIND, DOUBT, REACH, THICK, Depths, Grid
 from msb.bake.lessons import Lessons
 from msb.bake.space import Space
+from msb.bake.start import Guide
 from msb.cl import Device
 from msb.errors import AssetError
 from msb.meshes.assets import asset_from_mesh
@@ -78,7 +79,7 @@ def surface_of(
     corners: Corners, colors: Corners, seen_by: list[Camera], aside: list[Camera], faces: int = 400
 ) -> Mesh:
     with lessons_of(corners, colors, seen_by) as lessons, lessons_of(corners, colors, aside) as others:
-        return made.surface(mesh_of(corners, colors), lessons, others, faces=faces)[0]
+        return made.surface(mesh_of(corners, colors), Guide(lessons, others), faces=faces)[0]
 
 
 def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
@@ -206,7 +207,7 @@ def test_views_that_contradict_each_other_still_give_a_solid() -> None:
 
     soup = mesh_of(corners, colors)
     with Lessons(around(8), BACKGROUND, noise) as lessons, Lessons(around(2), BACKGROUND, noise) as aside:
-        check_solid(made.surface(soup, lessons, aside, faces=400)[0])
+        check_solid(made.surface(soup, Guide(lessons, aside), faces=400)[0])
 
 
 @pytest.mark.usefixtures("quick")
@@ -242,10 +243,10 @@ def test_it_ends_when_it_is_told_to_or_the_time_is_up_and_says_so() -> None:
 
     soup = mesh_of(corners, colors)
     with lessons_of(corners, colors, around(8)) as lessons, lessons_of(corners, colors, around(2)) as aside:
-        told, notes = made.surface(soup, lessons, aside, faces=400, watch=watch)
+        told, notes = made.surface(soup, Guide(lessons, aside, watch=watch), faces=400)
         assert steps[-1] == 3
         assert any("3 of 20 steps" in note for note in notes), notes
-        late, notes = made.surface(soup, lessons, aside, faces=400, seconds=0)
+        late, notes = made.surface(soup, Guide(lessons, aside), faces=400, seconds=0)
         assert any("1 of 20 steps" in note for note in notes), notes
     check_solid(told)
     check_solid(late)
@@ -262,7 +263,7 @@ def test_faces_that_cross_to_the_end_are_counted_in_a_note(monkeypatch: pytest.M
     corners, colors = ball()
     soup = mesh_of(corners, colors)
     with lessons_of(corners, colors, around(8)) as lessons, lessons_of(corners, colors, around(2)) as aside:
-        mesh, notes = made.surface(soup, lessons, aside, faces=400)
+        mesh, notes = made.surface(soup, Guide(lessons, aside), faces=400)
     pairs = crossing_pairs(mesh.vertices[mesh.faces].astype(np.float64))
     assert any(note.startswith(f"{len(np.unique(pairs))} faces of the surface cross") for note in notes), (
         notes

@@ -15,6 +15,7 @@ from msb.bake.kept import kept
 from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
+from msb.bake.start import Guide
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
@@ -135,7 +136,7 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
     asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
     views = cameras(5)
     with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
-        made = search(asset, lessons, aside, watch=watch)
+        made = search(asset, Guide(lessons, aside, watch=watch))
         if search is fitted:
             made, notes = made
             assert notes == ["its triangles took 2 of 400 steps to where pictures want them"]

@@ -16,6 +16,7 @@ import pytest
 import msb
 from msb.asset import build_asset
 from msb.bake.lessons import Lessons
+from msb.bake.start import Guide
 from msb.cli.output import Output
 from msb.errors import AssetError, DeviceError
 from msb.meshes import Mesh, read_mesh
@@ -313,10 +314,10 @@ def test_an_interrupt_ends_with_the_best_so_far_if_asked(
 
     made = []
 
-    def interrupted(*lessons: Any, watch: Any, **options: Any) -> Mesh:
+    def interrupted(asset: msb.Asset, guide: Guide, shares: Any) -> Mesh:
         os.kill(os.getpid(), signal.SIGINT)
-        made.append(watch("choosing faces", 1, 9))
-        return kept(*lessons, watch=watch, **options)
+        made.append(guide.watch("choosing faces", 1, 9))
+        return kept(asset, guide, shares)
 
     kept = making.kept
     monkeypatch.setattr(making, "kept", interrupted)
