@@ -23,7 +23,7 @@ from msb.bake.preview import Preview, preview
 from msb.bake.report import Look, Report, Shape, Verdict
 from msb.bake.teacher import Source, Teacher
 from msb.bake.views import bake_views
-from msb.bake.written import Part, write_all
+from msb.bake.written import Part, endings, write_all
 from msb.base.atomic import room_for_temporaries
 from msb.cl.devices import choose_device
 from msb.errors import about
@@ -71,9 +71,10 @@ class Baked:
         path then: asset.glb and what stands beside it, bake.json, preview.png and the page index.html. Of a
         folder that is there nothing is replaced but what a bake wrote."""
         is_convex = self.report.collision is not None and self.report.collision.kind != "mesh"
-        parts = [Part("", self.asset, self.report.extras(), self.collision, is_convex)]
-        parts += [Part(f"_lod{number}", one, {}) for number, one in enumerate(self.lods, 1)]
-        parts += [] if self.collision is None else [Part("_collision", self.collision, {})]
+        beside = self.lods if self.collision is None else (*self.lods, self.collision)
+        main, *names = endings(len(self.lods), has_collision=self.collision is not None)
+        parts = [Part(main, self.asset, self.report.extras(), self.collision, is_convex)]
+        parts += [Part(name, one, {}) for name, one in zip(names, beside, strict=True)]
         places = [Path(path) for path in paths]
         if only_folder(places):
             return write_folder(self, parts, places[0], overwrite)

@@ -28,8 +28,8 @@ _LEAST = 1e-4
 
 def try_faces(
     soup: Soup, raster: Raster, random: np.random.Generator, *, show: bool, most: int | None = None
-) -> int:
-    """Hide some of the faces that are shown, or `show` some that are not, where that pays; return how many.
+) -> None:
+    """Hide some of the faces that are shown, or `show` some that are not, where that pays.
 
     No more are shown than make `most` in all.
     """
@@ -37,14 +37,13 @@ def try_faces(
     if show and most is not None:
         chosen = chosen[: max(0, most - int(soup.keep.sum()))]
     if not len(chosen):
-        return 0
+        return
     rise = _rise(soup, raster, random, chosen, show=show)
     views, total = len(rise), rise.sum(axis=0)
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
     spread = np.sqrt(views * squares / max(views - 1, 1))
     pays = total < -SURE * spread - _LEAST
     soup.keep[chosen[pays]] = show
-    return int(pays.sum())
 
 
 def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -9,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
+from msb.meshes.assets import asset_from_mesh
+from msb.render import Renderer
 from msb.render.shares import shares_by_view
 
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
     from msb.cl import Device
+    from msb.meshes.mesh import Mesh
     from msb.registry import Tier
+    from msb.scenes import Camera
 
 _NO_COLOR = 0.5
 """What stands for the colour of a face that no picture shows."""
@@ -59,3 +64,14 @@ def blending_shares(asset: Asset, lessons: Lessons, device: str | Device | None 
     color[seen] = sums[seen, :3] / weight[seen, None]
     pixels = sum(camera.width * camera.height for camera in lessons.cameras)
     return Shares(weight, color, pixels)
+
+
+def pixels_shown(
+    mesh: Mesh, cameras: Iterable[Camera], device: str | Device | None = None
+) -> Iterator[NDArray[np.int64]]:
+    """Yield for each camera how many pixels (F,) of its picture show each face of an opaque mesh."""
+    with Renderer(asset_from_mesh(mesh), "standard", device) as renderer:
+        for camera in cameras:
+            faces = renderer.render(camera).face_id
+            assert faces is not None
+            yield np.bincount(faces[faces >= 0], minlength=len(mesh.faces))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,22 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.colors import laplacian
-from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
-from msb.render.standard.renderer import StandardRenderer
 from msb.topology.components import label_components
 from msb.topology.steps import close, pair, turn_faces
 from msb.trial.tasks.self_intersections import crossing_pairs
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from scipy.sparse import csr_matrix
 
     from msb.bake.fusion import Grid
     from msb.bake.space import Space
-    from msb.cl import Device
-    from msb.scenes import Camera
 
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
@@ -58,20 +51,6 @@ def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[R
     np.copyto(padded, np.copysign(np.float32(_APART), padded), where=np.abs(padded) < _APART)
     points, faces, _, _ = marching_cubes(padded, 0.0)  # type: ignore[no-untyped-call]
     return grid.low + (points.astype(np.float64) - 1) * grid.cell, faces.astype(np.int64)
-
-
-def pixels_of(
-    points: Reals, faces: Faces, cameras: Sequence[Camera], device: str | Device | None
-) -> NDArray[np.int64]:
-    """Return how many pixels of all views show each face (F,)."""
-    counts = np.zeros(len(faces), np.int64)
-    mesh = Mesh(points.astype(np.float32), faces, vertex_colors=np.zeros((len(points), 3), np.float32))
-    with closing(StandardRenderer(asset_from_mesh(mesh), device=device)) as renderer:
-        for camera in cameras:
-            shown = renderer.render(camera.in_units(), (0.0, 0.0, 0.0)).face_id
-            assert shown is not None
-            counts += np.bincount(shown[shown >= 0], minlength=len(faces))
-    return counts
 
 
 def parts(points: Reals, faces: Faces) -> NDArray[np.int32]:

@@ -41,7 +41,7 @@ class Best:
 
     def __init__(self, judge: Raster) -> None:
         self._judge = judge
-        self.error = np.inf
+        self._error = np.inf
         self.since = 0
         """Looks since the best one."""
         self._soup: Soup | None = None
@@ -52,13 +52,12 @@ class Best:
         assert self._soup is not None, "nothing was looked at"
         return self._soup.copy()
 
-    def look(self, soup: Soup) -> bool:
-        """Look at `soup` as it is now; return whether it is the best so far."""
+    def look(self, soup: Soup) -> None:
+        """Look at `soup` as it is now, which may be the best so far."""
         error = soup.error(self._judge)
         self.since += 1
-        if error < self.error:
-            self.error, self._soup, self.since = error, soup.copy(), 0
-        return self.since == 0
+        if error < self._error:
+            self._error, self._soup, self.since = error, soup.copy(), 0
 
 
 @dataclass(frozen=True, eq=False)

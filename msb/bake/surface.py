@@ -14,12 +14,12 @@ from msb.bake import settle
 from msb.bake.descent import Schedule
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
+from msb.bake.shares import pixels_shown
 from msb.bake.solid import (
     boundary,
     compacted,
     crossing_faces,
     parted,
-    pixels_of,
     that_matter,
     uncrossed,
     with_fewer_faces,
@@ -113,7 +113,8 @@ def enclosed(
     places, made = boundary(values, grid, -1.0 if scene else 1.0)
     places = drawn_in(places, values, grid)
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
-    pixels = pixels_of(space.outward(places), made, cameras, device)
+    closed = Mesh(space.outward(places).astype(np.float32), made)
+    pixels = sum(pixels_shown(closed, cameras, device), np.zeros(len(made), np.int64))
     return *compacted(places, made[that_matter(places, made, pixels, least)]), space
 
 

@@ -19,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from msb.asset.texture import Sampler
 from msb.bake.atlas import connected_atlas, soup_atlas
 from msb.bake.fusion import seen_points
+from msb.bake.shares import pixels_shown
 from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
@@ -71,7 +72,9 @@ def textured(
         USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
     """
     cameras = lessons.cameras if shown is None else shown
-    pixels = most_pixels(mesh, cameras, device)
+    pixels = np.zeros(len(mesh.faces))
+    for each in pixels_shown(mesh, cameras, device):
+        np.maximum(pixels, each, out=pixels)
     size = _own_size(pixels) if size is None else size
     if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
         mesh.faces.reshape(-1), np.arange(mesh.faces.size)
@@ -115,17 +118,6 @@ def _own_size(pixels: Reals) -> int:
     side = float(np.sqrt(np.maximum(pixels, 1).sum()))
     least, most = _OWN_SIZE
     return int(min(max(2 ** round(np.log2(side)), least), most))
-
-
-def most_pixels(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Reals:
-    """Return the most pixels (F,) of each face that a picture of one of the cameras has."""
-    most = np.zeros(len(mesh.faces))
-    with Renderer(asset_from_mesh(mesh), "standard", device=device) as renderer:
-        for camera in cameras:
-            ids = renderer.render(camera).face_id
-            assert ids is not None
-            np.maximum(most, np.bincount(ids[ids >= 0], minlength=len(most)), out=most)
-    return most
 
 
 def _beginning(

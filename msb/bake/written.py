@@ -11,6 +11,7 @@ import numpy as np
 
 from msb.asset import ASSET_SUFFIX
 from msb.asset.writer import write_packed
+from msb.bake.solid import parts as parts_of
 from msb.base.atomic import new_files
 from msb.delivery.saving import output_suffix
 from msb.errors import UsageError
@@ -18,7 +19,6 @@ from msb.meshes import Mesh, write_mesh
 from msb.meshes.assets import as_held, mesh_from_asset, with_faces
 from msb.meshes.files import beside
 from msb.meshes.formats import Style
-from msb.topology.components import label_components
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -49,6 +49,13 @@ class Part(NamedTuple):
     def beside(self, path: Path) -> Path:
         """Return where it is written, if the main asset is at `path`."""
         return path.with_name(f"{path.stem}{self.ending}{path.suffix}")
+
+
+def endings(levels: int, *, has_collision: bool) -> list[str]:
+    """Return what stands behind the names of the assets of a bake, in the order of its parts: the main one,
+    its levels of detail, its collision shape."""
+    found = ["", *(f"_lod{number}" for number in range(1, levels + 1))]
+    return [*found, "_collision"] if has_collision else found
 
 
 def places(paths: Sequence[Path], endings: Sequence[str] = ("",)) -> list[Path]:
@@ -111,12 +118,8 @@ def _writes(part: Part, place: Path) -> list[tuple[Path, Write]]:
 
 def _pieces(mesh: Mesh) -> tuple[Mesh, ...]:
     """Return the parts of a mesh that share no vertex."""
-    first, second, third = mesh.faces.T
-    ends = np.concatenate([second, third])
-    count, label = label_components(len(mesh.vertices), np.concatenate([first, first]), ends)
-    of_face = label[first]
-    pieces = (with_faces(mesh, of_face == number) for number in range(count))
-    return tuple(piece for piece in pieces if len(piece.faces))
+    label = parts_of(mesh.vertices, mesh.faces)
+    return tuple(with_faces(mesh, label == number) for number in np.unique(label))
 
 
 def _put(content: bytes, file: BinaryIO) -> None:

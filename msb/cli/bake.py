@@ -127,18 +127,17 @@ def bake(
     from msb.bake import bake as make
     from msb.bake.folder import PAGE, only_folder
     from msb.bake.lods import shares_of
-    from msb.bake.written import places
+    from msb.bake.written import endings, places
     from msb.cli.inputs import open_asset
 
     lods = () if options.lods is None else shares_of(options.lods)
-    endings = ["", *(f"_lod{number}" for number in range(1, len(lods) + 1))]
-    endings += [] if options.collision is None else ["_collision"]
     folder = None
     if only_folder(options.outputs) and not is_stdout(options.outputs[0]):
         folder = options.outputs[0]
         _check_folder(folder, path, output)
     else:
-        for place in places(options.outputs, endings):
+        names = endings(len(lods), has_collision=options.collision is not None)
+        for place in places(options.outputs, names):
             output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output)
