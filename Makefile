@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 FOR_DOCS := $(VENV)/.installed-docs
 ENGINES := .engines
 
-.PHONY: demo test test-all docs engines system-packages lint bench clean
+.PHONY: blender-extension demo test test-all docs engines system-packages lint bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -115,6 +115,10 @@ lint: $(FOR_TEST)
 docs: $(FOR_DOCS)
 	PYTHONPATH=. NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet --strict
 	@echo "build/site/index.html"
+
+# The extension for Blender, with PYTHON of its Python's version: 3.11 to Blender 5.0, 3.13 from 5.1 on.
+blender-extension:
+	$(PYTHON) blender/build.py
 
 bench: $(FOR_TEST)
 	$(BIN)/python -m benchmarks.audit

@@ -1,12 +1,12 @@
-"""Build the extension for Blender: ``python blender/build.py [--platform linux-x64] [--python 3.11]``.
+"""Build the extension for Blender: ``python blender/build.py``, on the system and by the Python it is for.
 
-The zip holds the sources beside this file, a wheel of this tree and those that it needs, which pip fetches
-for the platform and Python of a Blender; NumPy is Blender's own.
+The zip holds the sources beside this file, a wheel of this tree and those that it needs, which pip fetches;
+NumPy is Blender's own.
 """
 
 from __future__ import annotations
 
-import argparse
+import platform
 import re
 import subprocess
 import sys
@@ -16,36 +16,36 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "blender" / "meshsplatbench"
-PLATFORMS = {
-    "linux-x64": ("manylinux_2_28_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"),
-    "windows-x64": ("win_amd64",),
-    "macos-arm64": ("macosx_14_0_arm64", "macosx_12_0_arm64", "macosx_11_0_arm64"),
-}
-"""Blender's name of a platform -> the tags of wheels that run there."""
-NUMPY = {"3.11": "numpy<2", "3.13": "numpy>=2"}
+NUMPY = {(3, 11): "numpy<2", (3, 13): "numpy>=2"}
 """Python of a Blender -> its NumPy: 3.11 in Blender 4.2 to 5.0, 3.13 from 5.1 on."""
+MACHINES = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
+"""Python's name of a machine -> Blender's, if that is another."""
 
 
-def fetch_wheels(folder: Path, platform: str, python: str) -> list[Path]:
+def fetch_wheels(folder: Path) -> list[Path]:
     """Return a wheel of this tree and the wheels it needs, made and fetched into `folder`."""
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
     (ours,) = folder.glob("*.whl")
-    target = ["--only-binary=:all:", "--python-version", python, "--implementation", "cp"]
-    for tag in PLATFORMS[platform]:
-        target += ["--platform", tag]
-    wanted = [str(ours), NUMPY[python]]
-    subprocess.run([*pip, "download", *target, "--dest", folder, *wanted], check=True)
+    wanted = [str(ours), NUMPY[sys.version_info[:2]]]
+    subprocess.run([*pip, "download", "--only-binary=:all:", "--dest", folder, *wanted], check=True)
     return sorted(path for path in folder.glob("*.whl") if not path.name.startswith("numpy-"))
 
 
-def build(target: Path, wheels: list[Path], platform: str) -> None:
+def system_name() -> str:
+    """Return Blender's name of this system, such as "linux-x64"."""
+    system = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower()
+    return f"{system}-{MACHINES.get(machine, machine)}"
+
+
+def build(target: Path, wheels: list[Path], system: str) -> None:
     """Write the extension with `wheels` to `target`, the manifest completed."""
     version = re.search(r'__version__ = "(.+)"', (ROOT / "msb" / "base" / "version.py").read_text("utf-8"))
     assert version is not None
     listed = "".join(f'  "./wheels/{path.name}",\n' for path in wheels)
     manifest = (SOURCES / "blender_manifest.toml").read_text("utf-8")
-    head = f'version = "{version[1]}"\nplatforms = ["{platform}"]\nwheels = [\n{listed}]\n'
+    head = f'version = "{version[1]}"\nplatforms = ["{system}"]\nwheels = [\n{listed}]\n'
     target.parent.mkdir(parents=True, exist_ok=True)
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(
@@ -58,18 +58,13 @@ def build(target: Path, wheels: list[Path], platform: str) -> None:
 
 
 def main() -> None:
-    """Do what the command line says."""
-    parser = argparse.ArgumentParser(description="Build the extension for Blender.")
-    here = {"linux": "linux-x64", "win32": "windows-x64", "darwin": "macos-arm64"}.get(sys.platform)
-    parser.add_argument("--platform", choices=PLATFORMS, default=here)
-    parser.add_argument(
-        "--python", choices=NUMPY, default="3.11", help="3.11: Blender 4.2 to 5.0; 3.13: from 5.1"
-    )
-    asked = parser.parse_args()
+    """Build it for the system and the Python that run this."""
+    if sys.version_info[:2] not in NUMPY:
+        sys.exit("Blender has Python 3.11 (4.2 to 5.0) or 3.13 (from 5.1): run this with the one it is for")
+    name = f"meshsplatbench-blender-{system_name()}-py{sys.version_info[0]}.{sys.version_info[1]}.zip"
     with tempfile.TemporaryDirectory() as folder:
-        wheels = fetch_wheels(Path(folder), asked.platform, asked.python)
-        target = ROOT / "build" / f"meshsplatbench-blender-{asked.platform}-py{asked.python}.zip"
-        build(target, wheels, asked.platform)
+        target = ROOT / "build" / name
+        build(target, fetch_wheels(Path(folder)), system_name())
     print(f"{target}: {target.stat().st_size / 1e6:.0f} MB")
 
 
