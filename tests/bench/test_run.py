@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import msb
+from data_stubs.made_meshes import PLACES
 from msb import metrics
 from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
@@ -280,3 +281,17 @@ def test_what_a_training_did_otherwise_is_warned_of_once_and_recorded(tmp_path: 
         for name in ("dedicated", "exported_mesh"):
             found = cell(file, f"triangle_splatting/{name}").trained
             assert sum(text in one for one in found) == 1
+
+
+@pytest.mark.slow
+def test_methods_known_by_their_files_are_rows(tmp_path: Path) -> None:
+    methods = ("triangle_splatting_plus", *PLACES)
+    file = protocol(tmp_path, methods)
+    assert run_protocol(file, jobs=2).exit_status == 0
+    for method in methods:
+        shown = cell(file, f"{method}/standard")
+        assert shown.status == "done"
+        assert shown.quality is not None
+        assert shown.quality.psnr > 22
+        own = cell(file, f"{method}/dedicated")
+        assert own.status == ("unsupported" if method in PLACES else "done")
