@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from msb.bake.apart import POINTS, distances, spread
 from msb.bake.fusion import seen_points
+from msb.bake.hulls import PATCH_CORNERS, hull_of, patches_of, smallest_box
 from msb.bake.simpler import closed, simpler
 from msb.bake.solid import compacted, mended, parted
 from msb.bake.space import Space
@@ -24,21 +25,18 @@ from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import AssetError, MeshError, UsageError, shorten
 from msb.meshes.mesh import Mesh
-from msb.topology.faces import face_areas
 from msb.topology.weld import weld_vertices
 from msb.trial.geometry import signed_volume
-from msb.trial.tasks.collision import CORNERS, directions
+from msb.trial.tasks.collision import CORNERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from msb.bake.hulls import Faces, Part, Reals
     from msb.base.children import Arrays
     from msb.cl import Device
     from msb.scenes import Camera
 
-    Reals = NDArray[np.float64]
-    Faces = NDArray[np.int64]
-    Part = tuple[Reals, Faces]
 
 Kind = Literal["mesh", "hulls", "box"]
 SECONDS = 20.0
@@ -54,25 +52,11 @@ _FRONT, _BEHIND = 0.45, 0.02
 """Of a scene, the share of the faces that are seen, and how thick it is, in radii of what is near."""
 _AT_FIRST = 8
 """How many times the faces asked for a surface is given first."""
-_CORNERS = 32
-"""Most corners of the hull of a patch, about as many faces as it has."""
 _FEWEST, _MOST = 4, 1 << 20
 """Faces of a mesh."""
 _MOST_HULLS = 256
-_THIN = 1e-3
-"""Of the diagonal, how thick a box is, or the hull of what is flat."""
-_FLAT = 1e-6
-"""Of the diagonal's cube, the volume below which a hull is a flat one."""
-_OVERLAP = 4e-3
-"""Of the diagonal, how far points of either patch reach beyond a cut, so that nothing falls through it."""
-_CUTS = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-"""Shares of a patch's points on one side of the cuts that are tried, along each of its axes."""
-_SPREAD = 5000
-"""Points all over the faces, besides their corners, of which patches are made."""
 _TOUCHING = 1e-3
 """Of the diagonal, how far from a part a point is that this covers."""
-_BASES = 500
-"""Faces of a hull, the largest, on which a box is tried to lie."""
 _SOLID_FACES = 2000
 """Faces of a closed surface that are given to CoACD: what it costs grows with them."""
 _SAMPLES, _TRIES = 1000, 60
@@ -179,11 +163,11 @@ def collision(
     made, why, patched = name, "", (seen, faces)
     parts: list[Part] = []
     if made == "box":
-        parts = [_box(seen)]
+        parts = [smallest_box(seen)]
     elif solid is None:
         why = "the mesh is not closed" + (", and what is seen of it encloses nothing" if len(shown) else "")
         if made == "mesh":
-            made, count = "hulls", max(1, count // _CORNERS)
+            made, count = "hulls", max(1, count // PATCH_CORNERS)
     elif space is not None and space.contracted:
         inside = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
         patched = _near(solid, (seen, faces), inside)
@@ -198,7 +182,7 @@ def collision(
     else:
         why = "the surface looks inward: these are hulls of patches of it"
     if not parts:
-        parts = [_hull(patch) for patch in _patches(*patched, min(count, _MOST_HULLS))]
+        parts = [hull_of(patch) for patch in patches_of(*patched, min(count, _MOST_HULLS))]
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.concatenate([points for points, _ in parts])
     joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
@@ -341,126 +325,6 @@ def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     return None, made
 
 
-def _patches(points: Reals, faces: Faces, count: int) -> list[Reals]:
-    """Return up to so many sets of points of a surface, whose hulls have little volume together.
-
-    Again and again the one with the largest hull is cut where that saves most.
-    """
-    points = np.concatenate([points, spread(points, faces, _SPREAD)[0]])
-    patches = [(_volume(points), points)]
-    while len(patches) < count:
-        largest = max(range(len(patches)), key=lambda number: patches[number][0])
-        halves = _cut(patches[largest][1])
-        if not halves:
-            break
-        patches[largest : largest + 1] = halves
-    return [patch for _, patch in patches]
-
-
-def _cut(points: Reals) -> list[tuple[float, Reals]]:
-    """Return two parts of a patch, each with its volume, that are least together; none of what is one
-    place."""
-    found: list[tuple[float, Reals]] = []
-    if len(points) < 2:
-        return found
-    for axis in _principal_axes(points):
-        along = points @ axis
-        for place in (_widest_gap(along), *np.quantile(along, _CUTS)):
-            halves = points[along <= place + _OVERLAP], points[along >= place - _OVERLAP]
-            if max(map(len, halves)) < len(points):
-                volumes = [_volume(half) for half in halves]
-                if not found or sum(volumes) < sum(volume for volume, _ in found):
-                    found = list(zip(volumes, halves, strict=True))
-    return found
-
-
-def _widest_gap(values: Reals) -> float:
-    """Return the middle between the two of neighbouring values that are farthest from each other."""
-    ordered = np.sort(values)
-    at = int(np.diff(ordered).argmax())
-    return float(ordered[at] + ordered[at + 1]) / 2
-
-
-def _principal_axes(points: Reals) -> Reals:
-    """Return the axes (3, 3), one a row, along which points vary least to most."""
-    away = points - points.mean(axis=0)
-    axes: Reals = np.linalg.eigh(away.T @ away)[1].T
-    return axes
-
-
-def _volume(points: Reals) -> float:
-    """Return the volume of the convex hull, a little thicker where that is flat."""
-    exact = _exact_volume(points)
-    return exact if exact >= _FLAT else _exact_volume(_thicker(points))
-
-
-def _exact_volume(points: Reals) -> float:
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return float(ConvexHull(points).volume)
-    except QhullError:  # they lie in a plane
-        return 0.0
-
-
-def _thicker(points: Reals) -> Reals:
-    """Return the corners of small boxes about points."""
-    return (points[:, None] + _THIN / 2 * _ENDS).reshape(-1, 3)
-
-
-def _hull(points: Reals) -> Part:
-    """Return the convex hull of what reaches farthest, a little thicker where that is flat."""
-    from scipy.spatial import ConvexHull
-
-    axes = _principal_axes(points)
-    along = (points - points.mean(axis=0)) @ axes.T
-    along /= np.maximum(np.abs(along).max(axis=0), _LEAST)
-    corners = points[np.unique((along @ directions(_CORNERS).T).argmax(axis=0))]
-    if _exact_volume(corners) < _FLAT:
-        corners = _thicker(corners)
-    hull = ConvexHull(corners)
-    used, number = np.unique(hull.simplices, return_inverse=True)
-    faces = number.reshape(-1, 3)
-    corners = hull.points[hull.simplices]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inwards = (normals * hull.equations[:, :3]).sum(axis=1) < 0
-    return hull.points[used], np.where(inwards[:, None], faces[:, ::-1], faces).astype(np.int64)
-
-
-def _box(points: Reals) -> Part:
-    """Return the smallest box that holds the points, of those along some axes.
-
-    These are the axes of the space, the principal ones, and the ones by which a box lies on a face of the
-    hull with a side along an edge of that.
-    """
-    bases, corners = _bases(points)
-    frames = np.concatenate([[np.eye(3), _principal_axes(points)], bases])
-    along = np.einsum("nij,pj->npi", frames, corners)
-    low, high = along.min(axis=1), along.max(axis=1)
-    half = np.maximum(high - low, _THIN) / 2
-    best = int(half.prod(axis=1).argmin())
-    placed = ((low[best] + high[best]) / 2 + _ENDS * half[best]) @ frames[best]
-    return placed, _BOX
-
-
-def _bases(points: Reals) -> tuple[Reals, Reals]:
-    """Return the axes (n, 3, 3) of faces of the hull, from its largest on, and the corners of the hull."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    for options in ("Qt", "QJ"):  # joggled, what is flat has a hull, too
-        try:
-            hull = ConvexHull(points, qhull_options=options)
-        except QhullError:
-            continue
-        corners = hull.points[hull.simplices]
-        largest = np.argsort(-face_areas(hull.points, hull.simplices)[0], kind="stable")[:_BASES]
-        side = np.roll(corners[largest], -1, axis=1) - corners[largest]
-        along = (side / np.maximum(np.linalg.norm(side, axis=2, keepdims=True), _LEAST)).reshape(-1, 3)
-        up = np.repeat(hull.equations[largest, :3], 3, axis=0)
-        return np.stack([along, np.cross(up, along), up], axis=1), hull.points[hull.vertices]
-    return np.zeros((0, 3, 3)), points
-
-
 def _mid_air(parts: list[Part], shape: Part, seen: Part) -> float:
     """Return the share of a shape's area that is far from what is `seen`, of what no other part covers."""
     places, face = spread(*shape)
@@ -476,18 +340,3 @@ def _mid_air(parts: list[Part], shape: Part, seen: Part) -> float:
     if not free.any():
         return 0.0
     return float((distances(places[free], *seen) > MID_AIR).mean())
-
-
-_ENDS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-"""The lower and upper ends of three axes."""
-_BOX = np.array(
-    [
-        [[0, 1, 3], [0, 3, 2]],
-        [[4, 6, 7], [4, 7, 5]],
-        [[0, 4, 5], [0, 5, 1]],
-        [[2, 3, 7], [2, 7, 6]],
-        [[0, 2, 6], [0, 6, 4]],
-        [[1, 5, 7], [1, 7, 3]],
-    ]
-).reshape(-1, 3)
-"""The faces of a box with its corners in the order of `_ENDS`."""
