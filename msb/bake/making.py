@@ -43,6 +43,8 @@ LEAST_SEEN = 0.8
 _SEARCH = 2 / 3
 """Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
 _NO_TIME = 1e-3
+PIXELS_A_FACE = 6
+"""Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
 _TEXTURED = 2
 """How many times as large as the views the pictures are whose pixels a texture has texels for, and at least
 those that teach."""
@@ -80,7 +82,7 @@ class Bake:
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
         self._guide = Guide(self._teaching, self._aside, options.seed, device, watch)
-        self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
+        self._soups: dict[int, tuple[Mesh, list[str]]] = {}
 
     def close(self) -> None:
         """Give the pictures back."""
@@ -178,7 +180,7 @@ class Bake:
         if name == "kept":
             return kept(self._asset, self._guide, shares), []
         # A surface has its number of faces from the end, not from the soup that it is made of.
-        most = options.faces if name == "fitted" else None
+        most = (options.faces if name == "fitted" else None) or max(1, self._pixels // PIXELS_A_FACE)
         if most not in self._soups:
             self._soups[most] = fitted(self._asset, self._guide, shares, seconds=seconds, faces=most)
         soup, notes = self._soups[most]

@@ -130,7 +130,7 @@ def test_audit_takes_checkpoints(msb: Msb, tmp_path: Path) -> None:
     nasty = GOLDEN / "mesh_splatting" / "nasty_topology_sh0"
     found = msb("audit", "--json", "-", nasty).json  # a folder with two checkpoints
     assert [item["counts"]["faces"] for item in found] == [1301, 1301]
-    assert [item["method"] for item in found] == ["mesh_splatting"] * 2
+    assert [item["method"] for item in found] == ["mesh_splatting", "triangle_splatting_plus"]
     gaussians(tmp_path / "point_cloud" / "iteration_1" / "point_cloud.ply", 3)
     msb("audit", tmp_path).ends(4, "UNSUPPORTED_METHOD: ")
 
