@@ -64,6 +64,7 @@ def test_a_surface_whose_vertices_are_only_doubled_is_closed() -> None:
     assert collision(soup_of(ball()), "mesh:200").kind == "mesh"
 
 
+@pytest.mark.slow
 def test_an_open_mesh_gets_hulls_that_cover_it_and_says_why() -> None:
     whole = soup_of(ball())
     faces = whole.faces[whole.vertices[whole.faces].mean(axis=1)[:, 2] > -0.7]
@@ -93,6 +94,7 @@ def test_what_cameras_see_of_a_soup_is_enclosed(size: float) -> None:
     assert made.mid_air_share < 0.05
 
 
+@pytest.mark.slow
 def test_of_a_scene_a_sheet_lies_behind_what_is_seen() -> None:
     """A bump on a large floor, seen from above it."""
     corners, _ = tiles(12)

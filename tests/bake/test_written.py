@@ -19,7 +19,7 @@ def test_a_stage_has_each_part_that_it_collides_as_and_draws_none(tmp_path: Path
 
     del pxr
     seen = together(box((1, 1, 1)), ball(8))
-    shape = collision(seen, "hulls:2")
+    shape = collision(seen, "hulls:2", seconds=1e-3)
     path = tmp_path / "a.usdc"
     part = Part("", asset_from_mesh(seen), {}, asset_from_mesh(shape.mesh), is_convex=True)
     write_all([part], [path])

@@ -230,6 +230,7 @@ def test_a_texture_of_a_surface_without_xatlas_is_refused_before_anything_is_dra
     assert not (model.parent / "a.glb").exists()
 
 
+@pytest.mark.slow
 def test_two_geometries_are_judged_in_colours_that_what_is_aside_did_not_teach(
     here: Here, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
