@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.topology.fans import corners_at_ends
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
 from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
@@ -51,7 +52,7 @@ def _shortest_loops(
     """Return a shortest one-sided loop of each one-sided component, as numbers of its two-face edges."""
     # Each fan of corners is a node; its sense of rotation is that of its first face.
     differ = mesh.origin[one] == mesh.origin[other]
-    of_one, of_other = _corners(mesh, one), _corners(mesh, other)
+    of_one, of_other = corners_at_ends(mesh, one), corners_at_ends(mesh, other)
     ends = np.concatenate(of_one), np.concatenate(of_other)
     fans = find_sides(mesh.faces.size, ends[0], ends[1], np.tile(differ, 2))
     corner, fan = np.unique(fans.label, return_index=True, return_inverse=True)[1:]
@@ -76,13 +77,6 @@ def _shortest_loops(
         loop = steps[_shortest_odd_loop(first[steps], second[steps], odd[steps], length[steps], starts)]
         found.append(loop[loop < len(one)])
     return found
-
-
-def _corners(mesh: HalfEdgeMesh, halfedge: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the corners of each half-edge's face at the low and at the high vertex of its edge."""
-    after = next_in_face(halfedge)
-    upwards = mesh.origin[halfedge] < mesh.origin[after]
-    return np.where(upwards, halfedge, after), np.where(upwards, after, halfedge)
 
 
 def _shortest_odd_loop(
