@@ -18,7 +18,7 @@ from msb.errors import UsageError
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.assets import as_held, mesh_from_asset, with_faces
 from msb.meshes.files import beside
-from msb.meshes.formats import Style
+from msb.meshes.formats import FORMATS, Style
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -105,10 +105,11 @@ def _writes(part: Part, place: Path) -> list[tuple[Path, Write]]:
     if suffix == ASSET_SUFFIX:
         return [(place, partial(write_packed, part.asset))]
     held = as_held(mesh_from_asset(part.asset), suffix)
+    shape = part.shape if "collision" in FORMATS[suffix].keeps else None
     style = Style(
         stem=place.stem,
         extras={"bake": dict(part.extras)} if part.extras else {},
-        collision=() if part.shape is None else _pieces(as_held(mesh_from_asset(part.shape), suffix)),
+        collision=() if shape is None else _pieces(as_held(mesh_from_asset(shape), suffix)),
         is_convex=part.is_convex,
     )
     others = beside(held, place, style)

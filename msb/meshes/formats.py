@@ -93,7 +93,7 @@ class Format:
     beside : callable, optional
         A function that returns the files which a mesh needs beside its own, name -> content; they are called
         after the `stem` of the style.
-    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures"}
+    keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"}
         What the format can hold of a mesh beside its surface.
     is_soup : bool
         True if the format writes the vertices of every face anew, so that no two faces share one.
@@ -111,7 +111,7 @@ class Format:
     write: Callable[[Mesh, BinaryIO, Style], None] | None = None
     begins: re.Pattern[bytes] | None = None
     beside: Callable[[Mesh, Style], dict[str, bytes]] | None = None
-    keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs", "textures"], ...] = ()
+    keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"], ...] = ()
     is_soup: bool = False
     is_single: bool = False
     is_linear: bool = False

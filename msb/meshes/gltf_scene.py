@@ -18,6 +18,7 @@ from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
 from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
 from msb.meshes.images import Decoder, ImageError
 from msb.meshes.mesh import Mesh
+from msb.meshes.polygons import joined_faces
 
 if TYPE_CHECKING:
     from msb.meshes.gltf_materials import Look, Shown
@@ -106,13 +107,6 @@ def _check_total(document: Document, total: int) -> None:
 
 def _join(document: Document, parts: list[Part]) -> Mesh:
     """Return the mesh of all parts, one after the other."""
-    total = sum(len(part.vertices) for part in parts)
-    faces, base = [], 0
-    for part in parts:
-        own = len(part.vertices)
-        # An index beyond its own part must not come to name a vertex of the next one.
-        faces.append(np.where(part.faces < own, part.faces + base, part.faces - own + total))
-        base += own
     uvs = None
     if any(part.uvs is not None for part in parts):
         blank = [
@@ -124,7 +118,7 @@ def _join(document: Document, parts: list[Part]) -> Mesh:
     cutoff = min([1.0, *cutoffs]) if cutoffs and is_textured else None
     mesh = Mesh(
         np.concatenate([part.vertices for part in parts]),
-        np.concatenate(faces),
+        joined_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
         _join_colors([_colors(part, cutoff, says_srgb(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )

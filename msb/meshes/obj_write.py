@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.meshes.image_files import ENDINGS, packed
+from msb.meshes.image_files import images_of, plain_stem
 from msb.meshes.writing import write_rows
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         form += " %.9g" * colors.shape[1]
     has_materials = bool(mesh.textures) and style.stem is not None
     if has_materials:
-        stream.write(f"mtllib {_stem(style)}.mtl\n".encode())
+        stream.write(f"mtllib {plain_stem(style)}.mtl\n".encode())
     write_rows(stream, form, columns)
     faces, form = mesh.faces + 1, "f %d %d %d"
     if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
@@ -63,17 +62,9 @@ def beside(mesh: Mesh, style: Style) -> dict[str, bytes]:
     """Return the files that an OBJ of `mesh` needs beside it, by name: its materials and their images."""
     if not mesh.textures:
         return {}
-    stem, images, materials = _stem(style), {}, []
-    for number, image in enumerate(mesh.textures):
-        content, kind = packed(image, style.texture, mesh.sampler)
-        name = f"{stem}{f'_{number}' if len(mesh.textures) > 1 else ''}{ENDINGS[kind]}"
-        images[name] = content
+    images, materials = images_of(mesh, style), []
+    for number, name in enumerate(images):
         cut_off = f"map_d {name}\n" if mesh.sampler.alpha_cutoff is not None else ""
         # Constant colour, which asks for no light.
         materials.append(f"newmtl texture_{number}\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}\n{cut_off}")
-    return images | {f"{stem}.mtl": "\n".join(materials).encode()}
-
-
-def _stem(style: Style) -> str:
-    """Return what files beside the OBJ are called; what a line of text cannot hold is replaced."""
-    return re.sub(r"[^\w.()+-]", "_", style.stem or "")
+    return images | {f"{plain_stem(style)}.mtl": "\n".join(materials).encode()}

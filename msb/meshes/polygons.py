@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,6 +41,19 @@ def wrong_polygon(
     wrong = (faces < 0) | (faces >= vertices)
     face = int(np.argmax(wrong.any(axis=1)))
     return int(polygon[face]), int(faces[face][wrong[face]][0])
+
+
+def joined_faces(parts: Iterable[NDArray[np.int64]], counts: Sequence[int]) -> NDArray[np.int64]:
+    """Return the faces of parts, each by its own vertices, by those of all, of which each brings `counts`.
+
+    An index that names no vertex of its part comes to name none at all.
+    """
+    total, base, joined = sum(counts), 0, []
+    for faces, own in zip(parts, counts, strict=True):
+        beyond = np.where(faces < 0, faces, faces - own + total)
+        joined.append(np.where((faces >= 0) & (faces < own), faces + base, beyond))
+        base += own
+    return np.concatenate(joined)
 
 
 def steps(counts: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -18,10 +18,11 @@ from msb.errors import shorten
 from msb.meshes.beside import read_beside
 from msb.meshes.colors import srgb_colors
 from msb.meshes.formats import Format
+from msb.meshes.image_files import images_of
 from msb.meshes.images import MAX_FILE, Decoder, ImageError
 from msb.meshes.mesh import Mesh
 from msb.meshes.usd_stage import stage_parts
-from msb.meshes.usd_write import beside, writer
+from msb.meshes.usd_write import writer
 
 if TYPE_CHECKING:
     from msb.meshes.source import Source
@@ -108,8 +109,8 @@ def _format(title: str, suffixes: tuple[str, ...], kind: Any, begins: bytes | No
         read,
         writer(kind),
         begins=None if begins is None else re.compile(begins),
-        beside=None if kind == "usdz" else beside,
-        keeps=("vertex_colors", "face_colors", "textures"),
+        beside=None if kind == "usdz" else images_of,
+        keeps=("vertex_colors", "face_colors", "textures", "collision"),
         is_single=True,
         is_linear=True,
         up="+y",

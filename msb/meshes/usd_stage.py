@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.meshes.polygons import fan_triangulate
+from msb.meshes.polygons import fan_triangulate, joined_faces
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -284,17 +284,9 @@ def _shader(source: Any) -> Any:
 
 def _joined(parts: list[_Part], textures: list[str]) -> dict[str, NDArray[Any]]:
     """Return the arrays of all parts, one after the other."""
-    total, base, faces = sum(len(part.points) for part in parts), 0, []
-    for part in parts:
-        count, own = len(part.points), part.faces
-        # An index beyond its own part must not come to name a vertex of another.
-        faces.append(
-            np.where((own >= 0) & (own < count), own + base, np.where(own < 0, own, own - count + total))
-        )
-        base += count
     made: dict[str, NDArray[Any]] = {
         "vertices": np.concatenate([part.points for part in parts]),
-        "faces": np.concatenate(faces),
+        "faces": joined_faces((part.faces for part in parts), [len(part.points) for part in parts]),
     }
     if len(textures) > 1:
         made["face_textures"] = np.concatenate([part.textures for part in parts])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import zipfile
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from msb.asset.texture import LINEAR, srgb_to_linear
 from msb.asset.writer import stored_member
 from msb.base.extras import need_extra
-from msb.meshes.image_files import ENDINGS, packed
+from msb.meshes.image_files import image_names, images_of
 from msb.meshes.writing import as_float32
 
 if TYPE_CHECKING:
@@ -40,8 +39,8 @@ def _write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     to collide with are guides, which are not drawn.
     """
     need_extra("usd", "pxr", what="a file of USD")
-    images = beside(mesh, style) if kind == "usdz" or style.stem is not None else {}
-    layer = _stage(mesh, list(images), style)
+    has_images = kind == "usdz" or style.stem is not None
+    layer = _stage(mesh, image_names(mesh, style) if has_images else [], style)
     if kind == "usda":
         stream.write(layer.ExportToString().encode())
         return
@@ -54,18 +53,9 @@ def _write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         return
     # What a package is of is its first member.
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
-        for name, data in {"asset.usdc": content, **images}.items():
+        for name, data in {"asset.usdc": content, **images_of(mesh, style)}.items():
             with stored_member(archive, stream, name, len(data)) as member:
                 member.write(data)
-
-
-def beside(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the images that the materials of `mesh` name, by the names that they have there."""
-    stem, found = re.sub(r"[^\w.()+-]", "_", style.stem or "texture"), {}
-    for number, image in enumerate(mesh.textures):
-        content, kind = packed(image, style.texture, mesh.sampler)
-        found[f"{stem}{f'_{number}' if len(mesh.textures) > 1 else ''}{ENDINGS[kind]}"] = content
-    return found
 
 
 def _stage(mesh: Mesh, images: list[str], style: Style) -> Any:
