@@ -222,7 +222,7 @@ def _holds(mesh: Mesh, suffix: str) -> list[str]:
     colors = [
         key.replace("_colors", " colours").replace("_uvs", " UVs")
         for key in keeps
-        if key != "textures" and getattr(mesh, key) is not None
+        if key not in ("textures", "collision") and getattr(mesh, key) is not None
     ]
     if mesh.textures:
         colors.append(f"{len(mesh.textures)} texture{'' if len(mesh.textures) == 1 else 's'}")
