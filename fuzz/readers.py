@@ -59,6 +59,12 @@ def _touch(value: Any, size: int) -> None:
         assert value is None or type(value) in (str, int, float, bool, bytes)
 
 
+def submission(path: Path) -> None:
+    from msb.bench.submission import read_submission as read
+
+    read(path)
+
+
 def export(path: Path, method: str | None = None) -> None:
     from msb.adapters import export as make
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import struct
@@ -242,6 +243,25 @@ def results() -> list[bytes]:
         variant.model_copy(update={"cell": variant.cell.model_copy(update={"variant": "a", "label": "b"})}),
     ]
     return [result.to_json() for result in made]
+
+
+def submissions() -> list[bytes]:
+    from msb.bench.submission import Shown, write_submission
+    from tests.report.factory import make_result
+
+    records = [make_result("capture", "desk", "two_dts", condition) for condition in ("dedicated", "standard")]
+    shown = Shown(file="0.jpg", dataset="capture", scene="desk", image="0.png", why="a photograph")
+    return [write_submission("A", records, [(shown, jpeg)]) for jpeg in pictures("jpg")[:1]]
+
+
+def around_record(record: bytes) -> bytes:
+    """Return a submission of one record whose hash is right."""
+    from msb.bench.submission import ABOUT, About, archive_of
+
+    name = "records/00000.json"
+    files = {name: hashlib.sha256(record).hexdigest()}
+    about = About(name="A", tool_version="1", code_sha256="0" * 64, commands=(), files=files, pictures=())
+    return archive_of({ABOUT: about.to_json(), name: record})
 
 
 def timing() -> RendererTiming:

@@ -113,6 +113,8 @@ TARGETS: dict[str, Target] = {
     "pyproject": Target(readers.settings, seeds.pyproject, "pyproject.toml"),
     "gate": Target(readers.gate, seeds.gates, "gate"),
     "result": Target(readers.report, seeds.results, RESULT),
+    "submission": Target(readers.submission, seeds.submissions, "a.zip"),
+    "submission_record": Target(readers.submission, seeds.results, "a.zip", wrap=seeds.around_record),
     **run_folder.targets(),
     "renderer_timing": Target(readers.renderer_timing, seeds.renderer_timings, "timing.json"),
     "page": Target(readers.page, seeds.pages, "page.html"),

@@ -148,7 +148,7 @@ def write_submission(
         files={file: hashlib.sha256(data).hexdigest() for file, data in members.items()},
         pictures=tuple(shown),
     )
-    return _packed({ABOUT: about.to_json(), **members})
+    return archive_of({ABOUT: about.to_json(), **members})
 
 
 class Scrub:
@@ -242,7 +242,8 @@ def _plain_word(word: str) -> str:
     return f"{option}{equals}{WITHHELD}" if {"/", "\\"} & set(value) else word
 
 
-def _packed(members: Mapping[str, bytes]) -> bytes:
+def archive_of(members: Mapping[str, bytes]) -> bytes:
+    """Return the archive of members, the same bytes at all times."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():
