@@ -249,7 +249,9 @@ def submissions() -> list[bytes]:
     from msb.bench.submission import Shown, write_submission
     from tests.report.factory import make_result
 
-    records = [make_result("capture", "desk", "two_dts", condition) for condition in ("dedicated", "standard")]
+    records = [
+        make_result("capture", "desk", "two_dts", condition) for condition in ("dedicated", "standard")
+    ]
     shown = Shown(file="0.jpg", dataset="capture", scene="desk", image="0.png", why="a photograph")
     return [write_submission("A", records, [(shown, jpeg)]) for jpeg in pictures("jpg")[:1]]
 
