@@ -120,11 +120,13 @@ LAZY = {
     "meshopt",
     "DracoPy",
     "pxr",
+    "usd_validation_nvidia",
 }
 """Imported inside the function that needs them, never when a module loads."""
 FOREIGN: dict[str, set[str]] = {
     "scenes": {"numpy", "PIL"},
-    "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"},
+    "topology": {"numpy", "scipy", "igl", "pymeshlab", "manifold3d", "networkx", "trimesh"}
+    | {"pxr", "usd_validation_nvidia"},
     "meshes": {"numpy", "PIL", "meshopt", "DracoPy", "pxr"},
     "cl": {"numpy", "pyopencl"},
     "adapters": {"numpy", "yaml", "PIL"},
@@ -146,6 +148,7 @@ DISTRIBUTIONS = {
     "PIL": "pillow",
     "DracoPy": "dracopy",
     "pxr": "usd-core",
+    "usd_validation_nvidia": "usd-validation-nvidia",
     "yaml": "pyyaml",
     "skimage": "scikit-image",
     "OpenEXR": "openexr",
@@ -163,7 +166,7 @@ When = Literal["loaded", "called", "never"]
 OURS = {"msb", "msb_viewers"}
 LOADS_NOTHING = {"msb_viewers.options"}
 """Options that the help of a command names."""
-PEERS = {"igl", "pymeshlab", "manifold3d", "networkx"}
+PEERS = {"igl", "pymeshlab", "manifold3d", "networkx", "usd_validation_nvidia"}
 MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py")])
 
 

@@ -26,7 +26,7 @@ class AuditOptions:
         str | None, Option("Also audit with coincident vertices merged.", metavar="exact|EPS")
     ] = None
     cross_check: Annotated[
-        bool, Option("Ask libigl, PyMeshLab, manifold3d, trimesh and NetworkX about the same mesh.")
+        bool, Option("Ask libigl, PyMeshLab, manifold3d, trimesh, NetworkX and NVIDIA about the mesh.")
     ] = False
     elements: Annotated[
         Path | None,

@@ -30,6 +30,7 @@ DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
 EXTRAS += ("xatlas", "fast_simplification", "coacd", "dask", "distributed", "pynvml", "wgpu", "bpy")
 EXTRAS += ("skimage", "matplotlib", "jinja2", "OpenEXR", "psutil", "filelock", "av", "trimesh")
+EXTRAS += ("pxr", "usd_validation_nvidia")
 """What the extras bring."""
 DRIVER = """
 import json, os, sys

@@ -1,8 +1,8 @@
-"""What five peer libraries say of the same mesh, and whether each agrees or differs by definition.
+"""What six peer libraries say of the same mesh, and whether each agrees or differs by definition.
 
-Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge) and NetworkX. `peers.py` asks these
-peers, each in a process of its own; `expected.py` computes from their definitions what they
-should say; this module compares the two.
+Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's validator of
+USD. `peers.py` asks these peers, each in a process of its own; `expected.py` computes from their definitions
+what they should say; this module compares the two.
 """
 
 from __future__ import annotations

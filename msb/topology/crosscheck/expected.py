@@ -268,9 +268,33 @@ def expect_networkx(facts: Facts) -> list[Expected]:
     return [facts.same(quantity, call) for quantity, call in names.items()]
 
 
-def some(count: int, noun: str) -> str:
+def expect_nvidia(facts: Facts) -> list[Expected]:
+    """Return what the ManifoldChecker of NVIDIA's validator should say.
+
+    It joins the faces at a vertex across two-face edges alone, which leaves several groups at every end of a
+    non-manifold edge: that is the strict count.
+    """
+    counts = facts.counts
+    unused = counts.unreferenced_vertices - facts.shift["used"]
+    vertices = facts.same("nonmanifold_vertices", "ManifoldChecker", "double_fans")
+    theirs = counts.nonmanifold_vertices + facts.shift["double_fans"] + unused
+    idle = (
+        f"it takes {some(unused, 'vertex', 'vertices')} that no row uses for non-manifold" if unused else ""
+    )
+    consistent = sees_consistent = counts.inconsistent_winding_edges == 0
+    if facts.repeated:
+        every = facts.with_all_rows
+        sees_consistent = every["inconsistent"] == every["double_loops"] == 0
+    return [
+        facts.same("nonmanifold_edges", "ManifoldChecker", "crowded"),
+        replace(vertices, theirs=theirs, why="; ".join(filter(None, [vertices.why, idle]))),
+        _flag("winding_consistent", "ManifoldChecker", consistent, sees_consistent, facts),
+    ]
+
+
+def some(count: int, noun: str, several: str = "") -> str:
     """Return a count of things in words."""
-    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {several or noun + 's'}"
 
 
 EXPECTED = {
@@ -279,5 +303,6 @@ EXPECTED = {
     "manifold3d": expect_manifold3d,
     "trimesh": expect_trimesh,
     "NetworkX": expect_networkx,
+    "NVIDIA": expect_nvidia,
 }
 """Peer -> what to compare."""

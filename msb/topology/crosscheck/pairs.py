@@ -18,7 +18,8 @@ def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
     and `crowded` pairs with one, two and more members, `most` members; `crowded_by_rows`, the crowded ones
     that more than one row has; `igl_edges`, see below; `endpoints` of crowded pairs, `multifan` and `strict`
     vertices, vertices `used` and `unused` (its negative); `components`, the `largest` of them,
-    `two_face_components`; `inconsistent` double pairs.
+    `two_face_components`; `inconsistent` double pairs; `double_loops`, of which proper rows have
+    none; `double_fans`, the vertices whose rows are in several groups if double pairs alone join them.
     """
     start = faces.reshape(-1).astype(np.uint64)
     end = faces[:, (1, 2, 0)].reshape(-1).astype(np.uint64)
@@ -54,6 +55,8 @@ def pair_numbers(faces: NDArray[Any]) -> dict[str, int]:
         "components": components,
         "largest": int(np.bincount(component).max(initial=0)),
         "two_face_components": two_face,
+        "double_loops": int(np.count_nonzero(loop & (count == 2))),
+        "double_fans": len(_multifan(start, end, span, one[double], other[double])),
         "inconsistent": int(np.count_nonzero(end[one[double]] != start[other[double]])),
     }
 

@@ -3,12 +3,14 @@
 Every function here takes a mesh that has at least one face and no index out of range, and returns the
 peer's own answers under the names `expected.py` compares them by. It runs in a process of its own
 (`ask_peers`), because peers print, hang or crash on meshes that an audit must survive. These notes were
-made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1.
+made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and
+usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -186,6 +188,34 @@ def _split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
     return {v for v, count in pieces.items() if count > 1}
 
 
+def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
+    """Return what the ManifoldChecker of NVIDIA's validator says of a stage that holds the mesh.
+
+    It warns in sentences, of what is not there in none.
+    """
+    from pxr import Usd, UsdGeom, Vt
+    from usd_validation_nvidia import ManifoldChecker, ValidationEngine
+
+    stage = Usd.Stage.CreateInMemory()
+    mesh = UsdGeom.Mesh.Define(stage, "/mesh")
+    # It never looks at coordinates.
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.zeros((len(vertices), 3), np.float32)))
+    mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
+    mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).reshape(-1)))
+    engine = ValidationEngine(init_rules=False)
+    engine.enable_rule(ManifoldChecker)
+    answers: Answers = {"nonmanifold_edges": 0, "nonmanifold_vertices": 0, "winding_consistent": True}
+    for issue in engine.validate(stage).issues():
+        count = re.fullmatch(r"(\d+) (edges|vertices) are non-manifold\.", issue.message)
+        if count:
+            answers[f"nonmanifold_{count[2]}"] = int(count[1])
+        elif issue.message == "The face winding is not consistent.":
+            answers["winding_consistent"] = False
+        else:
+            raise ValueError(issue.message)
+    return answers
+
+
 def _number(value: Any) -> float | None:
     """Return a finite float, or None: JSON has no NaN."""
     number = float(value)
@@ -201,6 +231,8 @@ PEERS: dict[str, Peer] = {
         Peer("trimesh", "trimesh", "trimesh", ask_trimesh),
         # Plain Python objects per element: about 10 s and 0.9 GB at the limit.
         Peer("NetworkX", "networkx", "networkx", ask_networkx, max_faces=200_000),
+        # As much again: 10 s and 0.9 GB for a million faces.
+        Peer("NVIDIA", "usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
     )
 }
 """The peers by name, in the order of reports."""
