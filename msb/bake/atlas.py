@@ -27,6 +27,8 @@ _SLIMMEST = 4.0
 _CHILD = Limits(seconds=900.0, memory=None)
 _PADDING = 4
 """Texels between charts."""
+_PARTS = 65535
+"""Charts lie at so many places along a side, which files hold in two bytes."""
 _LEAST = 1 / 4
 """How much finer or coarser than usual a chart may be."""
 
@@ -231,7 +233,7 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     _, faces, uv = packed[0]
     # It is about as large as was asked, in texels of its own; one scale keeps charts undistorted.
     sides = np.array([packed.width, packed.height])
-    placed = (uv.astype(np.float64) * sides / sides.max())[faces]
+    placed = np.rint(uv.astype(np.float64) * sides / sides.max() * _PARTS)[faces] / _PARTS
     return {"charts": int(packed.chart_count)}, {"uv": placed.reshape(-1, 2).astype(np.float32)}
 
 

@@ -93,7 +93,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write one unlit, two-sided mesh, each texture's faces in a primitive; face colours are lost.
 
     Positions become float32. Colours become linear light in whole numbers; as sRGB they keep their type.
-    Beside colours of eight bytes texture coordinates have four where these are enough.
+    Texture coordinates have four bytes where these hold them, or, beside colours of eight, are enough.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")
@@ -109,7 +109,7 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         attributes["COLOR_0"] = _colors(mesh.vertex_colors, style)
     if mesh.vertex_uvs is not None:
         wide = "COLOR_0" in attributes and attributes["COLOR_0"].itemsize > 1
-        short = _short_uvs(mesh) if wide else None
+        short = _short_uvs(mesh, only_exact=not wide)
         attributes["TEXCOORD_0"] = mesh.vertex_uvs if short is None else short
     add_mesh(parts, list(split(mesh, attributes)), mesh, style)
     finish(parts, stream)
@@ -138,18 +138,22 @@ def _colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
 
 
-def _short_uvs(mesh: Mesh) -> NDArray[np.uint16] | None:
-    """Return the texture coordinates of vertices as uint16, or None where that would be seen.
+def _short_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
+    """Return the texture coordinates of vertices as uint16; None where that is seen, or changes them.
 
-    That is where one is not in 0 to 1 or would be off by an eighth of a texel, or where two became one.
+    It is seen where one is not in 0 to 1 or would be off by an eighth of a texel, or where two became one.
     """
     uvs = mesh.vertex_uvs
     assert uvs is not None
-    side = max((max(image.shape[:2]) for image in mesh.textures), default=0)
-    if not ((uvs >= 0) & (uvs <= 1)).all() or side / 65535 / 2 >= _SEEN:
+    if not ((uvs >= 0) & (uvs <= 1)).all():
         return None
     short = np.rint(uvs.astype(np.float64) * 65535).astype(np.uint16)
-    return short if len(np.unique(short, axis=0)) == len(np.unique(uvs, axis=0)) else None
+    is_exact = np.array_equal((short / 65535).astype(np.float32), uvs)
+    if is_exact or only_exact:
+        return short if is_exact else None
+    side = max((max(image.shape[:2]) for image in mesh.textures), default=0)
+    is_seen = side / 65535 / 2 >= _SEEN or len(np.unique(short, axis=0)) < len(np.unique(uvs, axis=0))
+    return None if is_seen else short
 
 
 def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Part]:
