@@ -46,7 +46,6 @@ FIRST = "machine", "export", "capture"
 """Stages without which the others say nothing: they decide whose figures a file holds."""
 _STEPS = (
     "model",
-    "faces",
     "capture",
     "export, s",
     "audit, s",
@@ -57,7 +56,6 @@ _STEPS = (
 )
 _DRAWN = (
     "model",
-    "faces",
     "drawn",
     "device",
     "FPS",
@@ -68,7 +66,7 @@ _DRAWN = (
     "dB",
     "dB to official",
 )
-_COSTS = "model", "faces", "machine", "costs below 40 dB, the gravest first"
+_COSTS = "model", "machine", "costs below 40 dB, the gravest first"
 HELD = """\
 - of the machine: operating system and its version, processor, cores,
   memory; names of the OpenCL device, of graphics cards, of drivers;
@@ -157,9 +155,9 @@ def _table(heads: Sequence[str], rows: Any) -> Iterator[str]:
         yield f"| {' | '.join(shorten(str(cell), _WIDEST).replace('|', '/') for cell in cells)} |"
 
 
-def _model(record: dict[str, Any]) -> list[str]:
+def _model(record: dict[str, Any]) -> str:
     method, faces = (record["stages"]["export"][key] for key in ("method", "faces"))
-    return [lookup(method).title, f"{faces:,}"]
+    return f"{lookup(method).title}, {faces:,} faces"
 
 
 def _steps(record: dict[str, Any]) -> list[str]:
@@ -168,7 +166,7 @@ def _steps(record: dict[str, Any]) -> list[str]:
     near = bake.get("psnr", {})
     baked = _number((near.get("photographs") or near.get("own") or {}).get("after_16"), 2)
     return [
-        *_model(record),
+        _model(record),
         capture.get("scene") or capture.get("dataset") or "--",
         _number(stages["export"].get("seconds"), 1),
         _number(audit.get("seconds"), 1),
@@ -183,7 +181,7 @@ def _costs(record: dict[str, Any]) -> list[str]:
     costs = record["stages"].get("why", {}).get("costs", ())
     seen = [one for one in costs if one["db"] is not None and one["db"] < _SEEN]
     order = ", ".join(f"{one['name'].replace('_', ' ')} {one['db']:.1f}" for one in seen)
-    return [*_model(record), record["machine"].get("machine", "--"), order or "--"]
+    return [_model(record), record["machine"].get("machine", "--"), order or "--"]
 
 
 def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
@@ -191,7 +189,7 @@ def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
         tier, _, renderer = name.partition("/")
         if tier not in ("standard", "dedicated"):
             continue
-        head = [*_model(record), f"{tier}, {renderer or 'OpenCL'}"]
+        head = [_model(record), f"{tier}, {renderer or 'OpenCL'}"]
         if "failed" in found:
             yield [*head, found["failed"], *["--"] * 7]
             continue
