@@ -172,7 +172,8 @@ class Planner:
                 for engine in self.file.protocol.engines:
                     yield self._one(pair, model, cell.model_copy(update={"renderer": engine}))
                 for bake in self.file.protocol.bakes if pair.model is not None else ():
-                    yield self._baked(pair, model, bake, cell.model_copy(update={"bake": bake.label}))
+                    if not bake.datasets or cell.dataset in bake.datasets:
+                        yield self._baked(pair, model, bake, cell.model_copy(update={"bake": bake.label}))
             if condition == "dedicated":
                 for variant in self.file.protocol.variants:
                     own = {"variant": variant.label, "renderer": variant.renderer}

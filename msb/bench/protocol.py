@@ -16,7 +16,16 @@ from msb.base.bounded_parsing import parse_toml
 from msb.base.paths import given_path
 from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
-from msb.bench.protocol_tables import AUTO, PLACE, PLACES, REFERENCE, MethodTable, Protocol, VariantTable
+from msb.bench.protocol_tables import (
+    AUTO,
+    PLACE,
+    PLACES,
+    REFERENCE,
+    BakeTable,
+    MethodTable,
+    Protocol,
+    VariantTable,
+)
 from msb.bench.records import CONDITIONS, WALKED
 from msb.errors import InputError, UsageError, shorten
 from msb.registry import METHODS
@@ -137,6 +146,7 @@ def _check(protocol: Protocol) -> _Faults:
         from msb.bake.options import Options
 
         for number, bake in enumerate(protocol.bakes):
+            yield from _check_datasets(bake, protocol, f"/bakes/{number}")
             yield from _refused(f"/bakes/{number}", partial(Options, **bake.options))
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(one.label for one in protocol.variants), *(one.label for one in protocol.bakes)]
@@ -171,12 +181,16 @@ def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Fault
         for match in PLACE.finditer(getattr(method, key) or ""):
             if match[1] is not None and match[1] not in known:
                 yield f"{place}/{key}", f"there is no {{{shorten(match[1])}}}; there are {there}"
-    datasets = [dataset.name for dataset in protocol.datasets]
-    for name in method.datasets:
-        if name not in datasets:
-            yield f"{place}/datasets", f'there is no dataset "{name}"; there are {", ".join(datasets)}'
+    yield from _check_datasets(method, protocol, place)
     if method.name != AUTO:
         yield from _refused(f"{place}/settings", check_overrides, method.name, overrides(method))
+
+
+def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: str) -> _Faults:
+    there = [dataset.name for dataset in protocol.datasets]
+    for name in table.datasets:
+        if name not in there:
+            yield f"{place}/datasets", f'there is no dataset "{name}"; there are {", ".join(there)}'
 
 
 def _check_labels(protocol: Protocol) -> _Faults:

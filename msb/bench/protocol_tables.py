@@ -100,11 +100,13 @@ class VariantTable(Record):
 class BakeTable(Record):
     """``[[bakes]]``: a condition of its own: the standard tier draws what `msb bake` makes of a model.
 
-    The keys are options of `msb bake`, with its defaults. Training views alone teach.
+    The other keys are options of `msb bake`, with its defaults. Training views alone teach.
     """
 
     label: FolderName
     """Names the condition. It is no condition's, no engine's, no variant's and no other bake's name."""
+    datasets: tuple[FolderName, ...] = ()
+    """Those whose models are baked; all, if not given."""
     geometry: Literal["auto", "kept", "fitted", "surface"] = "auto"
     color: Literal["texture", "vertex"] | None = None
     teacher: Literal["dedicated", "photographs"] | None = None
@@ -117,7 +119,7 @@ class BakeTable(Record):
     @property
     def options(self) -> dict[str, Any]:
         """What `msb.bake` takes of it."""
-        return self.model_dump(exclude={"label"}, exclude_none=True)
+        return self.model_dump(exclude={"label", "datasets"}, exclude_none=True)
 
 
 class MetricsTable(Record):

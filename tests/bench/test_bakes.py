@@ -40,6 +40,7 @@ def test_bakes_are_read_with_the_names_and_defaults_of_the_command(tmp_path: Pat
         ('[[bakes]]\nlabel = "b"\ngeometry = "solid"', "/bakes/0/geometry"),
         ('[[bakes]]\nlabel = "b"\ntexture = 8', "/bakes/0: texture is 8; it must be 16 to 16384"),
         ('[[bakes]]\nlabel = "b"\nseed = -1', "/bakes/0: seed is -1; it must be 0 or more"),
+        (f'{CEILING}datasets = ["dtu"]', '/bakes/0/datasets: there is no dataset "dtu"; there are nerf_'),
         (f"{CEILING}{CEILING}", '/bakes/1/label: "ceiling" is the name of a bake already'),
         ('[[bakes]]\nlabel = "Standard"', '/bakes/0/label: "Standard" is the name of a condition already'),
         (
@@ -84,6 +85,17 @@ def test_a_dry_run_names_what_a_surface_lacks(tmp_path: Path, monkeypatch: pytes
         "surface needs the extra trial; bakes s on pebble: 1 cell cannot be computed"
     ]
     assert [row.planned.status for row in report.rows] == ["failed"]
+
+
+def test_a_bake_is_of_the_datasets_that_it_names(tmp_path: Path) -> None:
+    other = f'[[datasets]]\nname = "other"\npath = {json.dumps(str(STUBS / "scenes" / "nerf_synthetic"))}\n'
+    file = protocol(tmp_path, ("two_dts",), tail=f'{other}{CEILING}datasets = ["other"]')
+    cells = [row.planned.cell for row in run_protocol(file, dry=True).rows]
+    assert {(one.dataset, one.bake) for one in cells} == {
+        ("nerf_synthetic", None),
+        ("other", None),
+        ("other", "ceiling"),
+    }
 
 
 def _of(model: Model, **changes: str) -> Model:
