@@ -142,8 +142,8 @@ class Numbers:
 
     def has_other_scenes(self, dataset: str) -> bool:
         """Return whether a dataset has a published name but none of its scenes, such as the stubs."""
-        published = SCENES.get(dataset, ())
-        return bool(published) and not any(scene in published for scene in self.scenes(dataset))
+        published, scenes = SCENES.get(dataset, ()), self.scenes(dataset)
+        return bool(published and scenes) and not any(scene in published for scene in scenes)
 
     def scenes(self, dataset: str) -> list[str]:
         """Return the scenes of a dataset, means apart."""

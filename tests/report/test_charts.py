@@ -84,3 +84,5 @@ def test_a_chart_names_the_scenes_that_only_borrow_a_datasets_name() -> None:
             for condition in ("non_engine", "dedicated")
         }
         assert deployment_gap(Numbers(values), "mipnerf360").caption.startswith(title)
+    means = Numbers({Key("dtu", "mean", "two_dts", "non_engine", "psnr"): Number(20.0)})
+    assert not means.has_other_scenes("dtu"), "the paper tells no scenes of it"
