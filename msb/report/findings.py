@@ -278,6 +278,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
         changes: dict[str, list[str]] = {}
+        orders: dict[str, str] = {}
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
@@ -289,11 +290,15 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             compared += 1
             if swapped := _swapped(before, after):
                 certain = min((_swap(numbers, dataset, pair, (first, second)) for pair in swapped), key=_p)
-                names = f"{condition_title(first)} and {condition_title(second)}{_sure(certain)}"
-                changes.setdefault(f"{_order(before)} becomes {_order(after)}", []).append(names)
+                names = f"{condition_title(first)} and {condition_title(second)}"
+                changes.setdefault(_sure(certain), []).append(names)
+                for condition in (first, second):
+                    orders[condition_title(condition)] = _order(_ordered(numbers, dataset, condition, "psnr"))
         if changes:
-            every = "; ".join(f"{', '.join(names)} ({order})" for order, names in changes.items())
-            changed[dataset] = f"On {dataset_title(dataset)} the ranking by PSNR changes between {every}."
+            every = "; ".join(f"{', '.join(names)}{sure}" for sure, names in changes.items())
+            each = "; ".join(f"{title}: {order}" for title, order in orders.items())
+            where = f"On {dataset_title(dataset)} the ranking by PSNR changes between"
+            changed[dataset] = f"{where} {every} ({each})."
         elif compared:
             same[dataset] = dataset_title(dataset)
     sentences = [*changed.values()]
