@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,8 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render import Renderer
 from msb.scenes import Camera
+from msb.scenes.datasets import Scene, dataset_of, scene_at
+from tests.conftest import ROOT
 
 Corners = NDArray[np.float32]
 BACKGROUND = (0.1, 0.2, 0.3)
@@ -44,6 +48,13 @@ def all_round(away: float, heights: tuple[float, ...], count: int = 8, side: int
         for height in heights
         for turn in 2 * np.pi * np.arange(count) / count
     ]
+
+
+def sparse(scene: str, method: str) -> Scene:
+    """Return a shipped scene with every third of its views: what is made of them is rougher, and sooner."""
+    path = ROOT / "data_stubs/scenes" / scene
+    whole = scene_at(path, dataset_of(path), method).read()
+    return replace(whole, train=whole.train[::3], test=whole.test[::3])
 
 
 def tiles(side: int = 4, seed: int = 0) -> tuple[Corners, Corners]:

@@ -18,15 +18,13 @@ from msb.bake.fusion import seen_points
 from msb.bake.space import Space
 from msb.meshes.assets import mesh_from_asset
 from msb.meshes.mesh import Mesh
-from msb.scenes.datasets import dataset_of, scene_at
 from msb.topology.components import label_components
 from tests.bake.solids import ball, soup_of
-from tests.bake.soups import all_round
+from tests.bake.soups import all_round, sparse
 
 mujoco: Any = pytest.importorskip("mujoco", reason="extra test is not installed")
 Reals = NDArray[np.float64]
 MODELS = Path(__file__).parents[2] / "data_stubs/models"
-SCENES = Path(__file__).parents[2] / "data_stubs/scenes"
 HALF = 0.08
 """Of the box, as everything here in the unit in which what is seen is placed."""
 THICK = 0.03
@@ -122,7 +120,8 @@ def test_a_box_rests_on_what_is_seen(kind: str) -> None:
 )
 def test_a_box_rests_on_a_trained_model(scene: str, geometry: Any) -> None:
     model = MODELS / ("pebble" if "synthetic" in scene else "walled") / "two_dts"
-    baked = msb.bake(model, scene=SCENES / scene, geometry=geometry, seconds=0, collision="mesh:1000")
+    views = sparse(scene, "two_dts")
+    baked = msb.bake(model, scene=views, geometry=geometry, seconds=0, collision="mesh:1000")
     said, shape = baked.report.collision, baked.collision
     assert said is not None
     assert shape is not None
@@ -130,8 +129,7 @@ def test_a_box_rests_on_a_trained_model(scene: str, geometry: Any) -> None:
     assert said.mean_distance < 0.005
     assert said.mid_air_share < 0.1
     seen = mesh_from_asset(baked.asset)
-    views = scene_at(SCENES / scene, dataset_of(SCENES / scene), "two_dts").read().train
-    space = Space.of(seen_points(seen, views, None), views)
+    space = Space.of(seen_points(seen, views.train, None), views.train)
     up = (1 if seen.up[0] == "+" else -1) * np.eye(3)["xyz".index(seen.up[1])]
     above, speed = resting(seen, mesh_from_asset(shape), said.kind, space.radius, space.center, up)
     assert abs(above) < 0.1

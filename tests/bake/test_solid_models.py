@@ -8,9 +8,10 @@ import pytest
 import msb
 from msb.topology import audit_arrays
 from msb.trial.tasks.self_intersections import crossing_pairs
+from tests.bake.soups import sparse
 from tests.conftest import ROOT
 
-STUBS = ROOT / "data_stubs"
+MODELS = ROOT / "data_stubs/models"
 pytestmark = pytest.mark.slow
 
 
@@ -25,8 +26,8 @@ def test_other_libraries_find_it_closed_manifold_and_oriented(model: str, scene:
     igl = pytest.importorskip("igl", reason="extra trial is not installed")
     manifold3d = pytest.importorskip("manifold3d", reason="extra trial is not installed")
     baked = msb.bake(
-        STUBS / "models" / model,
-        scene=STUBS / "scenes" / scene,
+        MODELS / model,
+        scene=sparse(scene, model.partition("/")[2]),
         geometry="surface",
         color="vertex",
         seconds=0,  # a search that ends by the clock would make another mesh on a busy machine
