@@ -48,13 +48,14 @@ class Worker:
     def __init__(self, request: dict[str, Any]) -> None:
         import bpy
 
-        self._bpy, self._textured, self._cutoff = bpy, request["textured"], request["cutoff"]
+        self._bpy, self._exact = bpy, request["exact"]
+        self._textured, self._cutoff = request["textured"], request["cutoff"]
         self.about = {"version": bpy.app.version_string, "baseline": resident()}
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self.scene = bpy.context.scene
-        self._import(request["file"], exact=request["exact"])
+        self._import(request["file"])
         self.mesh = next(thing for thing in bpy.data.objects if thing.type == "MESH")
-        self._set_output(exact=request["exact"])
+        self._set_output()
         self.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
         self.scene.collection.objects.link(self.camera)
         self.scene.camera = self.camera
@@ -63,17 +64,17 @@ class Worker:
         else:
             self._set_workbench()
 
-    def _import(self, name: str, *, exact: bool) -> None:
+    def _import(self, name: str) -> None:
         operators = self._bpy.ops
         if name.endswith(".ply"):
             # "Linear" stores the file's values as they are; the default takes them for sRGB and converts.
-            operators.wm.ply_import(filepath=name, import_colors="LINEAR" if exact else "SRGB")
+            operators.wm.ply_import(filepath=name, import_colors="LINEAR" if self._exact else "SRGB")
         else:
             operators.import_scene.gltf(filepath=name)
 
-    def _set_output(self, *, exact: bool) -> None:
+    def _set_output(self) -> None:
         scene = self.scene
-        if exact:
+        if self._exact:
             scene.display_settings.display_device = "sRGB"
             scene.view_settings.view_transform = "Raw"
             scene.view_settings.look = "None"
@@ -126,6 +127,8 @@ class Worker:
         color, alpha = attribute.outputs["Color"], attribute.outputs["Alpha"]
         if image is not None:
             image.image.alpha_mode = "CHANNEL_PACKED"  # colours are filtered as they are, not times alpha
+            if self._exact:
+                image.image = self._linear(image.image)
             product, both = nodes.new("ShaderNodeVectorMath"), nodes.new("ShaderNodeMath")
             product.operation = both.operation = "MULTIPLY"
             for node, own, stored in ((product, "Color", color), (both, "Alpha", alpha)):
@@ -145,6 +148,20 @@ class Worker:
             links.new(clear.outputs[0], mix.inputs[2])
             shown = mix.outputs[0]
         links.new(shown, output.inputs["Surface"])
+
+    def _linear(self, image: Any) -> Any:
+        """Return a copy of `image` in floats: Cycles filters bytes before it makes them linear."""
+        import numpy as np
+
+        texels = np.zeros((image.size[0] * image.size[1], 4), np.float32)
+        image.pixels.foreach_get(texels.ravel())
+        colors = texels[:, :3]
+        colors[:] = np.where(colors > 0.04045, ((colors + 0.055) / 1.055) ** 2.4, colors / 12.92)
+        copy = self._bpy.data.images.new("linear", *image.size, alpha=True, float_buffer=True, is_data=True)
+        copy.alpha_mode = "CHANNEL_PACKED"
+        copy.pixels.foreach_set(texels.ravel())
+        copy.update()
+        return copy
 
     def _set_workbench(self) -> None:
         import gpu

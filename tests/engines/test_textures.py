@@ -34,6 +34,15 @@ def test_wgpu_agrees_to_a_level(case: str, kind: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.oracle
+def test_cycles_filters_linear_light() -> None:
+    asset = textured_asset(scene("large", 5), 5, **CASES["level 0"] | {"tint": "vertex"})
+    found = agreement(*frames("blender_cycles", asset, [OFF_CENTRE]))
+    assert found.interior_within_a_level >= 0.999
+    assert found.covered_alike >= 0.999
+
+
+@pytest.mark.slow
+@pytest.mark.oracle
 def test_wgpu_counts_textures_and_keeps_the_first_of_equal_faces() -> None:
     asset = textured_asset(scene("large", 7), 7, **CASES["several"])
     twice = [np.concatenate([asset.buffers[name]] * 2) for name in ("indices", "uv")]
