@@ -40,6 +40,8 @@ _UNTOUCHED_BY = {
 }
 """Step -> steps after whose changes it has nothing to do if it had nothing to do before: a turned face stays
 where it is, debris goes as whole components, and no step finds more to do in its own result."""
+_PARTING = frozenset({"pair", "cut", "drop"})
+"""Steps after which no edge has more than two faces. `orient` lets them choose which stay together."""
 _MOST_ROUNDS = 16
 
 
@@ -310,7 +312,7 @@ def _step(name: str, work: _Work, options: Options) -> Change:
         return repair_by_peer(options.peer, name, points, faces, options.limits)
     least, most = int(options.debris_faces), int(options.close_edges)
     steps: dict[str, Callable[[], Change]] = {
-        "orient": lambda: orient(faces, len(points)),
+        "orient": lambda: orient(faces, len(points), only_turn=bool(_PARTING.intersection(options.plan))),
         "cut": lambda: cut(faces, len(points)),
         "pair": lambda: pair(points, faces, color_weight=options.pair_color, **work.colors()),
         "drop": lambda: drop(points, faces, weights=work.weights),

@@ -19,6 +19,7 @@ from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
 from msb.trial import Limits
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
+from tests.topology.test_repair_steps import strip
 
 MODELS = ROOT / "tests" / "tiny" / "models" / "pebble"
 
@@ -31,6 +32,14 @@ def splat(demo_asset: Path) -> Asset:
 @pytest.fixture(scope="module")
 def fixed(splat: Asset) -> Repaired:
     return msb.repair(splat)
+
+
+def test_what_is_one_sided_is_cut_after_pages_found_each_other() -> None:
+    points = np.random.default_rng(1).random((24, 3))
+    mesh = Mesh(np.concatenate([points, BOOK[0]]), np.concatenate([strip(8, 2), BOOK[1] + 24]))
+    after = repair_mesh(mesh, Options())[1].after
+    assert (after.counts.inconsistent_winding_edges, after.counts.nonmanifold_edges) == (0, 0)
+    assert after.counts.components == 3  # the strip, two pages, the third
 
 
 def test_the_default_makes_the_model_mesh_manifold_in_far_fewer_pieces_than_cutting_everywhere(

@@ -26,17 +26,20 @@ _RIM = 1e-6
 """What a step to a rim counts, beside one along an edge."""
 
 
-def cut_one_sided(faces: NDArray[Any], vertex_count: int) -> tuple[Change, int, int]:
+def cut_one_sided(
+    faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
+) -> tuple[Change, int, int]:
     """Return the change that leaves no one-sided component, how many cuts that takes, and of how many edges.
 
     Components are joined across edges of two faces. Vertices along a cut get copies at the end; faces keep
-    their places. A mesh without one-sided components is not changed.
+    their places. A mesh without one-sided components is not changed, nor with `only_manifold` one with edges
+    of more than two faces: a cut parts all of these.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
         mesh = build_half_edges(change.faces, len(change.vertex_map))
         sides = sides_of_faces(mesh)
-        if not sides.one_sided.any():
+        if not sides.one_sided.any() or (only_manifold and (mesh.multiplicity > 2).any()):
             return change, cuts, edges
         one, other = mesh.two_face_halfedges
         loops = _shortest_loops(mesh, one, other, sides)

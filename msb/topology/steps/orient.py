@@ -13,14 +13,15 @@ from msb.topology.steps.one_sided import cut_one_sided
 from msb.topology.steps.sides import sides_of_faces
 
 
-def orient(faces: NDArray[Any], vertex_count: int) -> Change:
+def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -> Change:
     """Turn faces so that the two faces of every ordinary edge run along it in opposite directions.
 
     Faces are joined across edges of exactly two faces. In each component the side of fewer faces is turned;
     of equal ones the first face stays. A one-sided component (a Moebius strip) is cut before, which copies
-    vertices; a note says how often, and along how many edges. O(F log F) time where nothing is one-sided.
+    vertices; a note says how often, and along how many edges. That parts edges of more than two faces, so a
+    mesh that has some is not cut if `only_turn`. O(F log F) time where nothing is one-sided.
     """
-    cut, cuts, edges = cut_one_sided(faces, vertex_count)
+    cut, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
     turned = turn_faces(cut.faces, len(cut.vertex_map))
     if not cuts:
         return turned
