@@ -85,16 +85,20 @@ def grid_mesh(faces: int, seed: int = 0) -> dict[str, Any]:
 
 def model(method: str, faces: int) -> msb.Asset:
     """Return an asset of `method` with about so many faces."""
+    return asset_of(method, grid_mesh(faces) if is_connected(method) else soup(faces))
+
+
+def asset_of(method: str, buffers: dict[str, Any], soft: float = 0.15) -> msb.Asset:
+    """Return an asset of `method` with what `soup` or `grid_mesh` returns; `soft` is the mean logarithm of
+    the exponents of the edges of Triangle-Splatting, 0 for a linear fall."""
     from msb.asset.build import Description, build_asset
 
-    connected = is_connected(method)
-    buffers = grid_mesh(faces) if connected else soup(faces)
     kernel: dict[str, Any] = {"kernel": METHODS[method].coverage}
     if kernel["kernel"] == "incentre_window":
-        sigma = np.exp(0.15 + 0.5 * np.random.default_rng(1).standard_normal(faces))
+        faces = len(buffers["indices"])
+        sigma = np.exp(soft + 0.5 * np.random.default_rng(1).standard_normal(faces))
         buffers["sigma"] = np.log(sigma).astype(np.float32)
         kernel |= {"sigma_encoding": "exp", "sigma_offset": 0.01}
-    domain = "vertex" if connected else "face"
     description = Description(
         method=method,
         sh_degree=3,
@@ -103,6 +107,7 @@ def model(method: str, faces: int) -> msb.Asset:
         appearance={"kind": "spherical_harmonics", "f_rest_order": "coefficient_major"},
         compositing={"kind": "front_to_back"},
     )
+    domain = "vertex" if is_connected(method) else "face"
     domains: dict[str, Any] = dict.fromkeys(buffers.keys() - {"positions", "indices"}, domain)
     return build_asset(buffers, domains, description)
 

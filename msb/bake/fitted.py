@@ -51,8 +51,8 @@ def fitted(
     until = time.monotonic() + seconds
     random = guide.random()
     soup = Soup.of(plain_mesh(asset), shares=False)
+    guide.watch("choosing faces", 0, 1)
     with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
-        guide.watch("colours", 0, 1)
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         soup = best.soup

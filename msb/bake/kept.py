@@ -37,8 +37,8 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     """
     mesh = plain_mesh(asset)
     soup = Soup.of(mesh, shares=True)
+    guide.watch("choosing faces", 0, _ROUNDS)
     with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
-        guide.watch("choosing faces", 0, _ROUNDS)
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         if raster.pixels_a_face(soup.keep) >= FEWEST:

@@ -91,6 +91,7 @@ class Bake:
 
     def best(self, stopped: Callable[[], bool]) -> tuple[Mesh, Facts]:
         """Return the mesh as it is written, and what was found out."""
+        self._watch("looking at the model", 0, len(self._taught))
         for number in range(len(self._taught)):
             self._taught.stored(number)
             self._watch("looking at the model", number + 1, len(self._taught))
@@ -112,6 +113,7 @@ class Bake:
             truths = [self._aside.within(self._pixels)]
             for name in reversed(made):  # what is made last, of the others, is the first to be told of
                 judged = self._colored(made[name], self._options.look(name, self._asset), self._teaching)
+                self._watch("comparing", 0, 1)
                 tried[name] = mean_psnr(asset_from_mesh(judged), truths, SAMPLES, self._device)[0]
         chosen, why = self._chosen(made, tried)
         notes += said[chosen]
@@ -142,6 +144,7 @@ class Bake:
 
         Views that were made must see most of it.
         """
+        self._watch("weighing faces", 0, 1)
         teaching, aside = (
             blending_shares(self._asset, lessons.within(PIXELS_TO_CHOOSE), self._device)
             for lessons in (self._teaching, self._aside)
@@ -216,8 +219,10 @@ class Bake:
         in a texture of this size, or of the one that was asked for."""
         shown = lessons.within(_TEXTURED**2 * self._pixels).cameras
         lessons = lessons.with_halves(self._pixels)
+        self._watch("colours", 0, 1)
         mesh = colored(mesh, lessons, self._device)
         if look == "texture":
+            self._watch("texture", 0, 1)
             size = size or self._options.texture
             mesh = textured(mesh, lessons, size, shown=shown, device=self._device, watch=self._watch)
         else:

@@ -181,6 +181,13 @@ def bake(
     asset = as_asset(asset)
     options.check_model(asset)
     with about(asset.opened_from), room_for_temporaries(), _stopping(keep_best) as stopped:
+
+        def watch(stage: str, done: int, total: int) -> bool:
+            if progress is not None:
+                progress(stage, done, total)
+            return stopped()
+
+        watch("views", 0, 1)
         views = bake_views(
             asset,
             scene,
@@ -190,21 +197,18 @@ def bake(
             photographs=teacher == "photographs",
             device=device,
         )
-
-        def watch(stage: str, done: int, total: int) -> bool:
-            if progress is not None:
-                progress(stage, done, total)
-            return stopped()
-
         with Teacher(asset, views, teacher, device) as master:
             made = Bake(asset, views, master, options, device, watch)
             with closing(made):
                 mesh, facts = made.best(stopped)
+                watch("measuring", 0, 1)
                 own, photographs = made.measured(mesh)
                 levels, more = made.levels(mesh, wanted)
                 shape = None if collision is None else made.shape(mesh, collision)
             baked = asset_from_mesh(mesh)
+            watch("preview", 0, 1)
             picture = preview(asset, baked, views, master, device)
+        watch("audit", 0, 1)
     report = Report(
         geometry=facts.geometry,
         color="texture" if mesh.textures else "vertex",
