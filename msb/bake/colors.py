@@ -25,28 +25,43 @@ PRIOR = 0.05
 _ROUNDS = 4
 """How often colours that leave the bounds are held there and the others solved again."""
 _STEPS, _TOLERANCE = 400, 1e-6
+_AT_ONCE = 1 << 16
+"""Faces that are solved together: memory is that of so many, however many there are."""
 
 
-def products(seen: Seen) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def products(sums: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (F, 3, 3) sums of products of weights, and (F, 3, 3) of weights (rows) times colours."""
-    sums = seen.sums.astype(np.float64)
-    squares = sums[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    return squares, sums[:, 6:].reshape(-1, 3, 3)
+    wide = sums.astype(np.float64)
+    squares = wide[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    return squares, wide[:, 6:].reshape(-1, 3, 3)
 
 
 def pixels(seen: Seen) -> NDArray[np.float64]:
     """Return (F,) how many pixels show each face: the weights of one are 1 in all."""
-    squares, _ = products(seen)
-    found: NDArray[np.float64] = squares.sum(axis=(1, 2))
+    found: NDArray[np.float64] = seen.sums[:, :6] @ np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])
     return found
 
 
-def of_soup(seen: Seen, colors: NDArray[np.float32]) -> NDArray[np.float32]:
+def of_soup(
+    seen: Seen, colors: NDArray[np.float32], wanted: NDArray[np.bool_] | None = None
+) -> NDArray[np.float32]:
     """Return the best colours (F, 3, 3) in [0, 1] of faces that share no vertices and have `colors`.
 
-    A face of which nothing was seen keeps its own.
+    A face of which nothing was seen, or that is not `wanted`, keeps its own.
     """
-    squares, sides = products(seen)
+    shown = seen.sums[:, :6].any(axis=1)
+    faces = np.flatnonzero(shown if wanted is None else shown & wanted)
+    made = colors.copy()
+    for first in range(0, len(faces), _AT_ONCE):
+        some = faces[first : first + _AT_ONCE]
+        made[some] = _of_faces(*products(seen.sums[some]), colors[some])
+    return made
+
+
+def _of_faces(
+    squares: NDArray[np.float64], sides: NDArray[np.float64], colors: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Return the best colours (n, 3, 3) of faces with these sums."""
     system = squares + SMOOTH * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     sides = sides + PRIOR * colors
     found = np.clip(np.linalg.solve(system, sides), -1, 2)
@@ -54,8 +69,7 @@ def of_soup(seen: Seen, colors: NDArray[np.float32]) -> NDArray[np.float32]:
         x = found[..., channel]
         rows = np.flatnonzero(((x < 0) | (x > 1)).any(axis=1))
         found[rows, :, channel] = _held(system[rows], sides[rows, :, channel], x[rows])
-    shown = squares[:, :, :1].any(axis=1, keepdims=True)
-    return np.where(shown, np.clip(found, 0, 1), colors).astype(np.float32)
+    return np.clip(found, 0, 1)
 
 
 def _held(
@@ -80,7 +94,7 @@ def of_mesh(seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32]) -
     import scipy.sparse as sparse
 
     count = len(colors)
-    squares, sides = products(seen)
+    squares, sides = products(seen.sums)
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
     system = sparse.coo_matrix((squares.reshape(-1), (rows, columns)), shape=(count, count)).tocsr()
     system = system + SMOOTH * laplacian(faces, count) + PRIOR * sparse.identity(count, format="csr")

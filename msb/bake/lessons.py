@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.colors import Color
 
-Draw = Callable[["Camera"], NDArray[np.float32]]
-"""From a camera to what it should see: (H, W, 3) float32 RGB in the asset's colour space."""
+Draw = Callable[["Camera"], NDArray[np.float32] | NDArray[np.uint16]]
+"""From a camera to what it should see: (H, W, 3) RGB in the asset's colour space, or that in whole numbers of
+`STEPS`."""
 STEPS = 65535
 """Pictures are kept in 16 bits a channel: 50 times finer than what is measured of them."""
 
@@ -48,11 +49,12 @@ class Lessons:
         if self._file is None:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         if number not in self._places:
-            image = np.clip(np.nan_to_num(self._draw(camera)), 0, 1)
+            image = _whole(self._draw(camera))
             self._file.seek(0, 2)
             self._places[number] = self._file.tell()
-            self._file.write(np.rint(image * STEPS).astype(np.uint16).tobytes())
+            self._file.write(image.data)
             self._file.flush()
+            return image
         self._file.seek(self._places[number])
         count = camera.height * camera.width * 3
         return np.frombuffer(self._file.read(2 * count), np.uint16).reshape(camera.height, camera.width, 3)
@@ -106,10 +108,12 @@ class Lessons:
         ]
         numbers = {id(camera): number for number, camera in enumerate(halves)}
 
-        def halved(camera: Camera) -> NDArray[np.float32]:
-            image = self.image(numbers[id(camera)])[down:, right:][: 2 * camera.height, : 2 * camera.width]
-            means: NDArray[np.float32] = image.reshape(camera.height, 2, camera.width, 2, 3).mean(axis=(1, 3))
-            return means
+        def halved(camera: Camera) -> NDArray[np.uint16]:
+            whole = self.stored(numbers[id(camera)])[down:, right:][: 2 * camera.height, : 2 * camera.width]
+            total = whole[::2, ::2].astype(np.uint32)
+            for row, column in (0, 1), (1, 0), (1, 1):
+                total += whole[row::2, column::2]
+            return ((total + 2) >> 2).astype(np.uint16)
 
         made = self._halves[right, down] = Lessons(halves, self.background, halved)
         return made
@@ -129,6 +133,17 @@ class Lessons:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _whole(image: NDArray[np.float32] | NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Return a picture in whole numbers of `STEPS`, black where it has no numbers."""
+    if image.dtype == np.uint16:
+        return np.ascontiguousarray(image)
+    scaled = image * np.float32(STEPS)
+    np.fmax(scaled, 0, out=scaled)
+    np.fmin(scaled, STEPS, out=scaled)
+    np.rint(scaled, out=scaled)
+    return scaled.astype(np.uint16)
 
 
 class _Chosen(Lessons):

@@ -95,6 +95,7 @@ class Bake:
         for number in range(len(self._taught)):
             self._taught.stored(number)
             self._watch("looking at the model", number + 1, len(self._taught))
+        self._master.rest()
         unseen, shares = self._seen()
         wanted, notes = self._wanted()
         made: dict[Geometry, Mesh] = {}

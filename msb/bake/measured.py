@@ -33,6 +33,9 @@ def measured(
         truths = [stack.enter_context(master.looks(held_back))]
         if views.scene is not None:
             truths.append(stack.enter_context(master.photographs(held_back)))
+        for number in range(len(held_back)):
+            truths[0].stored(number)
+        master.rest()
         before: list[Any] = [None, None]
         if why_not(asset.manifest, "standard") is None:
             before = mean_psnr(asset, truths, 1, device)

@@ -94,30 +94,24 @@ class Raster(StandardRenderer):
             for name, shape in (("products", (count, SUMS)), ("slopes", (count, 3, 3)))
         ]
         most = self._scratch("most", count, np.uint32)
-        starts = self._scratch("starts", count + 1, np.uint32)
         for buffer in (*found, most):
             buffer.fill(0)
         for number in numbers:
             planes, view, pixels = self._drawn(number)
-            places = self._runs(planes, pixels, starts)
+            faces, places = self._sorted(planes, pixels)
             camera = self.lessons.cameras[number]
             drawn = planes["image"], planes["depth"], planes["face_id"]
             size = np.int32(camera.width), np.int32(camera.height)
-            lists = self._triangles.sources["positions"], view, starts, places
-            self._own.sums(
-                count, _GROUP, *lists, self._target(number), *drawn, *size, *found, most, np.uint32(count)
-            )
+            lists = self._triangles.sources["positions"], view, faces, places
+            ends = np.uint32(count), np.uint32(pixels)
+            self._own.sums(pixels, _GROUP, *lists, self._target(number), *drawn, *size, *found, most, *ends)
         return Seen(found[0].read(), most.read(), found[1].read())
 
-    def _runs(self, planes: dict[str, Buffer], pixels: int, starts: Buffer) -> Buffer:
-        """Queue the pixels of each face in their order, and where those of each begin."""
+    def _sorted(self, planes: dict[str, Buffer], pixels: int) -> tuple[Buffer, Buffer]:
+        """Queue the faces that pixels show, sorted, and the pixels of each in their order."""
         keys = self._scratch("owners", pixels, np.uint32)
-        sizes = np.uint32(self._count), np.uint32(pixels)
-        self._own.owners(pixels, _GROUP, planes["face_id"], keys, *sizes)
-        bits = max(1, self._count.bit_length())
-        faces, places = sort_pairs(self._device, keys, bits=bits, name="bake owners")
-        self._own.runs(pixels + 1, _GROUP, faces, starts, *sizes)
-        return places
+        self._own.owners(pixels, _GROUP, planes["face_id"], keys, np.uint32(self._count), np.uint32(pixels))
+        return sort_pairs(self._device, keys, bits=self._count.bit_length(), name="bake owners")
 
     @in_turn
     def remember(self, numbers: Sequence[int]) -> None:

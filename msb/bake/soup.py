@@ -62,12 +62,12 @@ class Soup:
     def recolor(self, seen: Seen) -> None:
         """Give the faces that are shown the colours that fit best to what was seen of them."""
         if self.shared is None:
-            fitted = fit.of_soup(seen, self.colors)
-        else:
-            count = int(self.shared.max()) + 1
-            now = np.full((count, 3), 0.5, np.float32)
-            now[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
-            fitted = fit.of_mesh(seen, self.shared, now)[self.shared]
+            self.colors = fit.of_soup(seen, self.colors, self.keep)
+            return
+        count = int(self.shared.max()) + 1
+        now = np.full((count, 3), 0.5, np.float32)
+        now[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
+        fitted = fit.of_mesh(seen, self.shared, now)[self.shared]
         self.colors[self.keep] = fitted[self.keep]
 
     def refit(self, raster: Raster) -> Seen:

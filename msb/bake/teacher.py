@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from msb.asset import Asset
     from msb.bake.views import BakeViews
+    from msb.registry import Tier
     from msb.scenes import Camera
 
 Source = Literal["dedicated", "photographs"]
@@ -41,11 +42,11 @@ class Teacher:
         self._asset, self._views, self.source = asset, views, source
         manifest = asset.manifest
         plain = why_not(manifest, "dedicated") is not None and why_not(manifest, "standard") is None
-        if plain:
-            self._renderer = Renderer(asset, "standard", device, supersample=SAMPLES)
-        else:
-            check_supported(asset, "dedicated")
-            self._renderer = Renderer(asset, "dedicated", device, **lean_options("dedicated", None))
+        tier: Tier = "standard" if plain else "dedicated"
+        check_supported(asset, tier)
+        options = {"supersample": SAMPLES} if plain else lean_options(tier, None)
+        self._make = lambda: Renderer(asset, tier, device, **options)
+        self._renderer: Renderer | None = self._make()
 
     def lessons(self, cameras: Sequence[Camera], scale: int = 1) -> Lessons:
         """Return what teaches cameras, in pictures `scale` times as large.
@@ -65,6 +66,8 @@ class Teacher:
         return Lessons(cameras, self._views.background, self._photograph)
 
     def _look(self, camera: Camera) -> NDArray[np.float32]:
+        if self._renderer is None:
+            self._renderer = self._make()
         image = self._renderer.render(camera, self._views.background).image
         if not np.isfinite(image).all():
             text = f"its look in view {camera.name} has pixels without a number: its colours must be finite"
@@ -75,12 +78,14 @@ class Teacher:
         assert self._views.scene is not None
         return ground_truth(self._views.scene, camera)
 
-    def close(self) -> None:
-        """Release everything on the device."""
-        self._renderer.close()
+    def rest(self) -> None:
+        """Release everything on the device until something is to be drawn again."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self.rest()

@@ -23,34 +23,21 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
         keys[i] = faces[i] < 0 ? none : (uint)faces[i];
 }
 
-// Where the pixels of each face begin among sorted ones; `starts` has a row more than there are faces.
-__kernel void runs(__global const uint *sorted, __global uint *starts, uint faces, uint count)
-{
-    size_t i = get_global_id(0);
-    if (i > count)
-        return;
-    uint first = i == 0 ? 0 : sorted[i - 1] + 1;
-    uint last = i == count ? faces : MIN(sorted[i], faces);
-    for (uint face = first; face <= last; face++)
-        starts[face] = (uint)i;
-}
-
 // Add to the sums of each face: products of the weights of its corners, and weights times the lesson's colours; and
 // how the squared error rises as its corners move, x, y, z of each. Where two neighbouring pixels show two faces, the
 // border between them is an edge of the nearer one. If that moves outward by a pixel, the pixel beyond shows its
 // colour; if it moves inward, its own pixel shows the other's: the slope is the mean of what these two change, and a
-// corner moves the border by its weight there. `positions` has three corners a face.
-__kernel void sums(__global const float *positions, __constant float *view, __global const uint *starts,
+// corner moves the border by its weight there. `positions` has three corners a face. The faces that
+// `pixels` show are `sorted`; a work-item has the first pixel of a face, and goes on to its last, or nothing to do.
+__kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
-    __global float *slopes, __global uint *most, uint faces)
+    __global float *slopes, __global uint *most, uint faces, uint count)
 {
-    size_t face = get_global_id(0);
-    if (face >= faces)
+    size_t start = get_global_id(0), end = start;
+    if (start >= count || sorted[start] >= faces || (start > 0 && sorted[start - 1] == sorted[start]))
         return;
-    uint start = starts[face], end = starts[face + 1];
-    if (start == end)
-        return;
+    size_t face = sorted[start];
     __global const float *c = positions + 9 * face;
     int reaches_far = is_long(c);
     float all[SUMS], rise[9];
@@ -58,8 +45,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         all[k] = 0.0f;
     for (int k = 0; k < 9; k++)
         rise[k] = 0.0f;
-    for (uint i = start; i < end; i++) {
-        int pixel = (int)pixels[i], x = pixel % width, y = pixel / width;
+    for (; end < count && sorted[end] == face; end++) {
+        int pixel = (int)pixels[end], x = pixel % width, y = pixel / width;
         float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
         WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
         float w[3] = {w0, w1, w2};
@@ -102,7 +89,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         sums[SUMS * face + k] += all[k];
     for (int k = 0; k < 9; k++)
         slopes[9 * face + k] += rise[k];
-    most[face] = MAX(most[face], end - start);
+    most[face] = MAX(most[face], (uint)(end - start));
 }
 
 float error_of(__global const float *image, __global const ushort *target, size_t pixel)
