@@ -69,7 +69,8 @@ def _of_faces(
         x = found[..., channel]
         rows = np.flatnonzero(((x < 0) | (x > 1)).any(axis=1))
         found[rows, :, channel] = _held(system[rows], sides[rows, :, channel], x[rows])
-    return np.clip(found, 0, 1)
+    bounded: NDArray[np.float64] = np.clip(found, 0, 1)
+    return bounded
 
 
 def _held(

@@ -49,7 +49,7 @@ class Lessons:
         if self._file is None:
             self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         if number not in self._places:
-            image = _whole(self._draw(camera))
+            image = whole(self._draw(camera))
             self._file.seek(0, 2)
             self._places[number] = self._file.tell()
             self._file.write(image.data)
@@ -109,10 +109,10 @@ class Lessons:
         numbers = {id(camera): number for number, camera in enumerate(halves)}
 
         def halved(camera: Camera) -> NDArray[np.uint16]:
-            whole = self.stored(numbers[id(camera)])[down:, right:][: 2 * camera.height, : 2 * camera.width]
-            total = whole[::2, ::2].astype(np.uint32)
+            image = self.stored(numbers[id(camera)])[down:, right:][: 2 * camera.height, : 2 * camera.width]
+            total = image[::2, ::2].astype(np.uint32)
             for row, column in (0, 1), (1, 0), (1, 1):
-                total += whole[row::2, column::2]
+                total += image[row::2, column::2]
             return ((total + 2) >> 2).astype(np.uint16)
 
         made = self._halves[right, down] = Lessons(halves, self.background, halved)
@@ -135,7 +135,7 @@ class Lessons:
         self.close()
 
 
-def _whole(image: NDArray[np.float32] | NDArray[np.uint16]) -> NDArray[np.uint16]:
+def whole(image: NDArray[np.float32] | NDArray[np.uint16]) -> NDArray[np.uint16]:
     """Return a picture in whole numbers of `STEPS`, black where it has no numbers."""
     if image.dtype == np.uint16:
         return np.ascontiguousarray(image)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
+from msb.bake.cache import SUFFIX
 from msb.bake.collision import kind_of
 from msb.bake.folder import only_folder, write_folder
 from msb.bake.lods import checked_shares
@@ -24,7 +25,8 @@ from msb.bake.report import Look, Report, Shape, Verdict
 from msb.bake.teacher import Source, Teacher
 from msb.bake.views import bake_views
 from msb.bake.written import Part, endings, write_all
-from msb.base.atomic import room_for_temporaries
+from msb.base.atomic import check_place, room_for_temporaries
+from msb.base.paths import given_path
 from msb.cl.devices import choose_device
 from msb.errors import about
 from msb.meshes.assets import asset_from_mesh
@@ -104,6 +106,7 @@ def bake(
     device: str | None = None,
     progress: Progress | None = None,
     keep_best: bool = False,
+    cache: str | os.PathLike[str] | None = None,
 ) -> Baked:
     """Make a plain, opaque asset that looks like a model, taught by the model's own renderer.
 
@@ -148,6 +151,9 @@ def bake(
         Called as ``progress(stage, done, total)``.
     keep_best : bool
         End with the best so far when interrupted (Ctrl-C); else nothing is made.
+    cache : path-like, optional
+        A folder in which the pictures that the model's own renderer draws are kept, and looked for first: a
+        bake that was interrupted, or has other options, begins with those that are there.
 
     Returns
     -------
@@ -177,6 +183,9 @@ def bake(
     wanted = checked_shares(lods) if lods else ()
     if collision is not None:
         kind_of(collision)
+    place = None if cache is None else given_path(cache)
+    if place is not None:
+        check_place(place / SUFFIX)
     began = time.perf_counter()
     asset = as_asset(asset)
     options.check_model(asset)
@@ -197,7 +206,7 @@ def bake(
             photographs=teacher == "photographs",
             device=device,
         )
-        with Teacher(asset, views, teacher, device) as master:
+        with Teacher(asset, views, teacher, device, place) as master:
             made = Bake(asset, views, master, options, device, watch)
             with closing(made):
                 mesh, facts = made.best(stopped)
@@ -208,6 +217,7 @@ def bake(
             baked = asset_from_mesh(mesh)
             watch("preview", 0, 1)
             picture = preview(asset, baked, views, master, device)
+            cached = [] if master.pictures is None else master.pictures.notes()
         watch("audit", 0, 1)
     report = Report(
         geometry=facts.geometry,
@@ -230,7 +240,7 @@ def bake(
         seed=seed,
         device=choose_device(device).record.name,
         tried=facts.tried,
-        notes=(*views.notes, *facts.notes, *more),
+        notes=(*views.notes, *cached, *facts.notes, *more),
         lods=tuple(level for level, _ in levels),
         collision=None if shape is None else Shape.of(shape),
         path=None if asset.opened_from is None else str(asset.opened_from),

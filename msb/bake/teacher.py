@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import json
+from functools import partial
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
-from msb.bake.lessons import Lessons
+from msb.bake.cache import Pictures
+from msb.bake.lessons import Lessons, whole
+from msb.base.version import __version__
+from msb.cl.devices import choose_device
 from msb.errors import AssetError, UsageError
 from msb.metrics.ground_truth import ground_truth
 from msb.render import Renderer
 from msb.render.backend import check_supported, lean_options
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from msb.asset import Asset
     from msb.bake.views import BakeViews
@@ -31,11 +37,17 @@ class Teacher:
     """Draws what the views of a bake should show: the asset as its method does, on the device.
 
     A plain mesh has no other look than the standard tier, which is then drawn with 16 samples a pixel.
-    With `source` "photographs" those of the scene teach, and the look is there for numbers alone.
+    With `source` "photographs" those of the scene teach, and the look is there for numbers alone. What it
+    draws is looked for in the folder `cache` first, and kept there.
     """
 
     def __init__(
-        self, asset: Asset, views: BakeViews, source: Source = "dedicated", device: str | None = None
+        self,
+        asset: Asset,
+        views: BakeViews,
+        source: Source = "dedicated",
+        device: str | None = None,
+        cache: Path | None = None,
     ) -> None:
         if source == "photographs" and views.scene is None:
             raise UsageError("USAGE", "photographs teach with a scene, which says how they are compared")
@@ -45,8 +57,15 @@ class Teacher:
         tier: Tier = "standard" if plain else "dedicated"
         check_supported(asset, tier)
         options = {"supersample": SAMPLES} if plain else lean_options(tier, None)
-        self._make = lambda: Renderer(asset, tier, device, **options)
+        self._make: Callable[[], Renderer] = partial(Renderer, asset, tier, device, **options)
         self._renderer: Renderer | None = self._make()
+        name = self._renderer.name
+        self.pictures: Pictures | None = None
+        """Those of former bakes, where there is a folder for them."""
+        if cache is not None:
+            record = choose_device(device).record
+            by = __version__, name, json.dumps(options), record.name, record.driver
+            self.pictures = Pictures(cache, asset, by)
 
     def lessons(self, cameras: Sequence[Camera], scale: int = 1) -> Lessons:
         """Return what teaches cameras, in pictures `scale` times as large.
@@ -59,20 +78,23 @@ class Teacher:
 
     def looks(self, cameras: Sequence[Camera]) -> Lessons:
         """Return what cameras see by the model's own renderer, drawn when asked for."""
-        return Lessons(cameras, self._views.background, self._look)
+        draw = self._look
+        if self.pictures is not None:
+            draw = partial(self.pictures.picture, background=self._views.background, draw=self._look)
+        return Lessons(cameras, self._views.background, draw)
 
     def photographs(self, cameras: Sequence[Camera]) -> Lessons:
         """Return the photographs of cameras of the scene as they are compared, read when asked for."""
         return Lessons(cameras, self._views.background, self._photograph)
 
-    def _look(self, camera: Camera) -> NDArray[np.float32]:
+    def _look(self, camera: Camera) -> NDArray[np.uint16]:
         if self._renderer is None:
             self._renderer = self._make()
         image = self._renderer.render(camera, self._views.background).image
         if not np.isfinite(image).all():
             text = f"its look in view {camera.name} has pixels without a number: its colours must be finite"
             raise AssetError("TRIASSET_VALUE_NONFINITE", text, file=self._asset.path)
-        return image
+        return whole(image)
 
     def _photograph(self, camera: Camera) -> NDArray[np.float32]:
         assert self._views.scene is not None

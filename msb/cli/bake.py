@@ -86,6 +86,13 @@ class BakeOptions:
         Up | None, Option("Axis round which views are made where there are no cameras. Default: the asset's.")
     ] = None
     keep_best: Annotated[bool, Option("At Ctrl-C write the best so far, not nothing.")] = False
+    cache: Annotated[
+        Path | None,
+        Option(
+            "A folder that keeps the pictures that the model's own renderer draws: a second bake takes them.",
+            metavar="DIR",
+        ),
+    ] = None
 
 
 @command(
@@ -163,6 +170,7 @@ def bake(
             device=drawing.device,
             progress=progress,
             keep_best=options.keep_best,
+            cache=options.cache,
         )
     report = baked.save(*options.outputs, overwrite=True)
     output.write_json({**report.to_dict(), "path": str(path)})

@@ -97,6 +97,20 @@ def test_levels_and_a_collision_shape_stand_beside_each_output(here: Here, files
     again.ends(2, f"OUTPUT_EXISTS: {model.parent / 'a_lod1.glb'}")
 
 
+def test_pictures_of_a_cache_make_the_same(here: Here, files: tuple[Path, Path]) -> None:
+    model, cameras = files
+    cache, outs = model.parent / "cache", [model.parent / name for name in ("a.glb", "b.glb")]
+    line = ["bake", "--geometry", "kept", "--cameras", cameras, model, "--cache", cache]
+    for out in outs:
+        result = here(*line, "-o", out)
+        assert result.status == 0, result
+    assert "note: 9 of 9 pictures were drawn by a bake before" in result.err
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    refused = here(*line[:-1], cameras, "-o", model.parent / "c.glb")
+    assert refused.status != 0
+    assert f"{cameras} is no folder" in refused.err
+
+
 def test_what_is_printed_is_a_sentence(here: Here, files: tuple[Path, Path]) -> None:
     model, cameras = files
     out = model.parent / "a.stl"
