@@ -3,10 +3,10 @@
     python -m benchmarks.bake_scale --faces 1000000 3000000 --geometry kept fitted
 
 prints a row for each: dB to the own look on views held back, triangles, seconds, processor seconds, the peak
-of memory, and where the time goes by stage. The garden is made: a lawn with slabs, a table with a vase,
-bushes and a sky, covered by soft triangles of `--method` with spherical harmonics of degree 3, whose colours
-are those of a fine pattern. Each bake runs in a process of its own; `--options` are further ones of
-`msb.bake`, as JSON."""
+of memory; and the last three of each stage, as it ends, too. The garden is made: a lawn with slabs, a table
+with a vase, bushes and a sky, covered by soft triangles of `--method` with spherical harmonics of degree 3,
+whose colours are those of a fine pattern. Each bake runs in a process of its own; `--options` are further
+ones of `msb.bake`, as JSON."""
 
 from __future__ import annotations
 
@@ -155,7 +155,13 @@ class Stages:
         for k in range(2):
             row[k] += now[k] - self._began[k]
         row[2] = peak()
+        if stage != self._stage:
+            print(_stage_row(self._stage, row), file=sys.stderr, flush=True)
         self._stage, self._began = stage, now
+
+
+def _stage_row(stage: str, took: list[float]) -> str:
+    return f"    {stage:<24}{took[0]:>8.1f}{took[1]:>8.1f}{took[2] / 1e9:>8.2f}"
 
 
 def bake(model: Path, views: int, size: list[int], options: dict[str, Any]) -> dict[str, Any]:
@@ -178,8 +184,7 @@ def show(row: dict[str, Any]) -> None:
     cells += [f"{own['after']:.2f}", f"{own['after_16']:.2f}", f"{row['faces']:,}"]
     cells += [f"{row['seconds']:.0f}", f"{row['processor_seconds']:.0f}", f"{row['peak'] / 1e9:.2f}"]
     print(f"| {' | '.join(cells)} |", flush=True)
-    for stage, (seconds, processor, memory) in row["stages"].items():
-        print(f"    {stage:<24}{seconds:>8.1f}{processor:>8.1f}{memory / 1e9:>8.2f}", flush=True)
+    print(*(_stage_row(stage, took) for stage, took in row["stages"].items()), sep="\n", flush=True)
     print("".join(f"    {note}\n" for note in row["notes"]), end="", flush=True)
 
 

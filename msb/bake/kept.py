@@ -35,8 +35,11 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     ------
     DeviceError, and as `mesh_from_asset` where the asset has no triangles to show.
     """
-    mesh = plain_mesh(asset)
+    mesh: Mesh | None = plain_mesh(asset)
+    assert mesh is not None
     soup = Soup.of(mesh, shares=True)
+    if soup.shared is None:
+        mesh = None  # of millions of faces it is much, and no longer needed
     guide.watch("choosing faces", 0, _ROUNDS)
     with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
         best = Best(judge)
@@ -44,7 +47,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
         if raster.pixels_a_face(soup.keep) >= FEWEST:
             search(best.soup, raster, best, guide.random(), guide.watch)
         soup = best.soup
-    return soup.mesh() if soup.shared is None else soup.on(mesh)
+    return soup.mesh() if mesh is None else soup.on(mesh)
 
 
 def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, watch: Watch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from copy import copy
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -64,13 +65,24 @@ class Raster(StandardRenderer):
         count = len(corners)
         soup = Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors.reshape(-1, 3))
         super().__init__(asset_from_mesh(soup), device=device)
-        self.lessons, self._count = lessons, count
+        self._count = count
         wide = self._device.record.int64_atomics
         self._total = np.int64 if wide else np.int32
         self._own = self._device.program("bake", {"WIDE": wide})
+        self._learn(lessons)
+
+    def _learn(self, lessons: Lessons) -> None:
+        self.lessons = lessons
         self.pixels = sum(camera.width * camera.height for camera in lessons.cameras)
         self._keeps = 6 * self.pixels <= _KEPT
         self._targets: dict[int, Buffer] = {}
+
+    def beside(self, lessons: Lessons) -> Raster:
+        """Return one of other lessons that draws the same faces: what is put on one is on both, and they are
+        closed together."""
+        other = copy(self)
+        other._learn(lessons)
+        return other
 
     @in_turn
     def change(

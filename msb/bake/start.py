@@ -92,11 +92,8 @@ class Guide:
     @contextmanager
     def rasters(self, soup: Soup) -> Iterator[tuple[Raster, Raster]]:
         """Yield what draws a soup as the lessons see it, and as what is aside does."""
-        with (
-            closing(Raster(soup.corners, soup.colors, self.lessons, self.device)) as raster,
-            closing(Raster(soup.corners, soup.colors, self.aside, self.device)) as judge,
-        ):
-            yield raster, judge
+        with closing(Raster(soup.corners, soup.colors, self.lessons, self.device)) as raster:
+            yield raster, raster.beside(self.aside)
 
 
 def colored(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Mesh:
@@ -128,9 +125,9 @@ def choose(soup: Soup, asset: Asset, raster: Raster, best: Best, shares: Shares 
         weight = weight * (raster.pixels / max(shares.pixels, 1))
         if soup.shared is None:
             soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
-    seen = soup.refit(raster)
+    owned = pixels(soup.refit(raster))
     best.look(soup)
     for limit in LIMITS if shares is not None else ():
-        soup.keep &= weight >= limit * pixels(seen)
-        seen = soup.refit(raster)
+        soup.keep &= weight >= limit * owned
+        owned = pixels(soup.refit(raster))
         best.look(soup)
