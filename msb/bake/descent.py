@@ -149,7 +149,7 @@ def moved(
             best.look(soup)
         return done(step)
 
-    if raster.pixels_a_face(soup.keep) >= FEWEST:
+    if raster.pixels_a_face(soup.count) >= FEWEST:
         descend(soup, raster, random, rates=rates, most=most, done=looked)
         soup.refit(raster)
         best.look(soup)

@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from msb.asset.tiers import why_not
+from msb.bake.colors import pixels
 from msb.bake.descent import Schedule, moved
-from msb.bake.kept import PIXELS_TO_CHOOSE
+from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
 from msb.bake.start import Best, Guide, choose, plain_mesh
@@ -36,6 +39,7 @@ def fitted(
     *,
     seconds: float = 40.0,
     faces: int | None = None,
+    usual: int | None = None,
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, at most so many `faces`, with colours at
     corners, and what should be known of it.
@@ -43,6 +47,10 @@ def fitted(
     Triangles are chosen by their share in the model's look, then moved, hidden and shown as the lessons
     ask. What is best by pictures that teach nothing is returned. It ends after so many `seconds` where it has
     not before; a result that was not cut short is the same each time on one device.
+
+    Where pictures have too few pixels for the triangles, chance would move them: they stay where they are,
+    as many as were chosen, or the `faces` that most pixels show. Those that move are at most `usual`, where
+    nobody says how many.
 
     Raises
     ------
@@ -59,15 +67,25 @@ def fitted(
     if why_not(asset.manifest, "standard") is not None and 4 * soup.keep.sum() <= _COARSE:
         soup = soup.cut()
     with guide.within(PIXELS_TO_MOVE).rasters(soup) as (raster, judge):
-        soup.refit(raster)
+        seen = soup.refit(raster)
+        most = faces or usual
+        left = soup.count if most is None else min(most, soup.count)
+        if raster.pixels_a_face(left) < FEWEST:
+            if faces is not None and left < soup.count:
+                shown = np.where(soup.keep, pixels(seen), -1)
+                soup.keep[np.argsort(-shown, kind="stable")[faces:]] = False
+                soup.refit(raster)
+            each = raster.pixels_a_face(soup.count)
+            text = f"{soup.count:,} triangles have {each:.1f} pixels of a view each, too few to move them by"
+            return soup.mesh(), [f"{text}: they are chosen and coloured alone"]
         for _ in range(_HIDDEN_FIRST):
             try_faces(soup, raster, random, show=False)
-        if faces is not None:
-            hide_least(soup, raster, random, faces)
+        if most is not None:
+            hide_least(soup, raster, random, most)
         schedule = Schedule(_STEPS, until)
 
         def done(step: int) -> float:
             return schedule.share(step, enough=guide.watch("moving faces", step, schedule.steps))
 
-        soup = moved(soup, raster, judge, random, rates=_RATES, most=faces, done=done)
+        soup = moved(soup, raster, judge, random, rates=_RATES, most=most, done=done)
     return soup.mesh(), schedule.lacks("its triangles")

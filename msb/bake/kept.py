@@ -44,7 +44,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
-        if raster.pixels_a_face(soup.keep) >= FEWEST:
+        if raster.pixels_a_face(soup.count) >= FEWEST:
             search(best.soup, raster, best, guide.random(), guide.watch)
         soup = best.soup
     return soup.mesh() if mesh is None else soup.on(mesh)

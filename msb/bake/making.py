@@ -82,7 +82,7 @@ class Bake:
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
         self._guide = Guide(self._teaching, self._aside, options.seed, device, watch)
-        self._soups: dict[int, tuple[Mesh, list[str]]] = {}
+        self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
 
     def close(self) -> None:
         """Give the pictures back."""
@@ -113,14 +113,14 @@ class Bake:
         if len(made) > 1:  # in colours that what is aside did not teach
             truths = [self._aside.within(self._pixels)]
             for name in reversed(made):  # what is made last, of the others, is the first to be told of
-                judged = self._colored(made[name], self._options.look(name, self._asset), self._teaching)
+                judged = self._colored(made[name], self._look(name, made[name]), self._teaching)
                 self._watch("comparing", 0, 1)
                 tried[name] = mean_psnr(asset_from_mesh(judged), truths, SAMPLES, self._device)[0]
         chosen, why = self._chosen(made, tried)
         notes += said[chosen]
         if stopped():
             notes.append("interrupted: this is the best so far")
-        mesh = self._colored(made[chosen], self._options.look(chosen, self._asset), self._taught)
+        mesh = self._colored(made[chosen], self._look(chosen, made[chosen]), self._taught)
         if why:
             notes.append(f"{why}: {compared(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
@@ -174,9 +174,21 @@ class Bake:
             return ["fitted", "surface"], []
         if options.faces is not None:
             return ["fitted"], []
-        if count * FEWEST > min(self._taught.largest, PIXELS_TO_MOVE):
+        if self._are_small(count):
             return ["kept"], [f"fitted is not tried with {count:,} faces, which pictures are too small for"]
         return ["kept", "fitted"], []
+
+    def _are_small(self, count: int) -> bool:
+        """Return whether pictures have too few pixels to move so many faces."""
+        return count * FEWEST > min(self._taught.largest, PIXELS_TO_MOVE)
+
+    def _look(self, name: Geometry, mesh: Mesh) -> Look:
+        """Return where the colours of what was made go: a texture of tiny triangles would be ten times the
+        bytes of colours at their corners."""
+        options = self._options
+        if name == "fitted" and options.color is options.texture is None and self._are_small(len(mesh.faces)):
+            return "vertex"
+        return options.look(name, self._asset)
 
     def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
@@ -184,9 +196,10 @@ class Bake:
         if name == "kept":
             return kept(self._asset, self._guide, shares), []
         # A surface has its number of faces from the end, not from the soup that it is made of.
-        most = (options.faces if name == "fitted" else None) or max(1, self._pixels // PIXELS_A_FACE)
+        most = options.faces if name == "fitted" else None
         if most not in self._soups:
-            self._soups[most] = fitted(self._asset, self._guide, shares, seconds=seconds, faces=most)
+            limits = {"faces": most, "usual": max(1, self._pixels // PIXELS_A_FACE)}
+            self._soups[most] = fitted(self._asset, self._guide, shares, seconds=seconds, **limits)
         soup, notes = self._soups[most]
         if name == "fitted":
             return soup, notes

@@ -195,9 +195,9 @@ class Raster(StandardRenderer):
             count += 3 * rows * columns
         return total / count
 
-    def pixels_a_face(self, keep: NDArray[np.bool_]) -> float:
-        """Return how many pixels of a view there are for each face that is shown."""
-        return self.pixels / max(1, len(self.lessons)) / max(1, int(keep.sum()))
+    def pixels_a_face(self, faces: int) -> float:
+        """Return how many pixels of a view there are for each of so many faces."""
+        return self.pixels / max(1, len(self.lessons)) / max(1, faces)
 
     def _pixels(self, number: int) -> int:
         camera = self.lessons.cameras[number]

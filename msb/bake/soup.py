@@ -51,6 +51,11 @@ class Soup:
             corners, colors, np.ones(len(corners), bool), mesh.faces if shares and not is_soup else None
         )
 
+    @property
+    def count(self) -> int:
+        """How many faces are shown."""
+        return int(self.keep.sum())
+
     def copy(self) -> Self:
         """Return one that changes by itself."""
         return replace(self, corners=self.corners.copy(), colors=self.colors.copy(), keep=self.keep.copy())
@@ -103,7 +108,7 @@ class Soup:
 
     def mesh(self) -> Mesh:
         """Return the faces that are shown, with vertices of their own."""
-        count = int(self.keep.sum())
+        count = self.count
         faces = np.arange(3 * count, dtype=np.int64).reshape(-1, 3)
         return Mesh(
             self.corners[self.keep].reshape(-1, 3), faces, vertex_colors=self.colors[self.keep].reshape(-1, 3)

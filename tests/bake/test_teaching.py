@@ -143,3 +143,18 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
         assert seen[-1][1] == 2
         assert made.vertex_colors is not None
         assert np.abs(made.vertex_colors - 0.5).max() > 0.1, "colours are fitted all the same"
+
+
+@pytest.mark.parametrize("faces", [None, 500])
+def test_triangles_of_too_few_pixels_are_chosen_and_coloured_and_stay(faces: int | None) -> None:
+    corners, colors = tiles(20)
+    asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
+    views = cameras(5, 24, 18)
+    with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
+        made, notes = fitted(asset, Guide(lessons, aside), faces=faces, usual=450)
+    assert len(made.faces) == (faces or 800)
+    assert notes[0].startswith(f"{len(made.faces):,} triangles have 0.")
+    where = {tuple(each.reshape(-1)) for each in corners}
+    assert {tuple(each.reshape(-1)) for each in made.vertices[made.faces]} <= where
+    assert made.vertex_colors is not None
+    assert np.abs(made.vertex_colors - 0.5).max() > 0.1
