@@ -186,7 +186,8 @@ class Bake:
         """Return where the colours of what was made go: a texture of tiny triangles would be ten times the
         bytes of colours at their corners."""
         options = self._options
-        if name == "fitted" and options.color is options.texture is None and self._are_small(len(mesh.faces)):
+        is_free = options.color is None and options.texture is None
+        if name == "fitted" and is_free and self._are_small(len(mesh.faces)):
             return "vertex"
         return options.look(name, self._asset)
 

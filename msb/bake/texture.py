@@ -7,8 +7,9 @@ drawn on the standard tier, and the equations say which change reduces what is l
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +36,15 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
+T = TypeVar("T")
+
 ROUNDS = 2
 """How often the error is drawn and reduced."""
 _OWN_SIZE = 512, 4096
 """Texels along a side, where nobody says how many: the fewest and the most."""
 _TILE = 1024
+_AT_ONCE = 1 << 20
+"""Pixels whose share in the texture is worked out together: memory is that of so many."""
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
 
@@ -101,8 +106,7 @@ def textured(
     del chart
     for number in range(ROUNDS):
         pyramid.right[:] = 0
-        for seen, error, view in _errors(made, lessons, device):
-            samples = _samples(seen, made, lessons.cameras[view], pyramid)
+        for samples, error, view in _ahead(_errors(made, lessons, pyramid, device)):
             pyramid.add(samples, error, ties=not number)
             watch("texture", number * len(lessons) + view + 1, ROUNDS * len(lessons))
         texture = made.textures[0].copy()
@@ -176,18 +180,29 @@ class _Seen(NamedTuple):
 
 
 def _errors(
-    mesh: Mesh, lessons: Lessons, device: str | Device | None
-) -> Iterator[tuple[_Seen, NDArray[np.float32], int]]:
-    """Yield which pixels of each lesson show a face, and what they (n, 3) lack there of the lesson."""
+    mesh: Mesh, lessons: Lessons, pyramid: Pyramid, device: str | Device | None
+) -> Iterator[tuple[Samples, NDArray[np.float32], int]]:
+    """Yield what pixels that show a face show of the texture, what they (n, 3) lack of the lesson, and its
+    number; of large pictures a part at a time."""
     with Renderer(asset_from_mesh(mesh), "standard", device=device) as renderer:
-        frame = None
         for number, camera in enumerate(lessons.cameras):
             frame = renderer.render(camera, background=lessons.background)
             assert frame.face_id is not None
             faces = frame.face_id.reshape(-1)
+            lack = (lessons.image(number) - frame.image).reshape(-1, 3)
             pixel = np.flatnonzero(faces >= 0)
-            error = (lessons.image(number) - frame.image).reshape(-1, 3)[pixel]
-            yield _Seen(pixel, faces[pixel]), error, number
+            for first in range(0, len(pixel), _AT_ONCE):
+                some = pixel[first : first + _AT_ONCE]
+                yield _samples(_Seen(some, faces[some]), mesh, camera, pyramid), lack[some], number
+
+
+def _ahead(items: Iterator[T]) -> Iterator[T]:
+    """Yield items, each made by a thread of its own while the one before is used."""
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, items, None)
+        while (item := coming.result()) is not None:
+            coming = pool.submit(next, items, None)
+            yield item
 
 
 def _samples(seen: _Seen, mesh: Mesh, camera: Camera, pyramid: Pyramid) -> Samples:
