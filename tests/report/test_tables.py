@@ -238,6 +238,13 @@ def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
     memory, latency = (make(numbers, "tanksandtemples") for make in (measured.memory, measured.latency))
     assert [cell.text for cell in row_of(memory, "Floor").cells] == ["--", "40"]
     assert [cell.text for cell in row_of(latency, "Floor").cells] == ["--", "--", "0.5", "0.7"]
+    both = measured.runtime_resources(numbers, "tanksandtemples")
+    shown = [
+        cell.text
+        for column, cell in zip(both.columns, both.rows[-1].cells, strict=True)
+        if "Floor" in column.groups
+    ]
+    assert shown == ["0.5", "0.7", "40"]
     assert numbers.scenes("tanksandtemples") == ["train", "truck"]
     assert any(note.startswith("Floor: one triangle") for note in memory.notes)
 

@@ -124,9 +124,14 @@ def _scene_lines(
     yield of_scene(MEAN, "all scenes" if members and prefix else "", bold=not group_means)
 
 
+def _has_floor(numbers: Numbers, dataset: str) -> bool:
+    """Return whether a single triangle was timed."""
+    return any(key.scene == FLOOR for key in numbers.values if key.dataset == dataset)
+
+
 def _floor_lines(numbers: Numbers, dataset: str) -> list[Line]:
     """Return the line of a single triangle, if one was timed."""
-    known = any(key.scene == FLOOR for key in numbers.values if key.dataset == dataset)
+    known = _has_floor(numbers, dataset)
     return [Line((scene_title(FLOOR),), {"scene": FLOOR}, "one triangle")] if known else []
 
 
@@ -314,11 +319,13 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
         "Device time of a frame (ms ↓)": {metric: METRICS[metric].title for metric in _TIMES},
         "Memory (MiB ↓)": {"memory": "Render", "asset_size": METRICS["asset_size"].title},
     }
+    floor = (FLOOR,) if _has_floor(numbers, dataset) else ()
     columns = [
         Column(name, (heading, scene_title(scene)), {"scene": scene, "metric": metric})
         for heading, names in blocks.items()
-        for scene in (*numbers.scenes(dataset), MEAN)
+        for scene in (*numbers.scenes(dataset), MEAN, *floor)
         for metric, name in names.items()
+        if (scene, metric) != (FLOOR, "asset_size")
     ]
     return make_table(
         numbers,
@@ -332,6 +339,7 @@ def runtime_resources(numbers: Numbers, dataset: str, paper: Numbers | None = No
         definitions=(
             TIME_NOTE,
             f"Render: {MEMORY_NOTE}; Asset: the files of the asset, the same on both tiers",
+            *((FLOOR_NOTE,) if floor else ()),
         ),
     )
 
