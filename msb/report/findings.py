@@ -278,7 +278,7 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
             name for name in numbers.conditions(dataset) if not name.startswith(("standard/", f"{BAKED}/"))
         ]
         changes: dict[str, list[str]] = {}
-        orders: dict[str, str] = {}
+        moved: set[str] = set()
         compared = 0
         for first, second in combinations(conditions, 2):
             if "/" in first or first.partition("/")[0] == second.partition("/")[0]:
@@ -292,11 +292,14 @@ def _ranking_findings(numbers: Numbers) -> Iterator[Finding]:
                 certain = min((_swap(numbers, dataset, pair, (first, second)) for pair in swapped), key=_p)
                 names = f"{condition_title(first)} and {condition_title(second)}"
                 changes.setdefault(_sure(certain), []).append(names)
-                for condition in (first, second):
-                    orders[condition_title(condition)] = _order(_ordered(numbers, dataset, condition, "psnr"))
+                moved |= {first, second}
         if changes:
             every = "; ".join(f"{', '.join(names)}{sure}" for sure, names in changes.items())
-            each = "; ".join(f"{title}: {order}" for title, order in orders.items())
+            orders: dict[str, list[str]] = {}
+            for condition in filter(moved.__contains__, conditions):
+                order = _order(_ordered(numbers, dataset, condition, "psnr"))
+                orders.setdefault(order, []).append(condition_title(condition))
+            each = "; ".join(f"{' and '.join(titles)}: {order}" for order, titles in orders.items())
             where = f"On {dataset_title(dataset)} the ranking by PSNR changes between"
             changed[dataset] = f"{where} {every} ({each})."
         elif compared:
@@ -333,15 +336,19 @@ def _leaders(numbers: Numbers, dataset: str, condition: str) -> dict[str, list[s
     leaders: dict[str, list[str]] = {}
     seen = any(_ordered(numbers, dataset, condition, metric) for metric in QUALITY)
     for metric in (*QUALITY, *_COSTS) if seen else ():
-        best = _leader(numbers, dataset, _COSTS.get(metric, condition), metric)
+        of = _COSTS.get(metric, condition)
+        best = _leader(numbers, dataset, of, metric)
         if best is not None:
-            leaders.setdefault(best[0], []).append(f"{METRICS[metric].title} {_with_unit(metric, best[1])}")
+            where = f"{condition_title(of)} " if of != condition and metric in ("fps", "memory") else ""
+            what = f"{where}{METRICS[metric].title} {_with_unit(metric, best[1])}"
+            leaders.setdefault(best[0], []).append(what)
     return leaders
 
 
 def _with_unit(metric: str, value: float) -> str:
-    unit = METRICS[metric].unit
-    return text(metric, value) + (f" {unit}" if unit in ("dB", "mm") else "")
+    shown = METRICS[metric]
+    unit = f" {shown.unit}" if shown.unit in ("dB", "mm", "MiB") and shown.unit not in shown.title else ""
+    return f"{text(metric, value)}{unit}"
 
 
 def _listed(names: list[str]) -> str:

@@ -96,9 +96,14 @@ def test_who_leads_by_images_may_not_lead_by_cost(tmp_path: Path, kind: str, led
         timing = {"fps": fps, "device_kind": kind}
         memory = {"geometry": 300 << 20 if method == "two_dts" else 200 << 20}
         measure(tmp_path, "dedicated", psnr, method=method, timing=timing, memory=memory)
-    (said,) = sentences(numbers_of(tmp_path))["leaders"]
-    rate = "FPS 400 and " if led else ""
-    assert said.endswith(f"on capture (Dedicated) 2DTS by PSNR 31.00 dB, MeshSplatting by {rate}Memory 200.")
+    rate = "{}FPS 400 and " if led else ""
+    said = f"on capture ({{}}) 2DTS by PSNR 31.00 dB, MeshSplatting by {rate}{{}}Memory 200 MiB."
+    (found,) = sentences(numbers_of(tmp_path))["leaders"]
+    assert found.endswith(said.replace("{}", "Dedicated", 1).replace("{}", ""))
+    for method, psnr in (("two_dts", 31.0), ("mesh_splatting", 29.0)):
+        measure(tmp_path, "non_engine", psnr, method=method)
+    (found,) = sentences(numbers_of(tmp_path))["leaders"]
+    assert found.endswith(said.replace("{}", "Non-Engine", 1).replace("{}", "Dedicated "))
 
 
 @pytest.mark.parametrize("apart", [0.0, 0.004])
