@@ -54,6 +54,8 @@ _SIZE = (4.6, 3.3)
 """Width and height of a chart in inches; a phone shows it about this wide."""
 _ROWS, _ROW = 4, 0.19
 """Rows of a legend for which the height leaves room, and the inches that each further one adds."""
+_FEWEST_BARS = 3
+"""A chart of fewer bars leaves room for so many: one bar would fill it."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +186,8 @@ def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
             ends = [parts[0][2], *(better for _, better, _ in parts)]
             axes.plot(ends, [place] * len(ends), color=_INK, marker="|", markersize=16, linestyle="none")
         axes.set_yticks(range(len(bars)), [method_title(method) for method in bars])
-        axes.invert_yaxis()
+        middle, half = (len(bars) - 1) / 2, max(len(bars), _FEWEST_BARS) / 2
+        axes.set_ylim(middle + half, middle - half)
         axes.grid(visible=False, axis="y")
         axes.set_xlabel("PSNR (dB): from Standard (left) to Dedicated (right)")
         handles, labels = axes.get_legend_handles_labels()
@@ -196,7 +199,7 @@ def loss_split(numbers: Numbers, dataset: str) -> Figure | None:
         "the best static colours, the best bake of other triangles, Dedicated. A part that runs to the left "
         "is a gain; a method without Standard begins at the second."
     )
-    return _figure("loss_split", dataset, caption, draw)
+    return _figure("loss_split", dataset, caption, draw, _other_scenes(numbers, dataset))
 
 
 def quality_speed(numbers: Numbers, dataset: str) -> Figure | None:
