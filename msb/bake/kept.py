@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 from msb.bake.search import try_faces
 from msb.bake.soup import Soup
 from msb.bake.start import Best, Guide, Watch, choose, plain_mesh
+from msb.repair.assets import repair_mesh
+from msb.repair.plan import Options
 
 if TYPE_CHECKING:
     import numpy as np
@@ -29,7 +31,8 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     """Return the triangles of `asset` that are shown, with the static colours that the lessons ask for.
 
     Which triangles are left out, pictures say that teach nothing. Vertices that triangles share
-    stay shared, and have one colour. A triangle that no view sees keeps its colour.
+    stay shared, and have one colour; of a mesh, what is not manifold or not consistently wound is repaired. A
+    triangle that no view sees keeps its colour.
 
     Raises
     ------
@@ -47,7 +50,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
         if raster.pixels_a_face(soup.count) >= FEWEST:
             search(best.soup, raster, best, guide.random(), guide.watch)
         soup = best.soup
-    return soup.mesh() if mesh is None else soup.on(mesh)
+    return soup.mesh() if mesh is None else repair_mesh(soup.on(mesh), Options())[0]
 
 
 def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, watch: Watch) -> None:

@@ -18,6 +18,7 @@ from msb.bake.soup import Soup
 from msb.bake.start import Guide
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
+from msb.topology import audit_arrays
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
 
 
@@ -158,3 +159,23 @@ def test_triangles_of_too_few_pixels_are_chosen_and_coloured_and_stay(faces: int
     assert {tuple(each.reshape(-1)) for each in made.vertices[made.faces]} <= where
     assert made.vertex_colors is not None
     assert np.abs(made.vertex_colors - 0.5).max() > 0.1
+
+
+def test_a_mesh_whose_triangles_are_kept_becomes_manifold_and_wound_one_way() -> None:
+    corners, colors = tiles()
+    points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    faces = numbers.reshape(-1, 3)
+    pages = [[*faces[0, :2], len(points)], [*faces[0, :2], len(points) + 1]]
+    faces[::3] = faces[::3, ::-1]
+    points = np.concatenate([points, np.float32([[-1, -1, -1], [-1, 0, -1]])])
+    mesh = Mesh(points, np.concatenate([faces, pages]), vertex_colors=np.full_like(points, 0.5))
+    before, _ = audit_arrays(mesh.vertices, mesh.faces)
+    assert before.counts.nonmanifold_edges
+    assert not before.winding_consistent
+    views = cameras(3)
+    with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
+        made = kept(asset_from_mesh(mesh), Guide(lessons, aside))
+    after, _ = audit_arrays(made.vertices, made.faces)
+    assert (after.counts.nonmanifold_edges, after.counts.nonmanifold_vertices) == (0, 0)
+    assert after.winding_consistent
+    assert made.vertex_colors is not None
