@@ -181,14 +181,15 @@ def test_validators_of_usd_find_nothing(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_repaired_stands_before_the_validator_of_nvidia(tmp_path: Path) -> None:
+def test_what_is_repaired_stands_before_the_validators(tmp_path: Path) -> None:
     pytest.importorskip("usd_validation_nvidia", reason="usd-validation-nvidia is not installed")
-    asset = msb.open(ROOT / "data_stubs/models/walled/mesh_splatting")
-    fixed = msb.repair(asset).asset
-    path = tmp_path / "fixed.usdc"
-    msb.save(fixed, path)
+    for model in ("walled/mesh_splatting", "pebble/mesh_splatting", "pebble/two_dts"):
+        path = tmp_path / f"{model.replace('/', '_')}.usdc"
+        msb.save(msb.repair(ROOT / "data_stubs/models" / model).asset, path)
+        assert problems(path) == []
     program = Path(sys.executable).with_name("nvidia_usd_validate")
-    done = subprocess.run([program, path], capture_output=True, text=True, check=False)
+    done = subprocess.run([program, tmp_path], capture_output=True, text=True, check=False)
     said = done.stdout + done.stderr
     assert "Failures: 0" in said, said
+    assert "Errors: 0" in said, said
     assert "[ManifoldChecker]" not in said, said
