@@ -112,10 +112,21 @@ def enclosed(
         raise AssetError("TRIASSET_EMPTY", "what the views see encloses nothing; a surface needs a volume")
     places, made = boundary(values, grid, -1.0 if scene else 1.0)
     places = drawn_in(places, values, grid)
+    return *_parts_seen(places, made, space, cameras, device), space
+
+
+def _parts_seen(
+    places: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    space: Space,
+    cameras: Sequence[Camera],
+    device: str | Device | None,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return the parts of a surface that cameras see enough of, and the largest one."""
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
-    closed = Mesh(space.outward(places).astype(np.float32), made)
-    pixels = sum(pixels_shown(closed, cameras, device), np.zeros(len(made), np.int64))
-    return *compacted(places, made[that_matter(places, made, pixels, least)]), space
+    mesh = Mesh(space.outward(places).astype(np.float32), faces)
+    pixels = sum(pixels_shown(mesh, cameras, device), np.zeros(len(faces), np.int64))
+    return compacted(places, faces[that_matter(places, faces, pixels, least)])
 
 
 def taught(
@@ -139,6 +150,8 @@ def taught(
     places, made = uncrossed(places, made, space)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
+    # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
+    places, made = _parts_seen(places, made, space, guide.lessons.cameras, guide.device)
     mesh = Mesh(space.outward(places).astype(np.float32), made)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):

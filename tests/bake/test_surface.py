@@ -27,6 +27,7 @@ from msb.scenes import Camera
 from msb.scenes.paths import unit_at
 from msb.topology import audit_arrays
 from msb.trial.tasks.self_intersections import crossing_pairs
+from tests.bake import solids
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled
 
@@ -108,6 +109,17 @@ def test_a_ball_becomes_a_closed_ball_of_its_colours() -> None:
     assert volume(mesh) == pytest.approx(4 / 3 * np.pi, rel=0.06)
     assert mesh.vertex_colors is not None
     assert np.abs(mesh.vertex_colors - (0.5 + 0.4 * mesh.vertices)).mean() < 0.05
+
+
+@pytest.mark.usefixtures("quick")
+def test_specks_that_came_off_are_left_out() -> None:
+    whole, speck = solids.ball(), solids.box((0.01, 0.01, 0.01))
+    mesh = solids.together(whole, replace(speck, vertices=speck.vertices + np.float32([1.2, 0, 0])))
+    places, views = mesh.vertices.astype(np.float64), around(6)
+    with lessons_of(*ball(), views) as lessons:
+        found, _ = made.taught(places, mesh.faces, 900, Space.of(places, views), Guide(lessons, lessons))
+    check_solid(found)
+    assert solid.parts(found.vertices, found.faces).max() == 0
 
 
 @pytest.mark.slow
