@@ -31,6 +31,8 @@ class Lessons:
     def __init__(self, cameras: Sequence[Camera], background: Color, draw: Draw) -> None:
         self.cameras = tuple(cameras)
         self.background = background
+        self.weights = (1.0,) * len(self.cameras)
+        """How much a pixel of each picture counts where colours are fitted."""
         self._draw = draw
         self._places: dict[int, int] = {}
         self._file: IO[bytes] | None = None
@@ -61,25 +63,36 @@ class Lessons:
 
     def part(self, numbers: Sequence[int]) -> Lessons:
         """Return some of these lessons, whose pictures stay here."""
-        return _Chosen([(self, number) for number in numbers])
+        return _Chosen([(self, number) for number in numbers], [self.weights[number] for number in numbers])
 
     def with_halves(self, pixels: int) -> Lessons:
         """Return these lessons and coarser ones, down to those whose largest picture has so many pixels.
 
-        Each picture is halved in the four ways in which pixels of twice the side can lie on its own: together
-        they say what is seen there wherever pixels happen to lie, and have as many pixels as it has. Pictures
-        of two pixels or less along a side are not halved.
+        Pixels of twice the side can lie on a picture's own in four ways, of which each picture is halved in
+        two that together have a pixel in every row and column: views take turns. So that sizes count alike,
+        pixels of halved pictures count twice. Pictures of two pixels or less along a side are not halved.
         """
-        found: list[Lessons] = [self]
-        for last in found:
-            if last.largest > pixels and min(min(one.width, one.height) for one in last.cameras) > 2:
-                found += [last._halved(right, down) for down in (0, 1) for right in (0, 1)]
-        return _Chosen([(one, number) for one in found for number in range(len(self))])
+        level = [(self, number) for number in range(len(self))]
+        chosen, weights = [*level], [1.0] * len(level)
+        while level[0][0].largest > pixels and level[0][0]._narrowest > 2:
+            level = [
+                (one._halved(right, right ^ turn % 2), number)
+                for turn, (one, number) in enumerate(level)
+                for right in (0, 1)
+            ]
+            weights += [2 * weights[-1]] * len(level)
+            chosen += level
+        return _Chosen(chosen, weights)
 
     @property
     def largest(self) -> int:
         """The pixels of the largest picture."""
         return max(camera.width * camera.height for camera in self.cameras)
+
+    @property
+    def _narrowest(self) -> int:
+        """The shortest side of a picture."""
+        return min(min(camera.width, camera.height) for camera in self.cameras)
 
     def within(self, pixels: int) -> Lessons:
         """Return these lessons, or coarser ones: their pictures halved until the largest has so many pixels.
@@ -149,9 +162,10 @@ def whole(image: NDArray[np.float32] | NDArray[np.uint16]) -> NDArray[np.uint16]
 class _Chosen(Lessons):
     """Lessons of others, by their number there, which keep the pictures."""
 
-    def __init__(self, chosen: Sequence[tuple[Lessons, int]]) -> None:
+    def __init__(self, chosen: Sequence[tuple[Lessons, int]], weights: Sequence[float]) -> None:
         first = chosen[0][0]
         super().__init__([one.cameras[number] for one, number in chosen], first.background, first._draw)
+        self.weights = tuple(weights)
         self._chosen = chosen
 
     def stored(self, number: int) -> NDArray[np.uint16]:

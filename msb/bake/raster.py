@@ -13,9 +13,10 @@ from msb.cl import sort_pairs
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
-from msb.render.standard.renderer import VIEW_WORDS, StandardRenderer
+from msb.render.standard.renderer import StandardRenderer, view_record
 
 if TYPE_CHECKING:
+    from msb.asset import Asset
     from msb.bake.lessons import Lessons
     from msb.cl import Buffer, Device
 
@@ -41,7 +42,47 @@ class Seen(NamedTuple):
     """(F, 3, 3) how the squared error rises as a corner moves, per unit of the scene."""
 
 
-class Raster(StandardRenderer):
+class Pupil(StandardRenderer):
+    """Draws an asset as the lessons' cameras see it, beside what they should see."""
+
+    def __init__(self, asset: Asset, lessons: Lessons, device: str | Device | None = None) -> None:
+        super().__init__(asset, device=device)
+        self._learn(lessons)
+
+    def _learn(self, lessons: Lessons) -> None:
+        self.lessons = lessons
+        self.pixels = sum(camera.width * camera.height for camera in lessons.cameras)
+        self._keeps = 6 * self.pixels <= _KEPT
+        self._targets: dict[int, Buffer] = {}
+        self._views: dict[int, Buffer] = {}
+
+    def _pixels(self, number: int) -> int:
+        camera = self.lessons.cameras[number]
+        return camera.width * camera.height
+
+    def _drawn(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
+        """Queue a drawing; return its planes, the camera's record, and the number of pixels."""
+        camera = self.lessons.cameras[number].in_units()
+        if number not in self._views:
+            self._views[number] = self._device.upload(view_record(camera), "bake views")
+        view = self._views[number]
+        planes = self._run(camera, self.lessons.background, everything=True, view=view)
+        return planes, view, self._pixels(number)
+
+    def _target(self, number: int) -> Buffer:
+        if number in self._targets:
+            return self._targets[number]
+        image = self.lessons.stored(number)
+        if self._keeps:
+            buffer = self._device.allocate(image.shape, image.dtype, "bake lessons")
+            self._targets[number] = buffer
+        else:
+            buffer = self._scratch("lesson", image.shape, image.dtype)
+        buffer.write(image)
+        return buffer
+
+
+class Raster(Pupil):
     """Draws a soup as the lessons' cameras see it, and compares it with their pictures.
 
     Parameters
@@ -64,18 +105,11 @@ class Raster(StandardRenderer):
     ) -> None:
         count = len(corners)
         soup = Mesh(corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3), colors.reshape(-1, 3))
-        super().__init__(asset_from_mesh(soup), device=device)
+        super().__init__(asset_from_mesh(soup), lessons, device)
         self._count = count
         wide = self._device.record.int64_atomics
         self._total = np.int64 if wide else np.int32
         self._own = self._device.program("bake", {"WIDE": wide})
-        self._learn(lessons)
-
-    def _learn(self, lessons: Lessons) -> None:
-        self.lessons = lessons
-        self.pixels = sum(camera.width * camera.height for camera in lessons.cameras)
-        self._keeps = 6 * self.pixels <= _KEPT
-        self._targets: dict[int, Buffer] = {}
 
     def beside(self, lessons: Lessons) -> Raster:
         """Return one of other lessons that draws the same faces: what is put on one is on both, and they are
@@ -95,8 +129,9 @@ class Raster(StandardRenderer):
         self._triangles.fill()
 
     @in_turn
-    def seen(self, numbers: Iterable[int]) -> Seen:
-        """Return what the drawings of these views, held against the lessons' pictures, say of each face.
+    def seen(self, numbers: Iterable[int], *, slopes: bool = True) -> Seen:
+        """Return what the drawings of these views, held against the lessons' pictures, say of each face;
+        without `slopes` those are 0.
 
         The sums of a face are taken along its pixels in their order, and view by view: the same bits each
         time."""
@@ -115,8 +150,13 @@ class Raster(StandardRenderer):
             drawn = planes["image"], planes["depth"], planes["face_id"]
             size = np.int32(camera.width), np.int32(camera.height)
             lists = self._triangles.sources["positions"], view, faces, places
-            ends = np.uint32(count), np.uint32(pixels)
-            self._own.sums(pixels, _GROUP, *lists, self._target(number), *drawn, *size, *found, most, *ends)
+            how = (
+                np.float32(self.lessons.weights[number]),
+                np.int32(slopes),
+                np.uint32(count),
+                np.uint32(pixels),
+            )
+            self._own.sums(pixels, _GROUP, *lists, self._target(number), *drawn, *size, *found, most, *how)
         return Seen(found[0].read(), most.read(), found[1].read())
 
     def _sorted(self, planes: dict[str, Buffer], pixels: int) -> tuple[Buffer, Buffer]:
@@ -198,25 +238,3 @@ class Raster(StandardRenderer):
     def pixels_a_face(self, faces: int) -> float:
         """Return how many pixels of a view there are for each of so many faces."""
         return self.pixels / max(1, len(self.lessons)) / max(1, faces)
-
-    def _pixels(self, number: int) -> int:
-        camera = self.lessons.cameras[number]
-        return camera.width * camera.height
-
-    def _drawn(self, number: int) -> tuple[dict[str, Buffer], Buffer, int]:
-        """Queue a drawing; return its planes, the camera's record, and the number of pixels."""
-        camera = self.lessons.cameras[number].in_units()
-        planes = self._run(camera, self.lessons.background, everything=True)
-        return planes, self._scratch("view", VIEW_WORDS), self._pixels(number)
-
-    def _target(self, number: int) -> Buffer:
-        if number in self._targets:
-            return self._targets[number]
-        image = self.lessons.stored(number)
-        if self._keeps:
-            buffer = self._device.allocate(image.shape, image.dtype, "bake lessons")
-            self._targets[number] = buffer
-        else:
-            buffer = self._scratch("lesson", image.shape, image.dtype)
-        buffer.write(image)
-        return buffer

@@ -78,7 +78,7 @@ class Soup:
     def refit(self, raster: Raster) -> Seen:
         """Give the faces the colours that fit best over all views of `raster`; return what was seen."""
         self.put_on(raster)
-        seen = raster.seen(range(len(raster.lessons)))
+        seen = raster.seen(range(len(raster.lessons)), slopes=False)
         self.recolor(seen)
         return seen
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +21,6 @@ SMOOTHNESS = 0.5
 """What it costs, in pixels, that the changes of two texels differ: it fills what no picture shows."""
 _STEPS = 15
 _NOTHING = 1e-12
-
-
-class Samples(NamedTuple):
-    """What pixels show of a texture: each a sample of one level, or two of neighbouring levels."""
-
-    pixel: NDArray[np.int64]
-    texel: NDArray[np.int64]
-    """The first of the four that are blended."""
-    x: NDArray[np.float32]
-    """How far, from 0 to 1, the sample lies beyond it."""
-    y: NDArray[np.float32]
-    share: NDArray[np.float32]
-    """Of the pixel's value."""
 
 
 class Pyramid:
@@ -48,7 +35,8 @@ class Pyramid:
         self.sides = np.array(sides)
         self.starts = np.concatenate([[0], np.cumsum(self.sides**2)])
         self._slices = [slice(a, b) for a, b in pairwise(self.starts.tolist())]
-        # Of each texel: with itself, with the right one, the one below, below right and below left.
+        # `msb.bake.painting` sums them. Of each texel: with itself, with the right one, the one below, below
+        # right and below left.
         self.planes = np.zeros((5, self.starts[-1]), np.float32)
         self.right = np.zeros((3, self.starts[-1]), np.float32)
 
@@ -63,55 +51,6 @@ class Pyramid:
             plane[first] -= tied
             center[first] += tied
             center[second] += tied
-
-    def samples(self, place: Sequence[Reals], lod: Reals) -> Samples:
-        """Return what pixels at `place` (2 of (n,), in texels) show at the levels `lod` (n,)."""
-        low = lod.astype(np.int64)
-        part = lod - low
-        blends = np.flatnonzero(part)
-        pixel = np.concatenate([np.arange(len(lod)), blends])
-        level = np.concatenate([low, low[blends] + 1])
-        share = np.concatenate([1 - part, part[blends]]).astype(np.float32)
-        side = self.sides[level]
-        first = self.starts[level]
-        beyond: list[NDArray[np.float32]] = []
-        for axis, stride in ((0, 1), (1, side)):
-            at = np.clip(place[axis][pixel] * (side / self.size) - 0.5, 0, side - 1)
-            whole = np.minimum(at.astype(np.int64), side - 2)
-            first = first + whole * stride
-            beyond.append((at - whole).astype(np.float32))
-        return Samples(pixel, first, beyond[0], beyond[1], share)
-
-    def add(self, samples: Samples, error: NDArray[np.float32], *, ties: bool) -> None:
-        """Add samples of pixels that lack `error` (n, 3): the right side, and with `ties` the left one."""
-        order = np.argsort(samples.texel, kind="stable")
-        texel = samples.texel[order]
-        starts = np.flatnonzero(np.diff(texel, prepend=-1))
-        at = texel[starts]
-        side = self.sides[np.searchsorted(self.starts, at, side="right") - 1]
-        right, bottom, share = samples.x[order], samples.y[order], samples.share[order]
-        left, top = 1 - right, 1 - bottom
-        # What each of the four texels has of the samples.
-        a, b, c, d = share * left * top, share * right * top, share * left * bottom, share * right * bottom
-        shown = np.ascontiguousarray(error[samples.pixel[order]].T)
-        for place, weight in (at, a), (at + 1, b), (at + side, c), (at + side + 1, d):
-            for channel in range(3):
-                self.right[channel, place] += np.add.reduceat(weight * shown[channel], starts)
-        if not ties:
-            return
-        for plane, place, product in (
-            (0, at, a * left * top),
-            (0, at + 1, b * right * top),
-            (0, at + side, c * left * bottom),
-            (0, at + side + 1, d * right * bottom),
-            (1, at, a * right * top),
-            (1, at + side, c * right * bottom),
-            (2, at, a * left * bottom),
-            (2, at + 1, b * right * bottom),
-            (3, at, a * right * bottom),
-            (4, at + 1, b * left * bottom),
-        ):
-            self.planes[plane, place] += np.add.reduceat(product, starts)
 
     def solved(self) -> Iterator[NDArray[np.float32]]:
         """Yield the change (texels,) that the equations ask for, by conjugate gradients: red, green, blue."""

@@ -6,20 +6,20 @@ drawn on the standard tier, and the equations say which change reduces what is l
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from msb.asset.texture import Sampler
 from msb.bake.atlas import connected_atlas, soup_atlas
 from msb.bake.fusion import seen_points
+from msb.bake.painting import Painting
 from msb.bake.shares import pixels_shown
 from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
@@ -31,20 +31,15 @@ from msb.scenes import Camera
 
 if TYPE_CHECKING:
     from msb.bake.lessons import Lessons
-    from msb.bake.stencils import Samples
     from msb.cl import Device
 
     Reals = NDArray[np.float64]
 
-T = TypeVar("T")
-
-ROUNDS = 2
-"""How often the error is drawn and reduced."""
+FEW = 2
+"""Every so manieth picture is what the error is reduced by first; then all are drawn once more."""
 _OWN_SIZE = 512, 4096
 """Texels along a side, where nobody says how many: the fewest and the most."""
 _TILE = 1024
-_AT_ONCE = 1 << 20
-"""Pixels whose share in the texture is worked out together: memory is that of so many."""
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
 
@@ -101,14 +96,14 @@ def textured(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    pyramid = Pyramid(size)
-    pyramid.tie(chart)
-    del chart
-    for number in range(ROUNDS):
-        pyramid.right[:] = 0
-        for samples, error, view in _ahead(_errors(made, lessons, pyramid, device)):
-            pyramid.add(samples, error, ties=not number)
-            watch("texture", number * len(lessons) + view + 1, ROUNDS * len(lessons))
+    few = lessons.part(range(0, len(lessons), FEW))
+    total = len(few) + len(lessons)
+    for pictures, before in (few, 0), (lessons, len(few)):
+        pyramid = Pyramid(size)
+        pyramid.tie(chart)
+        with closing(Painting(made, pictures, device)) as painting:
+            for done in painting.ask(pyramid):
+                watch("texture", before + done, total)
         texture = made.textures[0].copy()
         for channel, change in enumerate(pyramid.solved()):
             plane = texture[..., channel]
@@ -158,6 +153,8 @@ def _beginning(
     texture[y[lost], x[lost]] = np.rint(means[lost])
     if (faces < 0).all():
         return np.zeros((size, size), np.int32), texture
+    from scipy import ndimage  # it takes longer to load than all that vertices' colours need
+
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)
     return _charts(mesh, uvs)[faces[row, column]], texture[row, column]
 
@@ -170,68 +167,3 @@ def _charts(mesh: Mesh, uvs: NDArray[np.float32]) -> NDArray[np.int32]:
     face = np.repeat(np.arange(count), 3)
     graph = coo_array((np.ones(len(face), np.int8), (face, count + point)), shape=2 * (count + len(keys),))
     return np.asarray(connected_components(graph, directed=False)[1][:count], np.int32)
-
-
-class _Seen(NamedTuple):
-    """The pixels of a picture that show a face."""
-
-    pixel: NDArray[np.int64]
-    face: NDArray[np.int32]
-
-
-def _errors(
-    mesh: Mesh, lessons: Lessons, pyramid: Pyramid, device: str | Device | None
-) -> Iterator[tuple[Samples, NDArray[np.float32], int]]:
-    """Yield what pixels that show a face show of the texture, what they (n, 3) lack of the lesson, and its
-    number; of large pictures a part at a time."""
-    with Renderer(asset_from_mesh(mesh), "standard", device=device) as renderer:
-        for number, camera in enumerate(lessons.cameras):
-            frame = renderer.render(camera, background=lessons.background)
-            assert frame.face_id is not None
-            faces = frame.face_id.reshape(-1)
-            lack = (lessons.image(number) - frame.image).reshape(-1, 3)
-            pixel = np.flatnonzero(faces >= 0)
-            for first in range(0, len(pixel), _AT_ONCE):
-                some = pixel[first : first + _AT_ONCE]
-                yield _samples(_Seen(some, faces[some]), mesh, camera, pyramid), lack[some], number
-
-
-def _ahead(items: Iterator[T]) -> Iterator[T]:
-    """Yield items, each made by a thread of its own while the one before is used."""
-    with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(next, items, None)
-        while (item := coming.result()) is not None:
-            coming = pool.submit(next, items, None)
-            yield item
-
-
-def _samples(seen: _Seen, mesh: Mesh, camera: Camera, pyramid: Pyramid) -> Samples:
-    """Return what of the texture the pixels show.
-
-    Along a ray r a texture coordinate is U r / C r, with C the sum of the vectors that give the weights of
-    a face's corners, and U their sum weighted by the corners' coordinates; so are its derivatives exact.
-    """
-    used, face = np.unique(seen.face, return_inverse=True)
-    pose = camera.world_to_camera
-    points = mesh.vertices[mesh.faces[used]].astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-    vectors = np.cross(points[:, [1, 2, 0]], points[:, [2, 0, 1]])
-    assert mesh.corner_uvs is not None
-    uvs = mesh.corner_uvs.reshape(-1, 3, 2)[used].astype(np.float64) * pyramid.size
-    vectors[:] /= np.abs(vectors).max(axis=(1, 2), keepdims=True) + 1e-300
-    planes = np.concatenate([uvs.transpose(0, 2, 1) @ vectors, vectors.sum(axis=1, keepdims=True)], axis=1)
-    bounds = np.concatenate([uvs.min(axis=1), uvs.max(axis=1)], axis=1)
-    y, x = np.divmod(seen.pixel, camera.width)
-    rays = (x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy
-    columns = planes.transpose(1, 2, 0).reshape(9, -1)[:, face]
-    bottom = columns[6] * rays[0] + columns[7] * rays[1] + columns[8]
-    bottom[bottom == 0] = 1e-300
-    place, steps = [], [np.zeros(len(x)), np.zeros(len(x))]
-    for axis in (0, 1):
-        top = columns[3 * axis] * rays[0] + columns[3 * axis + 1] * rays[1] + columns[3 * axis + 2]
-        at = top / bottom
-        for k, focal in enumerate((camera.fx, camera.fy)):
-            steps[k] += np.square((columns[3 * axis + k] - at * columns[6 + k]) / (bottom * focal))
-        low, high = bounds[:, axis][face], bounds[:, 2 + axis][face]
-        place.append(np.clip(at, low, high))
-    lod = 0.5 * np.log2(np.maximum(np.maximum(*steps), 1))
-    return pyramid.samples(place, np.clip(lod, 0, pyramid.levels - 1))

@@ -1,4 +1,4 @@
-"""What a bake sums over a picture, in float64 NumPy, pixel by pixel: the twin of bake.cl."""
+"""What a bake sums over a picture, in float64 NumPy: the twin of bake.cl and bake_texture.cl."""
 
 from __future__ import annotations
 
@@ -88,3 +88,80 @@ def booked(before: Drawn, after: Drawn, lesson: Reals, owner: NDArray[np.int32],
 
 def _error(seen: Reals, wanted: Reals) -> float:
     return float(np.square(seen - wanted).sum())
+
+
+class Samples(NamedTuple):
+    """What pixels show of a square texture and its smaller levels, a row for each level that a pixel shows:
+    the pixel, its four texels (n, 4) in rows, and how much of its value they have (n, 4), 1 in all."""
+
+    pixel: NDArray[np.int64]
+    texels: NDArray[np.int64]
+    blend: Reals
+    share: Reals
+    """(n,) of the level in the pixel's value."""
+
+
+def samples_of(
+    corners: Reals, uvs: Reals, sides: NDArray[np.int64], camera: Camera, shown: NDArray[np.int32]
+) -> Samples:
+    """Return what the pixels that show faces, `shown` (H, W), have of a texture whose levels have these
+    `sides`.
+
+    Along a ray r a texture coordinate is U r / C r, with C the sum of the vectors that give the weights of
+    a face's corners (F, 3, 3), and U their sum weighted by the corners' coordinates (F, 3, 2); so are its
+    derivatives exact.
+    """
+    y, x = np.nonzero(shown >= 0)
+    face = shown[y, x]
+    pose = camera.world_to_camera
+    points = corners[face].astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+    vectors = np.cross(points[:, [1, 2, 0]], points[:, [2, 0, 1]])
+    coordinates = uvs[face].astype(np.float64) * sides[0]
+    rays = np.stack([(x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, np.ones(len(x))])
+    below = vectors.sum(axis=1)
+    bottom = (below * rays.T).sum(axis=1)
+    place, steps = [], np.zeros((2, len(x)))
+    for axis in (0, 1):
+        above = (coordinates[:, :, axis, None] * vectors).sum(axis=1)
+        at = (above * rays.T).sum(axis=1) / bottom
+        for k, focal in enumerate((camera.fx, camera.fy)):
+            steps[k] += np.square((above[:, k] - at * below[:, k]) / (bottom * focal))
+        place.append(np.clip(at, *(bound(coordinates[..., axis], axis=1) for bound in (np.min, np.max))))
+    lod = np.clip(0.5 * np.log2(np.maximum(steps.max(axis=0), 1)), 0, len(sides) - 1)
+    starts = np.concatenate([[0], np.cumsum(sides**2)])
+    found = []
+    for above in (0, 1):
+        level = np.minimum(lod.astype(np.int64) + above, len(sides) - 1)
+        side = sides[level]
+        at = [np.clip(one * side / sides[0] - 0.5, 0, side - 1) for one in place]
+        column, row = (np.minimum(one.astype(np.int64), side - 2) for one in at)
+        right, down = at[0] - column, at[1] - row
+        first = starts[level] + row * side + column
+        blend = [(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down]
+        share = lod % 1 if above else 1 - lod % 1
+        texels = np.stack([first, first + 1, first + side, first + side + 1], axis=1)
+        found.append((y * camera.width + x, texels, np.stack(blend, axis=1), share))
+    return Samples(*(np.concatenate(each) for each in zip(*found, strict=True)))
+
+
+def asked_of(samples: Samples, lacks: Reals, count: int) -> tuple[Reals, Reals]:
+    """Return what samples of pixels that lack `lacks` (H W, 3) ask of `count` texels: products of a texel's
+    weights with its own, with those of the right one, the one below, below right and below left (5, count),
+    and right sides (3, count)."""
+    planes, right = np.zeros((5, count)), np.zeros((3, count))
+    pixel, texels, blend, share = samples
+    for corner in range(4):
+        mine = share * blend[:, corner]
+        for channel in range(3):
+            np.add.at(right[channel], texels[:, corner], mine * lacks[pixel, channel])
+    pairs = {
+        0: [(0, 0), (1, 1), (2, 2), (3, 3)],
+        1: [(0, 1), (2, 3)],
+        2: [(0, 2), (1, 3)],
+        3: [(0, 3)],
+        4: [(1, 2)],
+    }
+    for plane, ends in pairs.items():
+        for one, other in ends:
+            np.add.at(planes[plane], texels[:, one], share * blend[:, one] * blend[:, other])
+    return planes, right

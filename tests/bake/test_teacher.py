@@ -88,11 +88,11 @@ def test_halves_show_what_cameras_of_half_the_size_see_wherever_their_pixels_lie
     with Lessons(cameras, (0, 0, 0), even) as lessons:
         both = lessons.with_halves(100)
         assert both.cameras[:2] == lessons.cameras
-        assert [(each.width, each.height) for each in both.cameras[2::2]] == [(6, 4), (5, 4), (6, 4), (5, 4)]
-        assert len({(each.cx, each.cy) for each in both.cameras[2::2]}) == 4
+        assert [(each.width, each.height) for each in both.cameras[2:4]] == [(6, 4), (5, 4)]
+        assert len({(each.cx % 1, each.cy % 1) for each in both.cameras[2:]}) == 4
         for number, camera in enumerate(both.cameras):
             assert np.abs(both.image(number) - even(camera)).max() <= 2 * STEP
-        assert lessons.within(100).cameras == both.cameras[2:4]
-        assert len(lessons.with_halves(19)) == 2 + 8 + 32
+        assert lessons.within(100).cameras[0] == both.cameras[2]
+        assert len(lessons.with_halves(19)) == 2 + 4 + 8
     with Lessons([Camera(12, 2, 20.0, 20.0, 6.0, 1.0, np.eye(4))], (0, 0, 0), even) as thin:
         assert thin.with_halves(1).cameras == thin.cameras

@@ -27,12 +27,13 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
 // how the squared error rises as its corners move, x, y, z of each. Where two neighbouring pixels show two faces, the
 // border between them is an edge of the nearer one. If that moves outward by a pixel, the pixel beyond shows its
 // colour; if it moves inward, its own pixel shows the other's: the slope is the mean of what these two change, and a
-// corner moves the border by its weight there. `positions` has three corners a face. The faces that
-// `pixels` show are `sorted`; a work-item has the first pixel of a face, and goes on to its last, or nothing to do.
+// corner moves the border by its weight there; nothing of that if none `moves`. A picture's pixels count `weight` times.
+// `positions` has three corners a face. The faces that `pixels` show are `sorted`; a work-item has the first pixel of a
+// face, and goes on to its last, or nothing to do.
 __kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
-    __global float *slopes, __global uint *most, uint faces, uint count)
+    __global float *slopes, __global uint *most, float weight, int moves, uint faces, uint count)
 {
     size_t start = get_global_id(0), end = start;
     if (start >= count || sorted[start] >= faces || (start > 0 && sorted[start - 1] == sorted[start]))
@@ -58,6 +59,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         for (int k = 0; k < 9; k++)
             all[6 + k] += w[k / 3] * SHOWN(target, 3 * (size_t)pixel + k % 3);
 
+        if (!moves)
+            continue;
         float z = depth[pixel], along[2] = {0.0f, 0.0f};
         for (int side = 0; side < 4; side++) {
             int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
@@ -86,9 +89,9 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         }
     }
     for (int k = 0; k < SUMS; k++)
-        sums[SUMS * face + k] += all[k];
-    for (int k = 0; k < 9; k++)
-        slopes[9 * face + k] += rise[k];
+        sums[SUMS * face + k] += weight * all[k];
+    for (int k = 0; k < 9 && moves; k++)
+        slopes[9 * face + k] += weight * rise[k];
     most[face] = MAX(most[face], (uint)(end - start));
 }
 

@@ -130,13 +130,18 @@ class StandardRenderer(OnDevice):
         *,
         everything: bool,
         samples: int | None = None,
+        view: Buffer | None = None,
     ) -> dict[str, Buffer]:
-        """Queue all commands of a frame; return what `Frame` calls its arrays."""
+        """Queue all commands of a frame; return what `Frame` calls its arrays.
+
+        `view` is the camera's record, if the device has it; to write it waits for what is queued.
+        """
         scale = samples or self._supersample
         width, height = camera.width * scale, camera.height * scale
-        record = _view_record(enlarged(camera, scale))
-        view = self._scratch("view", record.shape)
-        view.write(record)
+        if view is None:
+            record = view_record(enlarged(camera, scale))
+            view = self._scratch("view", record.shape)
+            view.write(record)
         size = (height, width) if everything else (1, 1)
         planes = {
             "image": self._scratch("image", (height, width, 3), group="targets"),
@@ -233,7 +238,7 @@ def _tile_size(width: int, height: int, processors: int) -> tuple[int, int]:
     return _TILES[-1]
 
 
-def _view_record(camera: Camera) -> NDArray[np.float32]:
+def view_record(camera: Camera) -> NDArray[np.float32]:
     """Return the record of a camera as zbuffer_math.cl has it, (VIEW_WORDS,) float32, computed in float64.
 
     The centre of the camera is split into its nearest float32 and a rest, so that a camera far from the
