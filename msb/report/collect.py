@@ -183,11 +183,14 @@ def _add_condition(
             numbers[scene] = _number(metric, method, condition, result)
             key = Key(dataset, scene, method, condition, metric)
             values[key] = numbers[scene] = _with_interval(numbers[scene], [key], views)
-        if metric in _FLOORS and any(one.value is not None for one in numbers.values()):
+        if metric in _FLOORS:
             members = expected_scenes(dataset, of_scenes)
-            floors = {scene: _floor(metric, own.get(condition)) for scene, own in of_scenes.items()}
-            held = {scene: number for scene, number in floors.items() if scene in members}
-            values[Key(dataset, FLOOR, method, condition, metric)] = _mean(held, members)
+            floors = {
+                scene: _floor(metric, of_scenes[scene].get(condition), number)
+                for scene, number in numbers.items()
+                if scene in members
+            }
+            values[Key(dataset, FLOOR, method, condition, metric)] = _mean(floors, members)
         groups = {**scene_groups(dataset), MEAN: expected_scenes(dataset, of_scenes)}
         for name, members in groups.items():
             own = {scene: number for scene, number in numbers.items() if scene in members}
@@ -197,8 +200,10 @@ def _add_condition(
                 values[Key(dataset, name, method, condition, metric)] = mean
 
 
-def _floor(metric: str, result: Result | None) -> Number:
-    """Return what a renderer takes for one triangle."""
+def _floor(metric: str, result: Result | None, whole: Number) -> Number:
+    """Return what a renderer takes for one triangle, or why there is no number of the `whole` mesh either."""
+    if whole.value is None:
+        return whole
     if result is None or result.floor is None:
         return Number(None, reason="no single triangle was timed")
     return Number(float(getattr(result.floor, _FLOORS[metric])), notes=tuple(_notes(metric, result)))

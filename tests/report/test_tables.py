@@ -245,6 +245,9 @@ def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
         if "Floor" in column.groups
     ]
     assert shown == ["0.5", "0.7", "40"]
+    measure(tmp_path, "dedicated", method="diffsoup", dataset="tanksandtemples", scene="train")
+    both = measured.runtime_resources(numbers_of(tmp_path), "tanksandtemples")
+    assert {cell.text for cell in both.rows[-1].cells} == {"N/A"}, "DiffSoup has no Standard"
     assert numbers.scenes("tanksandtemples") == ["train", "truck"]
     assert any(note.startswith("Floor: one triangle") for note in memory.notes)
 

@@ -126,7 +126,11 @@ def _scene_lines(
 
 def _has_floor(numbers: Numbers, dataset: str) -> bool:
     """Return whether a single triangle was timed."""
-    return any(key.scene == FLOOR for key in numbers.values if key.dataset == dataset)
+    return any(
+        number.value is not None
+        for key, number in numbers.values.items()
+        if (key.dataset, key.scene) == (dataset, FLOOR)
+    )
 
 
 def _floor_lines(numbers: Numbers, dataset: str) -> list[Line]:
