@@ -227,7 +227,8 @@ def _ratio_cells(numbers: Numbers, key: GapKey) -> tuple[Cell, ...]:
         count = f" ({len(rates)}/{ratio.expected})" if ratio.partial else ""
         cells.append(Cell(f"{ratio.value:.2f}{count}", ratio.value, "fps", "1"))
         low, high = min(rates, default=0.0), max(rates, default=0.0)
-        range_ = Cell(f"{low:.2f} to {high:.2f}", f"{low!r} to {high!r}")
+        shown = " to ".join(dict.fromkeys((f"{low:.2f}", f"{high:.2f}")))
+        range_ = Cell(shown, f"{low!r} to {high!r}")
         cells.append(range_ if rates else Cell(NOT_THERE))
     return tuple(cells)
 
