@@ -150,20 +150,22 @@ def _looks(
     before = numbers.number(Key(*place, start, "psnr"))
     own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
     own = "the dedicated tier" if start == "dedicated" else own
-    values = f"{abs(gap.signed):.2f} dB (PSNR {before.value:.2f} to {number.value:.2f} dB)"
-    change = "loses" if gap.signed >= 0 else "gains"
+    lost = f"{abs(gap.signed):.2f}"
+    change = "nothing" if float(lost) == 0 else f"{lost} dB"
+    verb = "gains" if gap.signed < 0 and float(lost) else "loses"
+    change = f"{verb} {change} (PSNR {before.value:.2f} to {number.value:.2f} dB)"
     if before.value is not None and before.value < SHOWS_NOTHING:
         far = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
         return Statement("UNKNOWN", use, f"{far} (PSNR here {number.value:.2f} dB).{why}")
     alike = likeness(loaded[start], loaded[condition])
     if alike is None:
         mark, how = next((mark, how) for least, mark, how in _LOSSES if gap.signed < least)
-        said = f"{change} {values}"
+        said = change
     else:
         part = f" of {alike.views} of {alike.of} views" if alike.views < alike.of else ""
         mark, how = next((mark, how) for least, mark, how in _ALIKE if alike.psnr >= least)
         between = f"{alike.psnr:.1f} dB between the two renderings{part}"
-        said = f"{between}; to the photographs it {change} {values}"
+        said = f"{between}; to the photographs it {change}"
     return Statement(mark, use, f"{how} {own}: {said}.{why}")
 
 

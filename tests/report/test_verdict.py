@@ -65,6 +65,7 @@ def test_looks_follow_the_loss_and_say_what_they_are_held_against(
         (60, (30.0, 30.0), "NO", "Looks different from its own renderer: 1"),
         (60, (6.71, 7.26), "UNKNOWN", "is at 6.71 dB to the photographs, too far to judge others by it"),
         (0, (30.0, 20.0), "YES", "loses 10.00 dB"),
+        (0, (30.0, 30.001), "YES", "to the photographs it loses nothing (PSNR 30.00 to 30.00 dB)"),
     ],
 )
 def test_looks_are_those_of_the_two_renderings(
