@@ -29,8 +29,8 @@ _HASTE, _MORE_HASTE = 5, 7
 """How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
 _MIDDLE = 0.3
 """Radius inside a scene's space up to which errors count about alike."""
-_FLAT = 1e-5
-"""Of the usual area, what is none."""
+_FLAT = 1e-3
+"""Of the usual area, what is hardly any: slivers that decimation leaves, which other libraries leave out."""
 _MENDINGS = 5
 _TURNS = 32
 """How often corners of faces that cross are smoothed."""
@@ -178,14 +178,14 @@ def uncrossed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, Faces]:
 def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray[np.int64]]:
     """Return points of which fewer faces cross, and those that still do.
 
-    Those of faces that resist are moved together with their neighbours. So are corners of faces without
-    area, as long as that helps.
+    Those of faces that resist are moved together with their neighbours. So are corners of faces that have
+    hardly any area, as long as that helps.
     """
     points = points.copy()
     neighbours = average(faces, len(points))
     for turn in range(_TURNS):
         crossing = crossing_faces(points, faces, space)
-        flat = _without_area(points, faces) if turn < _WIDER else crossing[:0]
+        flat = _slivers(points, faces) if turn < _WIDER else crossing[:0]
         if not len(crossing) and not len(flat):
             return points, crossing
         moved = np.zeros(len(points), bool)
@@ -196,8 +196,8 @@ def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray
     return points, crossing_faces(points, faces, space)
 
 
-def _without_area(points: Reals, faces: Faces) -> NDArray[np.int64]:
-    """Return the numbers of faces that have no area worth the name beside the usual face."""
+def _slivers(points: Reals, faces: Faces) -> NDArray[np.int64]:
+    """Return the numbers of faces that have hardly any area beside the usual face."""
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return np.flatnonzero(area < _FLAT * np.median(area))

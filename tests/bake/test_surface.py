@@ -382,6 +382,18 @@ def test_faces_that_cross_are_smoothed_or_put_back() -> None:
     np.testing.assert_array_equal(solid.put_back(wrong, points, faces, space)[7], points[7])
 
 
+def test_slivers_are_smoothed() -> None:
+    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
+    mesh = solids.ball(6)
+    points = mesh.vertices.astype(float)
+    one, two = mesh.faces[20, :2]
+    points[one] = points[two] + 1e-4 * (points[one] - points[two])
+    smoothed, faces = solid.uncrossed(points, mesh.faces, space)
+    sides = smoothed[faces[:, 1:]] - smoothed[faces[:, :1]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    assert area.min() > 1e-3 * np.median(area)
+
+
 def test_faces_that_cross_all_the_same_are_cut_out(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solid, "_TURNS", 0)
     space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
