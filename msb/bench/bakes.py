@@ -88,12 +88,15 @@ def bake_key(
     return digest([__version__, asset, dict(options), dict(settings), taught, hashes, tests])
 
 
-def known_bake(task: BakeTask) -> Model | None:
-    """Return the bake that was made, None if there is none or one of its inputs or its file changed."""
+def known_bake(task: BakeTask, run: str | None = None) -> Model | None:
+    """Return the bake that was made, in a certain `run` if one is given.
+
+    None if there is none or one of its inputs or its file changed.
+    """
     try:
         path = task.facts
         facts = checked(_Facts, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
-        if facts.key != task.key:
+        if facts.key != task.key or run not in (None, facts.run):
             return None
         # Results that were moved are the same: what took minutes is worth a look into the file.
         same = stamp(task.path) == facts.stamp or file_sha256(task.path) == facts.asset.sha256
@@ -103,17 +106,24 @@ def known_bake(task: BakeTask) -> Model | None:
 
 
 def make_bake(task: BakeTask) -> Model:
-    """Make the task's bake, taught by the training views of the scene alone, and note its facts."""
+    """Make the task's bake, taught by the training views of the scene alone, and note its facts.
+
+    One that this run has made is taken: a cluster whose worker died may ask twice.
+    """
     from msb.bake import bake
 
     check_run(task.root, task.run)
+    if (made := known_bake(task, task.run)) is not None:
+        return made
     scene = checked_scene(task.scene, task.views)
     source = with_settings(task.model.open(), task.settings)
     options = bake_options(task.table, task.model.method)
-    report = bake(source, scene=scene, device=task.device, **options).save(task.path, overwrite=True)
+    baked = bake(source, scene=scene, device=task.device, **options)
+    check_run(task.root, task.run)  # a cluster's worker outlives a run that is killed, and the next may write
+    report = baked.save(task.path, overwrite=True)
     held = describe_file(task.path).model_copy(update={"bytes": stored_size(task.path)})
     document = BakeDocument.of(report.to_dict())
-    facts = _Facts(key=task.key, stamp=stamp(task.path), asset=held, bake=document)
+    facts = _Facts(key=task.key, run=task.run, stamp=stamp(task.path), asset=held, bake=document)
     with new_file(task.facts) as file:
         file.write(facts.to_json())
     return _model(task, facts)
@@ -123,6 +133,7 @@ class _Facts(Record):
     """What is known of a bake, in the file beside it."""
 
     key: str
+    run: str = ""
     stamp: tuple[str, int, int]
     asset: File
     bake: BakeDocument

@@ -83,8 +83,9 @@ def _at_once(
     futures = {_submitted(executor, function, task): number for number, task in enumerate(tasks)}
     try:
         for future in as_completed(futures):
-            answer: Answer | Exception = _answer(future)
-            yield futures[future], answer
+            number, answer = futures.pop(future), _answer(future)
+            del future  # Dask computes again what a lost worker had, as long as anybody holds on to it
+            yield number, answer
     finally:
         for future in futures:
             future.cancel()
