@@ -23,7 +23,7 @@ from msb.scenes.datasets import own_background
 from msb.views import choose_views
 from msb.why.causes import CAUSES
 from msb.why.total import Total, measured_total
-from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, difference
+from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, decibels, squared_errors
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -148,20 +148,20 @@ def why(
 def _measured(known: Known, views: Views) -> Cause:
     texts = (known.how_to_see, known.remedy)
     try:
-        with_it, without = ([clipped(one) for one in images] for images in known.measure(views))
+        with_it, without = known.measure(views)
     except DoesNotApplyError as error:
         return Cause(known.name, known.title, False, None, str(error), *texts)
-    errors = [float(((a - b) ** 2).mean()) for a, b in zip(with_it, without, strict=True)]
-    worst = int(np.argmax(errors))
+    errors = squared_errors(with_it, without)
+    worst = int(np.argmax(errors[:, 0] / errors[:, 1]))
     return Cause(
         known.name,
         known.title,
         True,
-        difference(with_it, without),
+        decibels(errors),
         None,
         *texts,
-        without[worst],
-        with_it[worst],
+        clipped(without[worst]),
+        clipped(with_it[worst]),
     )
 
 

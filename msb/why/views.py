@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
-from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_faces
-from msb.meshes.mesh import Mesh
-from msb.metrics import psnr
+from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from msb.render import Renderer
+from msb.render.device_scope import in_turn
+from msb.render.images import to_bytes
+from msb.render.standard.renderer import StandardRenderer
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.meshes.mesh import Mesh
     from msb.render import Frame
     from msb.views import Views as ChosenViews
 
@@ -89,16 +93,15 @@ class Views:
         """Return the frames of a mesh on the standard tier whose back faces are not drawn."""
         corners = mesh.vertices[mesh.faces].astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        height = np.einsum("fi,fi->f", corners[:, 0], normal)
+        del corners
         frames = []
-        for camera in self.cameras:
-            world_to_camera = np.asarray(camera.world_to_camera)
-            eye = -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
-            front = ((eye - corners[:, 0]) * normal).sum(axis=1) > 0
-            shown = with_faces(mesh, front)
-            if not front.any():  # an asset has a face: one without area, which is not drawn
-                shown = Mesh(mesh.vertices[:1], np.zeros((1, 3), np.int64))
-            with Renderer(asset_from_mesh(shown), "standard", self.device) as renderer:
-                frames.append(renderer.render(camera, self.background))
+        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
+            for camera in self.cameras:
+                world_to_camera = np.asarray(camera.world_to_camera)
+                eye = -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
+                renderer.show(normal @ eye > height)
+                frames.append(renderer.render(camera.in_units(), self.background))
         return frames
 
     def _drawn(self, asset: Asset, tier: Any, settings: Mapping[str, Any], **options: Any) -> list[Frame]:
@@ -111,7 +114,38 @@ def clipped(drawn: Any) -> Image:
     return np.clip(np.asarray(getattr(drawn, "image", drawn), np.float32), 0, 1)
 
 
+def squared_errors(ones: Sequence[Any], others: Sequence[Any]) -> NDArray[np.float64]:
+    """Return the sum of the squared differences of the views (n, 2) in levels of 8 bits, and of how many."""
+    sums = []
+    for one, other in zip(ones, others, strict=True):
+        levels = [to_bytes(np.asarray(getattr(drawn, "image", drawn))) for drawn in (one, other)]
+        change = levels[0].astype(np.float64).reshape(-1) - levels[1].reshape(-1)
+        sums.append((change @ change, change.size))
+    return np.array(sums, np.float64)
+
+
 def difference(ones: Sequence[Any], others: Sequence[Any]) -> float:
     """Return the PSNR in dB of all views at once: a mean is infinite as soon as two images are equal."""
-    pixels = [np.concatenate([clipped(one).reshape(-1, 1, 3) for one in images]) for images in (ones, others)]
-    return psnr(*pixels)
+    return decibels(squared_errors(ones, others))
+
+
+def decibels(errors: NDArray[np.float64]) -> float:
+    """Return the PSNR in dB of what `squared_errors` returned."""
+    squares, count = errors.sum(axis=0)
+    return 10 * math.log10(255**2 * count / squares) if squares else math.inf
+
+
+class _Culling(StandardRenderer):
+    """Draws the faces of a mesh that are to be shown."""
+
+    moves = True
+
+    def __init__(self, asset: Asset, device: str | None) -> None:
+        super().__init__(asset, device=device)
+        self._faces = asset.buffers["indices"]
+
+    @in_turn
+    def show(self, front: NDArray[np.bool_]) -> None:
+        """Draw no other faces than `front` (F,): these have no area, and so no pixel."""
+        self._triangles.sources["indices"].write(np.where(front[:, None], self._faces, self._faces[:, :1]))
+        self._triangles.fill()

@@ -131,9 +131,8 @@ def make_triangles(
     device.finish()
     shape = kind, slots, clusters, stride, texels
     if moving:
-        return Triangles(
-            records, corner_colors, boxes, *shape, fill, {"positions": vertices, "colors": color}
-        )
+        sources = {"positions": vertices, "indices": faces, "colors": color}
+        return Triangles(records, corner_colors, boxes, *shape, fill, sources)
     for buffer in source:
         buffer.release()
     device.release_scratch(_PREPARATION)
