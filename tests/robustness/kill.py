@@ -42,7 +42,18 @@ USAGE_STATUS = 2
 """What a command ends with where output exists and there is no --force."""
 NO_OUTPUT = {".lock", ".run.json"}
 """What a run keeps for itself while it lasts (msb/bench/folder.py)."""
-TIMES = {"seconds", "timing", "floor", "timings_ms", "stages_ms", "stamps", *OF_THE_MOMENT}
+TIMES = {
+    "seconds",
+    "timing",
+    "floor",
+    "timings_ms",
+    "stages_ms",
+    "stamps",
+    "stamp",
+    "run",
+    "sentence",
+    *OF_THE_MOMENT,
+}
 """Keys of JSON that differ from run to run."""
 
 
@@ -65,7 +76,9 @@ def _asset(folder: Path, size: int) -> None:
 
 
 def _protocol(folder: Path, _size: int) -> None:
-    (folder / "protocol.toml").write_bytes(protocol(folder, ("two_dts",), head="[videos]\nframes = 4").text)
+    bake = '[[bakes]]\nlabel = "kept"\ngeometry = "kept"'
+    made = protocol(folder, ("two_dts",), head="[videos]\nframes = 4", tail=bake)
+    (folder / "protocol.toml").write_bytes(made.text)
 
 
 def _results(folder: Path, _size: int) -> None:
