@@ -18,6 +18,7 @@ SMALL = {
     "export": "--triangles 2000 --rounds 1",
     "repair": "--sizes 5 --rounds 1",
     "scale": "--faces 2000 --method diffsoup",
+    "sizes": "--faces 2000 --command info",
     "standard": "--scenes large --tools msb --rounds 1",
 }
 """Benchmark -> options with which it takes seconds."""
