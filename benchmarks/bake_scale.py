@@ -2,11 +2,11 @@
 
     python -m benchmarks.bake_scale --faces 1000000 3000000 --geometry kept fitted
 
-prints a row for each: dB to the own look on views held back, triangles, seconds, processor seconds, the peak
-of memory; and the last three of each stage, as it ends, too. The garden is made: a lawn with slabs, a table
-with a vase, bushes and a sky, covered by soft triangles of `--method` with spherical harmonics of degree 3,
-whose colours are those of a fine pattern. Each bake runs in a process of its own; `--options` are further
-ones of `msb.bake`, as JSON."""
+prints a row for each: dB to the own look on views held back, of the plain mesh and of what was baked,
+triangles, seconds, processor seconds, the peak of memory; and the last three of each stage, as it ends, too.
+The garden is made: a lawn with slabs, a table with a vase, bushes and a sky, covered by soft triangles of
+`--method` with spherical harmonics of degree 3, whose colours are those of a fine pattern. Each bake runs in
+a process of its own; `--options` are further ones of `msb.bake`, as JSON."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ _C0 = 0.28209479177387814
 _LAWN, _SKY = 10.0, 14.0
 RINGS = ((2.6, 1.3), (3.2, 2.0), (2.2, 2.6))
 """Distances from the middle of the table, and heights, at which cameras stand by turns."""
-_COLUMNS = ("faces", "views", "geometry", "own, 1", "own, 16", "triangles", "s", "processor s", "peak GB")
+_COLUMNS = (
+    *("faces", "views", "geometry", "plain, 1", "baked, 1", "baked, 16", "triangles"),
+    *("s", "processor s", "peak GB"),
+)
 HEADER = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
 
 
@@ -181,7 +184,7 @@ def show(row: dict[str, Any]) -> None:
     """Print the row of a bake, and its stages."""
     own = row["psnr"]["own"]
     cells = [f"{row['model_faces']:,}", str(row["of_views"]), row["geometry"]]
-    cells += [f"{own['after']:.2f}", f"{own['after_16']:.2f}", f"{row['faces']:,}"]
+    cells += [f"{own[key]:.2f}" for key in ("before", "after", "after_16")] + [f"{row['faces']:,}"]
     cells += [f"{row['seconds']:.0f}", f"{row['processor_seconds']:.0f}", f"{row['peak'] / 1e9:.2f}"]
     print(f"| {' | '.join(cells)} |", flush=True)
     print(*(_stage_row(stage, took) for stage, took in row["stages"].items()), sep="\n", flush=True)
