@@ -193,7 +193,9 @@ def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
         if "failed" in found:
             yield [*head, found["failed"], *["--"] * 7]
             continue
-        times, near, card = found["device_ms"], found.get("psnr", {}), found["gpu_memory"]["bytes"]
+        near, card = found.get("psnr", {}), found["gpu_memory"]["bytes"]
+        # Rusticl's events say 0, which is no time.
+        times = {name: value or None for name, value in found["device_ms"].items()}
         yield [
             *head,
             found["device"]["name"],
