@@ -70,11 +70,28 @@ def _run(app: typer.Typer, name: str) -> int:
         silence(sys.stdout)
         return EXIT_OK
     except Exception as error:
+        if (status := _interruption(error)) is not None:
+            return status
         if debug:
             traceback.print_exc()
         log(traceback.format_exc(), "DEBUG")
         failure = _output_error(error) or _as_msb_error(error, name, defaults)
         return _INTERNAL if failure is None else report_error(failure)
+
+
+def _interruption(error: BaseException) -> int | None:
+    """Return the status of the interruption that `error` came of, None without one.
+
+    What is closed while one unwinds may object: an archive whose member was just begun does.
+    """
+    before = error.__context__
+    while before is not None:
+        if isinstance(before, KeyboardInterrupt):
+            return EXIT_INTERRUPTED
+        if isinstance(before, SystemExit) and isinstance(before.code, int) and before.code > 128:
+            return before.code
+        before = before.__context__
+    return None
 
 
 @contextlib.contextmanager
