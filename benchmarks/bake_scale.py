@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 import msb
 from benchmarks.dedicated_scenes import BLENDED, SIZES, asset_of, is_connected
 from benchmarks.measure import keep, machine, peak, processor_seconds
+from msb.asset.sh import SH_C0
 
 Reals = NDArray[np.float64]
 
@@ -35,7 +36,6 @@ _COVER = 6.0
 """How many times the faces' area is what they lie on: soft edges cover less."""
 _SOFT = -1.0
 """Of edges: between a linear fall and none, as a training ends with."""
-_C0 = 0.28209479177387814
 _LAWN, _SKY = 10.0, 14.0
 RINGS = ((2.6, 1.3), (3.2, 2.0), (2.2, 2.6))
 """Distances from the middle of the table, and heights, at which cameras stand by turns."""
@@ -69,7 +69,7 @@ def garden(faces: int, seed: int = 0) -> dict[str, Any]:
         "positions": positions.reshape(-1, 3).astype(np.float32),
         "indices": np.arange(3 * count, dtype=np.uint32).reshape(-1, 3),
         "opacity": np.log(opacity / (1 - opacity)).astype(np.float32),
-        "f_dc": ((colors - 0.5) / _C0).astype(np.float32),
+        "f_dc": ((colors - 0.5) / SH_C0).astype(np.float32),
         "f_rest": f_rest.astype(np.float32),
     }
 

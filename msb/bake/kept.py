@@ -38,11 +38,10 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     ------
     DeviceError, and as `mesh_from_asset` where the asset has no triangles to show.
     """
-    mesh: Mesh | None = plain_mesh(asset)
-    assert mesh is not None
-    soup = Soup.of(mesh, shares=True)
-    if soup.shared is None:
-        mesh = None  # of millions of faces it is much, and no longer needed
+    plain = plain_mesh(asset)
+    soup = Soup.of(plain, shares=True)
+    mesh = None if soup.shared is None else plain
+    del plain  # of millions of faces it is much, and of a soup no longer needed
     guide.watch("choosing faces", 0, _ROUNDS)
     with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
         best = Best(judge)

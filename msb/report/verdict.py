@@ -150,10 +150,9 @@ def _looks(
     before = numbers.number(Key(*place, start, "psnr"))
     own = "our reference of its own renderer" if REFERENCE in before.notes else "its own renderer"
     own = "the dedicated tier" if start == "dedicated" else own
-    lost = f"{abs(gap.signed):.2f}"
-    change = "nothing" if float(lost) == 0 else f"{lost} dB"
-    verb = "gains" if gap.signed < 0 and float(lost) else "loses"
-    change = f"{verb} {change} (PSNR {before.value:.2f} to {number.value:.2f} dB)"
+    amount, verb = f"{abs(gap.signed):.2f}", "gains" if gap.signed < 0 else "loses"
+    change = "loses nothing" if amount == "0.00" else f"{verb} {amount} dB"
+    change += f" (PSNR {before.value:.2f} to {number.value:.2f} dB)"
     if before.value is not None and before.value < SHOWS_NOTHING:
         far = f"{_capital(own)} is at {before.value:.2f} dB to the photographs, too far to judge others by it"
         return Statement("UNKNOWN", use, f"{far} (PSNR here {number.value:.2f} dB).{why}")
