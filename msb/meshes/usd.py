@@ -6,6 +6,7 @@ import io
 import re
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +43,8 @@ def read(source: Source) -> Mesh:
     """
     need_extra("usd", "pxr", what="a file of USD")
     memory = _EXTRA_MEMORY + _MEMORY_PER_BYTE * len(source.data) / 2**30
-    reply = run_apart(stage_parts, source.path, {}, Limits(_SECONDS, memory))
+    # The process has another working directory.
+    reply = run_apart(stage_parts, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
     if reply.why:
         code = "MESH_FILE_TOO_LARGE" if reply.ended_by in ("time", "memory") else "MESH_FILE_INVALID"
         raise source.error(code, f"usd-core cannot read it: {reply.why}")

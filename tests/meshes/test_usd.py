@@ -99,10 +99,10 @@ def test_colors_are_the_same_bytes(kind: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(getattr(again, kind), getattr(mesh, kind))
 
 
-def test_a_stage_of_others_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.usda"
-    path.write_text(STAGE)
-    mesh = read_mesh(path)
+def test_a_stage_of_others_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a.usda").write_text(STAGE)
+    mesh = read_mesh("a.usda")
     assert mesh.up == "+z"
     # A left-handed polygon has its front where its corners go clockwise.
     np.testing.assert_array_equal(mesh.faces, [[0, 2, 1], [0, 3, 2]])
