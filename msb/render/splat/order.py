@@ -8,8 +8,11 @@ blended in the order of the asset.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +41,18 @@ _MODEL_SHARE = 1 / 4
 
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
 """Name -> an array of the model that kernels read; "positions" and "indices" are always there."""
+
+_kept: ContextVar[dict[Any, Any] | None] = ContextVar("_kept", default=None)
+
+
+@contextmanager
+def shared_order() -> Iterator[None]:
+    """Put arrays that several models have in order once, in a block; they stay in memory until its end."""
+    token = _kept.set({})
+    try:
+        yield
+    finally:
+        _kept.reset(token)
 
 
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
@@ -74,12 +89,23 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
         return False
     indices = given.pop("indices", None)
     try:
-        faces = rows = _curve_order(device, kept["bounds"], count, by_size=indices is None)
+        positions = given["positions"]
+        by_size = indices is None
+        faces = rows = _once(
+            partial(_curve_order, device, kept["bounds"], count, by_size=by_size),
+            "faces",
+            positions,
+            *([] if indices is None else [indices]),
+        )
         if indices is not None:
-            rows = _vertex_order(device, given["positions"])
-        ordered = {name: _in_order(array, rows) for name, array in given.items()}
+            rows = _once(partial(_vertex_order, device, positions), "rows", positions)
+        ordered = {
+            name: _once(partial(_in_order, array, rows), name, array, positions)
+            for name, array in given.items()
+        }
         if indices is not None:
-            ordered["indices"] = _renumbered(_in_order(indices, faces), rows)
+            make = partial(_renumbered, indices, faces, rows)
+            ordered["indices"] = _once(make, "indices", indices, positions)
     except MemoryError:
         return False
     except DeviceError as error:
@@ -94,6 +120,17 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
         kept[name] = device.share(array, name, kept[name].group)
     _bound(scope, program, count)
     return True
+
+
+def _once(make: Callable[[], Any], name: str, *sources: NDArray[Any]) -> Any:
+    """Return what `make` does of arrays; in a `shared_order` what it made of the same ones before."""
+    kept = _kept.get()
+    if kept is None:
+        return make()
+    key = (name, *((array.ctypes.data, array.shape, array.strides) for array in sources))
+    if key not in kept:
+        kept[key] = make(), sources  # whose memory nobody else may have meanwhile
+    return kept[key][0]
 
 
 def _lanes_up(device: Device, count: int) -> int:
@@ -138,11 +175,13 @@ def _vertex_order(device: Device, positions: NDArray[np.generic]) -> NDArray[np.
     return _curve_order(device, points, count, by_size=False)
 
 
-def _renumbered(indices: NDArray[np.generic], order: NDArray[np.uint32]) -> NDArray[np.uint32]:
-    """Return `indices` with each vertex number replaced by its row in `order`."""
+def _renumbered(
+    indices: NDArray[np.generic], faces: NDArray[np.uint32], order: NDArray[np.uint32]
+) -> NDArray[np.uint32]:
+    """Return `indices` in the order of `faces`, with each vertex number replaced by its row in `order`."""
     places = np.zeros_like(order)
     places[order] = np.arange(len(order), dtype=np.uint32)
-    renumbered: NDArray[np.uint32] = places[indices]
+    renumbered: NDArray[np.uint32] = places[_in_order(indices, faces)]
     return renumbered
 
 
