@@ -52,11 +52,12 @@ def why(
     given = None if views.cameras is None else views.read(output)
     device = drawing.device
     with about(path):
-        seen = choose_views(asset, given, size=size, device=device).seeing(asset, device)
+        chosen = choose_views(asset, given, size=size, device=device)
     color = views.color(asset)
     settings = drawing.settings(asset)
     with output.counted("drawing", len(CAUSES) + 1) as step, about(path):
-        causes = find(asset, seen, background=color, settings=settings, device=device, step=step)
+        causes = find(asset, chosen, background=color, settings=settings, device=device, step=step)
+    seen = causes.views
     where: dict[str, Any] = {"views": len(seen.cameras)}
     where |= {"cameras": str(views.cameras or seen.origin), "background": list(color)}
     head = {"schema": "msb.why/1", "path": str(path), "method": asset.manifest.method, **where}

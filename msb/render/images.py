@@ -34,8 +34,8 @@ def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     """
     # Explicit, because NumPy 1 keeps float16 whatever float32 it is multiplied by.
     wide = image.astype(np.result_type(image.dtype, np.float32), copy=False)
-    scaled = np.nan_to_num(np.clip(wide, 0, 1), nan=0.0) * np.float32(255)
-    return np.asarray(np.floor(scaled + np.float32(0.5))).astype(np.uint8)
+    scaled = np.fmin(np.fmax(wide, 0), 1) * np.float32(255)  # fmax takes the 0 of a NaN and 0
+    return np.asarray(scaled + np.float32(0.5)).astype(np.uint8)
 
 
 def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:

@@ -18,6 +18,7 @@ from msb.api.opening import as_asset
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
 from msb.base.callable_packages import make_callable
+from msb.render.splat.order import shared_order
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
 from msb.views import choose_views
@@ -86,9 +87,10 @@ class Cause:
 
 
 class Causes(list[Cause]):
-    """What each cause costs, and as `total` what all of them do at once."""
+    """What each cause costs, as `total` what all of them do at once, and the views that saw it."""
 
     total: Total
+    views: ChosenViews
 
 
 def why(
@@ -122,7 +124,7 @@ def why(
     -------
     list of Cause
         One for each of `CAUSES`, also for those that do not apply: none does where no view sees the asset.
-        Its attribute `total` is all at once.
+        Its attribute `total` is all at once, and `views` has the `cameras` that see the asset.
 
     Raises
     ------
@@ -137,10 +139,12 @@ def why(
     color = own_background(model.manifest) if background is None else check_background(background, stated)
     views = Views(model, chosen, color, device)
     causes = Causes()
-    for known in CAUSES:
-        causes.append(_measured(known, views))
-        step()
-    causes.total = measured_total(views, {cause.name: cause.db for cause in causes})
+    causes.views = chosen
+    with shared_order():
+        for known in CAUSES:
+            causes.append(_measured(known, views))
+            step()
+        causes.total = measured_total(views, {cause.name: cause.db for cause in causes})
     step()
     return causes
 

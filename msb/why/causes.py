@@ -56,10 +56,25 @@ def samples(views: Views) -> dict[str, int]:
 
 
 def _shading(views: Views) -> _Pair:
-    return views.of_mesh(lit(views)), views.plain()
+    return lit(views)[0], views.plain()
 
 
-def lit(views: Views) -> Mesh:
+def lit(views: Views) -> tuple[list[Image], list[Image]]:
+    """Return the images of the mesh in an engine's light, and of that with every engine setting wrong.
+
+    The latter are for the total: there are none where the method has no look of its own.
+    """
+    if views.lit is None:
+        mesh = _lit_mesh(views)
+        whole: list[Image] = []
+        if why_not(views.asset.manifest, "dedicated") is not None:
+            views.lit = views.of_mesh(mesh), []
+        else:
+            views.lit = whole, taken_for_linear(views.culled(mesh, whole))
+    return views.lit
+
+
+def _lit_mesh(views: Views) -> Mesh:
     """Return the mesh as an engine's lamp lights it.
 
     Light dims sRGB values. Those of a texture it dims through the colours that are multiplied with it: all

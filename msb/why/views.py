@@ -20,6 +20,7 @@ from msb.render.standard.renderer import StandardRenderer
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.meshes.mesh import Mesh
+    from msb.registry import Tier
     from msb.render import Frame
     from msb.views import Views as ChosenViews
 
@@ -48,12 +49,13 @@ class Views:
         self._blind = None if views.cameras else views.nothing
         self._official: list[Image] | None = None
         self._plain: list[Frame] | None = None
+        self._front: list[NDArray[np.bool_]] | None = None
+        self.lit: tuple[list[Image], list[Image]] | None = None
+        """What `msb.why.causes.lit` returned."""
 
     def own(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return images of the dedicated tier, of another asset of its method or with other settings."""
-        why = why_not(self.asset.manifest, "dedicated") or self._blind
-        if why is not None:
-            raise DoesNotApplyError(why)
+        self._check("dedicated")
         settings = options.pop("settings", {})
         frames = self._drawn(asset or self.asset, "dedicated", settings, outputs=(), **options)
         return [frame.image for frame in frames]
@@ -66,9 +68,7 @@ class Views:
 
     def mesh(self) -> Mesh:
         """Return the mesh of the standard tier."""
-        why = why_not(self.asset.manifest, "standard") or self._blind
-        if why is not None:
-            raise DoesNotApplyError(why)
+        self._check("standard")
         return mesh_from_asset(self.asset)
 
     def colored_mesh(self) -> Mesh:
@@ -81,28 +81,48 @@ class Views:
     def plain(self) -> list[Frame]:
         """Return the frames of the standard tier as `msb render` draws it."""
         if self._plain is None:
-            self.mesh()  # refuses an asset that has no such tier
+            self._check("standard")
             self._plain = self._drawn(self.asset, "standard", {})
         return self._plain
 
-    def of_mesh(self, mesh: Mesh, supersample: int = 1) -> list[Frame]:
-        """Return the frames of any mesh on the standard tier."""
-        return self._drawn(asset_from_mesh(mesh), "standard", {}, supersample=supersample)
+    def of_mesh(self, mesh: Mesh, supersample: int = 1) -> list[Image]:
+        """Return the images of any mesh on the standard tier."""
+        renderer = StandardRenderer(asset_from_mesh(mesh), device=self.device, supersample=supersample)
+        with contextlib.closing(renderer):
+            return self._images(renderer)
 
-    def culled(self, mesh: Mesh) -> list[Frame]:
-        """Return the frames of a mesh on the standard tier whose back faces are not drawn."""
+    def culled(self, mesh: Mesh, whole: list[Image] | None = None) -> list[Frame]:
+        """Return the frames of `mesh()`, maybe in other colours, on the standard tier without its back faces.
+
+        The images with them go into `whole`.
+        """
+        if self._front is None:
+            self._front = self._facing(mesh)
+        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
+            if whole is not None:
+                whole += self._images(renderer)
+            frames = []
+            for camera, front in zip(self.cameras, self._front, strict=True):
+                renderer.show(front)
+                frames.append(renderer.render(camera.in_units(), self.background))
+        return frames
+
+    def _facing(self, mesh: Mesh) -> list[NDArray[np.bool_]]:
+        """Return which faces each camera sees from the front."""
         corners = mesh.vertices[mesh.faces].astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         height = np.einsum("fi,fi->f", corners[:, 0], normal)
-        del corners
-        frames = []
-        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
-            for camera in self.cameras:
-                world_to_camera = np.asarray(camera.world_to_camera)
-                eye = -world_to_camera[:3, :3].T @ world_to_camera[:3, 3]
-                renderer.show(normal @ eye > height)
-                frames.append(renderer.render(camera.in_units(), self.background))
-        return frames
+        places = (np.asarray(camera.world_to_camera) for camera in self.cameras)
+        return [normal @ (-place[:3, :3].T @ place[:3, 3]) > height for place in places]
+
+    def _images(self, renderer: StandardRenderer) -> list[Image]:
+        return [renderer.render_image(camera.in_units(), self.background) for camera in self.cameras]
+
+    def _check(self, tier: Tier) -> None:
+        """Refuse a tier that the asset does not have, and every one where no camera sees it."""
+        why = why_not(self.asset.manifest, tier) or self._blind
+        if why is not None:
+            raise DoesNotApplyError(why)
 
     def _drawn(self, asset: Asset, tier: Any, settings: Mapping[str, Any], **options: Any) -> list[Frame]:
         with Renderer(asset, tier, self.device, settings, **options) as renderer:
@@ -119,7 +139,7 @@ def squared_errors(ones: Sequence[Any], others: Sequence[Any]) -> NDArray[np.flo
     sums = []
     for one, other in zip(ones, others, strict=True):
         levels = [to_bytes(np.asarray(getattr(drawn, "image", drawn))) for drawn in (one, other)]
-        change = levels[0].astype(np.float64).reshape(-1) - levels[1].reshape(-1)
+        change = np.subtract(*levels, dtype=np.float64).reshape(-1)
         sums.append((change @ change, change.size))
     return np.array(sums, np.float64)
 
@@ -142,10 +162,12 @@ class _Culling(StandardRenderer):
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)
-        self._faces = asset.buffers["indices"]
+        faces = asset.buffers["indices"]
+        self._corners, self._first = faces.reshape(-1), np.repeat(faces[:, 0], 3)
 
     @in_turn
     def show(self, front: NDArray[np.bool_]) -> None:
         """Draw no other faces than `front` (F,): these have no area, and so no pixel."""
-        self._triangles.sources["indices"].write(np.where(front[:, None], self._faces, self._faces[:, :1]))
+        shown = np.where(np.repeat(front, 3), self._corners, self._first)
+        self._triangles.sources["indices"].write(shown.reshape(-1, 3))
         self._triangles.fill()

@@ -15,7 +15,7 @@ from msb.base.version import __version__
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
-from msb.render.standard.supersampling import box_filter, checked_supersample, enlarged
+from msb.render.standard.supersampling import box_filter, box_mean, checked_supersample, enlarged
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, make_triangles
 
 if TYPE_CHECKING:
@@ -113,8 +113,11 @@ class StandardRenderer(OnDevice):
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
         out: NDArray[np.float32] | None = None,
     ) -> NDArray[np.float32]:
-        """Return the image alone, (H, W, 3) float32, without supersampling; into `out` if given."""
-        return self._run(camera, background, everything=False, samples=1)["image"].read(out)
+        """Return the image alone, (H, W, 3) float32; without supersampling into `out`, if given."""
+        image = self._run(camera, background, everything=False)["image"]
+        if self._supersample > 1:
+            return box_mean(image.read(), self._supersample)
+        return image.read(out)
 
     @in_turn
     def draw(self, camera: Camera, background: tuple[float, float, float]) -> Drawn:
@@ -129,14 +132,13 @@ class StandardRenderer(OnDevice):
         background: tuple[float, float, float],
         *,
         everything: bool,
-        samples: int | None = None,
         view: Buffer | None = None,
     ) -> dict[str, Buffer]:
         """Queue all commands of a frame; return what `Frame` calls its arrays.
 
         `view` is the camera's record, if the device has it; to write it waits for what is queued.
         """
-        scale = samples or self._supersample
+        scale = self._supersample
         width, height = camera.width * scale, camera.height * scale
         if view is None:
             record = view_record(enlarged(camera, scale))

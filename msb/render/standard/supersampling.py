@@ -41,8 +41,7 @@ def box_filter(frame: Frame, scale: int) -> Frame:
     Image and alpha are means. Depth and face are those of the nearest sample; at equal depths the lowest face
     number counts.
     """
-    image = _blocks(frame.image, scale).mean(axis=-1, dtype=np.float32)
-    alpha = _blocks(frame.alpha, scale).mean(axis=-1, dtype=np.float32)
+    image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
     depth = _blocks(frame.depth, scale)
     distance = np.where(depth > 0, depth, np.float32(np.inf))
     nearest = distance.min(axis=-1)
@@ -55,6 +54,13 @@ def box_filter(frame: Frame, scale: int) -> Frame:
     return replace(
         frame, image=image, alpha=alpha, depth=np.where(np.isfinite(nearest), nearest, np.float32(0))
     )
+
+
+def box_mean(plane: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
+    """Return a plane (H s, W s, ...) whose pixels are the means of `scale` x `scale` of its own."""
+    bands = plane.reshape(-1, scale, *plane.shape[1:])  # one at a time, which the processor's cache holds
+    means = [_blocks(band, scale).mean(axis=-1, dtype=np.float32) for band in bands]
+    return np.asarray(np.concatenate(means), np.float32)
 
 
 def _blocks(array: NDArray[Any], scale: int) -> NDArray[Any]:
