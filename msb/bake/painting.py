@@ -31,10 +31,11 @@ class Painting(Pupil):
         super().__init__(asset_from_mesh(mesh), lessons, device)
         assert mesh.corner_uvs is not None
         self._own = self._device.program("bake_texture", self._triangles.defines)
-        self._faces = [
-            self._device.upload(np.ascontiguousarray(array, np.float32), "bake texture")
-            for array in (mesh.vertices[mesh.faces], mesh.corner_uvs)
-        ]
+        with self._scope.setting_up():
+            self._faces = [
+                self._device.upload(np.ascontiguousarray(array, np.float32), "bake texture")
+                for array in (mesh.vertices[mesh.faces], mesh.corner_uvs)
+            ]
 
     def ask(self, pyramid: Pyramid) -> Iterator[int]:
         """Add to the equations of a texture what the lessons' pictures lack; yield how many are done.
@@ -42,10 +43,11 @@ class Painting(Pupil):
         The sums of a texel are taken along its pixels in their order, and view by view: the same bits each
         time.
         """
-        starts = self._device.upload(pyramid.starts.astype(np.int32), "bake texture")
-        shape = starts, np.int32(pyramid.size), np.int32(pyramid.levels)
         arrays = pyramid.planes, pyramid.right
-        sums = [self._device.share(array, "bake equations") for array in arrays]
+        with self._scope.turn():
+            starts = self._device.upload(pyramid.starts.astype(np.int32), "bake texture")
+            sums = [self._device.share(array, "bake equations") for array in arrays]
+        shape = starts, np.int32(pyramid.size), np.int32(pyramid.levels)
         for number in range(len(self.lessons)):
             self._add(number, pyramid, shape, sums)
             yield number + 1

@@ -195,7 +195,10 @@ def test_what_is_asked_is_what_numpy_says(device: Device) -> None:
         taught.weights = 1.0, 2.0, 1.0
         grey = replace(mesh, textures=(np.full((64, 64, 3), 99, np.uint8),))
         with closing(Painting(grey, taught, device)) as painting:
-            assert [*painting.ask(pyramid)] == [1, 2, 3]
+            asking = painting.ask(pyramid)
+            assert next(asking) == 1
+            assert {"bake texture", "bake equations"} <= painting.memory().keys()  # nobody else's to release
+            assert [*asking] == [2, 3]
             for number, seen in enumerate(views):
                 frame = painting.render(seen, GREY)
                 assert frame.face_id is not None
