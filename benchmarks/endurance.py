@@ -38,8 +38,8 @@ from tests.tiny import MODELS, TINY
 if TYPE_CHECKING:
     from msb.bench.progress import Stage
 
-TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50}
-"""What is done -> how often; threads: images drawn by one renderer from eight of them."""
+TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50, "bakes": 500}
+"""What is done -> how often; threads: images drawn by one renderer from eight of them; bakes: in eight."""
 _CELLS = 76
 """Cells of the protocol of the tests' tiny scenes that have a result."""
 _VIEW = 320, 240
@@ -169,11 +169,32 @@ def trials(folder: Path, looks: Looks, times: int) -> None:
         looks.add()
 
 
+def bakes(folder: Path, looks: Looks, times: int) -> None:
+    """Bake every method in turn, kept, in eight threads, each time to the same bytes."""
+    paths = assets(folder)
+    cameras = {path: list(around(msb.load(path), 2, 32, 24)) for path in paths}
+
+    def baked(turn: int) -> str:
+        path, out = paths[turn % len(paths)], folder / f"{turn}.glb"
+        msb.bake(path, cameras=cameras[path], geometry="kept").save(out)
+        digest = hashlib.sha256(out.read_bytes()).hexdigest()
+        out.unlink()
+        return digest
+
+    alone = [baked(turn) for turn in range(len(paths))]
+    with ThreadPoolExecutor(8) as pool:
+        for turn, digest in enumerate(pool.map(baked, range(times))):
+            if digest != alone[turn % len(paths)]:
+                raise SystemExit(f"bakes: {paths[turn % len(paths)].stem} differs from what was made alone")
+            looks.add()
+
+
 KINDS: dict[str, Callable[[Path, Looks, int], None]] = {
     "renders": renders,
     "threads": threads,
     "cells": cells,
     "trials": trials,
+    "bakes": bakes,
 }
 
 
