@@ -182,6 +182,8 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
     with _translated(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.lstat()  # which leaves: a name too long
+        if not folder and target.is_dir() and not target.is_symlink():
+            raise OutputError("OUTPUT_UNWRITABLE", _IS_FOLDER, file=target)
         above = _above(target)
         _check_folder(target, above)
         if not os.access(above, os.W_OK | os.X_OK):

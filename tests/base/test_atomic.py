@@ -246,8 +246,9 @@ def test_what_stands_in_the_way(tmp_path: Path) -> None:
     write(tmp_path / "folder", "folder", b"kept")
     with pytest.raises(OutputError, match=re.escape(f"{tmp_path / 'file'} is no folder")):
         write(tmp_path / "file" / "new" / "a", "file")
-    with pytest.raises(OutputError, match="it is a folder; a file is to be written"):
-        write(tmp_path / "folder", "file")
+    for attempt in (check_place, lambda path: write(path, "file")):
+        with pytest.raises(OutputError, match="it is a folder; a file is to be written"):
+            attempt(tmp_path / "folder")
     assert set(held(tmp_path).values()) == {b"kept"}
     write(tmp_path / "file", "folder")
     assert held(tmp_path) == {"file/a": b"new", "folder/a": b"kept"}
