@@ -78,7 +78,9 @@ class Views:
         """Return the size of pictures without cameras, which is `width` times `height` by default."""
         if self.size is None:
             return width, height
-        return pixels_of(self.size) or (round(width * self._factor), round(height * self._factor))
+        if (size := pixels_of(self.size)) is not None:
+            return size
+        return max(1, round(width * self._factor)), max(1, round(height * self._factor))
 
     @property
     def _factor(self) -> float:
@@ -185,7 +187,7 @@ def _stem(name: str) -> str:
 
 def pixels_of(text: str) -> tuple[int, int] | None:
     """Return the width and height that a text like 1237x822 names, else None."""
-    match = re.fullmatch(r"\s*(\d{1,6})[x,](\d{1,6})\s*", text, re.IGNORECASE)
+    match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
     return None if match is None else (int(match[1]), int(match[2]))
 
 
