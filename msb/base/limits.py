@@ -24,7 +24,7 @@ class Limits:
         GiB of memory that the process may write to (on Linux: RLIMIT_DATA); None sets no limit.
     """
 
-    seconds: Annotated[float, Option("Time limit of each other library's process.")] = 60.0
+    seconds: Annotated[float, Option("Time limit of each process of another library.")] = 60.0
     memory: Annotated[float | None, Option("Its memory limit, in GiB.", metavar="GIB")] = 4.0
 
     def __post_init__(self) -> None:

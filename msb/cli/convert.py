@@ -115,7 +115,7 @@ def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Pat
     from msb.asset import is_asset
     from msb.delivery.saving import output_suffix
 
-    suffix = output_suffix(Path(f"--to.{to.removeprefix('.')}"), "--to")
+    suffix = output_suffix(Path(f"{inputs[0].stem}.{to.removeprefix('.')}"), "an output")
     if target.suffix and not target.is_dir():
         text = f"{source} holds {len(inputs)} inputs; OUT must be a folder, and --to says what is written"
         raise UsageError("USAGE", text, file=target)

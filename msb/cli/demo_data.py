@@ -19,9 +19,9 @@ def demo_data(
 ) -> None:
     """Write small scenes, trained models and protocols to try every command on: 8 MB, no network.
 
-    There is a scene in the layout of each dataset, a model of each method for it, a checkpoint, an asset with
-    the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces demo
-    data in DIR, results in it included, and nothing else.
+    There is a scene in the layout of each dataset, models of them by four methods, a checkpoint, an asset
+    with the faults of trained ones, cameras, and two protocols: of two scenes, and of all. --force replaces
+    demo data in DIR, results in it included, and nothing else.
     """
     from msb.api.demo import PROTOCOL, RESULTS, is_demo, write_demo
     from msb.base.atomic import check_place

@@ -117,6 +117,7 @@ def report(
     from msb.base.atomic import new_folder
     from msb.bench.submission import is_submission
     from msb.report.pages import report_files
+    from msb.report.results import check_folder
 
     wanted = options.wanted()
     if (options.paper is True) == bool(folders):
@@ -131,6 +132,8 @@ def report(
         form = options.printed()
         _print(_make(folders, options, output, pictures=False), options.table, form, output)
         return
+    if not board and folders:
+        check_folder(folders[0])
     _check_target(target, folders, output)
     if not {"md", "tex", "html"}.isdisjoint(wanted):
         # Before anything else is missed that a report can do without.

@@ -188,6 +188,7 @@ def _say(output: Output, target: Path) -> None:
 def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) -> None:
     """Write the page of an asset, measured where a browser is at hand; tell what became of it."""
     from msb.base.atomic import new_file
+    from msb.cli.inputs import open_baked
     from msb.engines.dedicated_page.page import CheckView, make_page
     from msb.engines.hardware.packing import pack
     from msb.scenes.around import around
@@ -196,6 +197,7 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
     asset, background = shown.asset, shown.background
     with output.progress("checking the model"):
         pack(asset, shown.settings)  # what cannot be drawn is said before anything takes long
+    made = None if options.baked is None else open_baked(options.baked, asset, output)
     seen = shown.cameras or around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, shown.up)
     if options.renders is not None:
         tests = [_given(camera, options.renders, background) for camera in spread(seen, TEST_VIEWS)]
@@ -208,7 +210,7 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
             for camera, frame in zip(cameras, frames, strict=True)
         ]
         against = "the reference renderer"
-    baked = None if options.baked is None else _baked(shown, options.baked, tests, output)
+    baked = None if made is None else _baked(shown, made, tests)
     smaller, costs = _smaller(shown, options, spread(seen, WEIGHING_VIEWS), tests, output)
     with output.progress(f"packing {shown.name}"):
         page = make_page(
@@ -279,10 +281,9 @@ def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     return image if image.dtype == np.uint8 else to_bytes(image)
 
 
-def _baked(shown: Shown, path: Path, tests: Sequence[CheckView], output: Output) -> BakedLook:
+def _baked(shown: Shown, made: Asset, tests: Sequence[CheckView]) -> BakedLook:
     """Return what was baked of an asset, and how near the mesh of either comes to the test views."""
     from msb.asset.tiers import why_not
-    from msb.cli.inputs import open_baked
     from msb.engines.dedicated_page.page import BakedLook
     from msb.engines.engine import engine_mesh
     from msb.metrics import psnr
@@ -295,7 +296,6 @@ def _baked(shown: Shown, path: Path, tests: Sequence[CheckView], output: Output)
         values = [psnr(image, test.image) for image, test in zip(drawn, tests, strict=True)]
         return sum(min(value, PSNR_CAP) for value in values) / len(values)
 
-    made = open_baked(path, shown.asset, output)
     plain = None if why_not(shown.asset.manifest, "standard") else decibels(shown.asset)
     return BakedLook(engine_mesh(made, {}).encoded(".glb"), decibels(made), plain)
 

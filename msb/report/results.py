@@ -125,9 +125,15 @@ def _not_installed(found: Iterable[Loaded]) -> Iterator[str]:
         yield f"{records} a metric {key}, whose package is not installed here: its values are left out"
 
 
-def _read_folder(root: Path) -> list[Loaded]:
+def check_folder(root: Path) -> None:
+    """Refuse what is no folder."""
     if not is_folder(root):
-        raise InputError("FILE_NOT_FOUND", "there is no such folder of results", file=root)
+        text = "it is no folder of results" if root.exists() else "there is no such folder of results"
+        raise InputError("FILE_NOT_FOUND", text, file=root)
+
+
+def _read_folder(root: Path) -> list[Loaded]:
+    check_folder(root)
     files = Results(root).records()
     if not files:
         text = "there is no result in it: no cells/DATASET/SCENE/METHOD/COLUMN/result.json, as msb run writes"

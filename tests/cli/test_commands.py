@@ -241,6 +241,9 @@ def test_convert_takes_a_folder(msb: Msb, tmp_path: Path) -> None:
     made = {path.name for path in (tmp_path / "out").iterdir()}
     assert made == {f"{name}.ply" for name in ("mesh_splatting", "triangle_splatting", "two_dts")}
     msb("convert", source, tmp_path / "out.ply", status=2)
+    msb("convert", "--to", "exe", source, tmp_path / "new").ends(
+        2, 'USAGE: an output is "diffsoup.exe"; it must end in'
+    )
     msb("convert", "--to", "ply", source / "two_dts", tmp_path / "a.ply", status=2)
 
 
