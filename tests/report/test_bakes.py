@@ -79,6 +79,16 @@ def test_a_finding_says_what_the_loss_is_made_of(root: Path) -> None:
     assert "colours 3.50, faces 5.50, blending 3.00; baking gives 75 % of it back." in found.sentence
 
 
+def test_what_baking_gives_back_is_that_of_the_best_bake(root: Path) -> None:
+    made = measure(root, "standard", 17.0)
+    parts = bake("anew", "fitted", made_of=DESK)
+    own = quality(17.0, cell=parts["cell"])
+    write(root, made.model_copy(update={**parts, "quality": own}))
+    measure(root, "standard", 18.0)
+    (found,) = [one for one in find(numbers_of(root)) if one.kind == "loss_split"]
+    assert "faces -4.50, blending 13.00; baking gives 29 % of it back." in found.sentence
+
+
 def test_the_verdict_judges_every_bake(root: Path) -> None:
     uses = verdict_of(root)
     looks = uses["A plain asset made anew, in any engine (Baked, anew)"]
