@@ -42,6 +42,8 @@ Kind = Literal["mesh", "hulls", "box"]
 SECONDS = 20.0
 MID_AIR = 0.02
 """Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
+_NEARER = MID_AIR / 2
+"""How near sides that nobody sees are brought to what is seen, unless they are far."""
 PIXELS = 1 << 16
 """Of the largest picture by whose depths an open mesh is enclosed: finer ones look into every crack."""
 _CELLS, _MARGIN = (96, 224), 1.0
@@ -156,7 +158,7 @@ def collision(
     solid = (seen, faces) if closed(seen, faces) else None
     if solid is None and len(shown) and name != "box":
         points, around = _enclosed(mesh, cameras, device)
-        points = (points - middle) / size
+        points = _nearer((points - middle) / size, seen, faces)
         # Of a thin sheet what is enclosed is far thicker.
         if len(around) and distances(places, points, around).mean() < MID_AIR / 2:
             solid = points, around
@@ -236,6 +238,20 @@ def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
     except AssetError:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     return space.outward(inside), faces
+
+
+def _nearer(points: Reals, seen: Reals, faces: Faces) -> Reals:
+    """Return the points of what encloses a mesh with those nearer that lie a little too far from it.
+
+    Sides that no camera looks at are closed flat, as the bottom of a plate that has a rim."""
+    from scipy.spatial import cKDTree
+
+    marks = spread(seen, faces)[0]
+    away, mark = cKDTree(marks).query(points, workers=-1)
+    little = (away > _NEARER) & (away < 2 * MID_AIR)
+    to = marks[mark[little]]
+    points[little] = to + (points[little] - to) * (_NEARER / away[little])[:, None]
+    return points
 
 
 def _fewer(solid: Part, count: int) -> Part:

@@ -94,6 +94,15 @@ def test_what_cameras_see_of_a_soup_is_enclosed(size: float) -> None:
     assert made.mid_air_share < 0.05
 
 
+def test_the_bottom_of_a_plate_that_nobody_sees_is_near_it() -> None:
+    plate = box((2, 2, 0.07))
+    faces = plate.faces[plate.vertices[plate.faces].mean(axis=1)[:, 2] > -0.03]
+    made = checked(collision(soup_of(Mesh(plate.vertices, faces)), "mesh:200", all_round(3, (1, 2))))
+    assert made.kind == "mesh"
+    assert made.mean_distance < 0.005
+    assert made.mid_air_share < 0.05
+
+
 @pytest.mark.slow
 def test_of_a_scene_a_sheet_lies_behind_what_is_seen() -> None:
     """A bump on a large floor, seen from above it."""
