@@ -7,15 +7,16 @@ that dies costs at most what it was computing.
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
 import os
 import signal
+import sys
 import threading
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, Self, TypeVar
 
 from msb.base.extras import need_extra
@@ -126,6 +127,24 @@ def _death() -> DeviceError:
     return DeviceError("RUN_WORKER_DIED", text)
 
 
+class _Process(SpawnProcess):
+    """A process that Ctrl-C does not reach before it ignores that: it would print a traceback."""
+
+    def start(self) -> None:
+        if sys.platform == "win32":
+            super().start()
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()  # it inherits what is blocked
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Context(SpawnContext):
+    Process = _Process
+
+
 class LocalWorkers(Workers):
     """Processes of this machine, started afresh so that none inherits an OpenCL context.
 
@@ -136,7 +155,7 @@ class LocalWorkers(Workers):
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
         self._pool: ProcessPoolExecutor | None = None
-        self._context = multiprocessing.get_context("spawn")
+        self._context = _Context()
         self._leash, self._held = self._context.Pipe(duplex=False)
 
     def executor(self) -> Executor:
@@ -165,6 +184,8 @@ def _is_broken(pool: ProcessPoolExecutor) -> bool:
 def _begin(leash: Connection) -> None:
     """Prepare a process: interrupts are the parent's business, and its end is ours."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform != "win32":
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     warnings.simplefilter("ignore", PackageWarning)  # the parent says it
 
     def wait() -> None:

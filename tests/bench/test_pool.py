@@ -36,6 +36,15 @@ def test_answers_errors_and_deaths(tmp_path: Path) -> None:
     assert died.code == "RUN_WORKER_DIED"
 
 
+def test_an_interrupt_while_a_process_starts_is_the_parents(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(ROOT)]))
+    with LocalWorkers(1) as workers:
+        assert list(run_all(workers, double, [1])) == [(1, 2)]
+
+
 class Refusing(ThreadPoolExecutor):
     """A pool that a death breaks while tasks are being handed over: it takes one, and no more."""
 
