@@ -110,13 +110,13 @@ def find_renderer(name: str) -> Factory:
 
 
 def _factory(name: str) -> Factory:
+    if is_ours(name):  # no package replaces it, so none is looked for
+        module, _, attribute = {**BUILT_IN, **ENGINES}[name].partition(":")
+        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
     place = renderers().get(name)
     if place is None:
         text = f'there is no renderer "{shorten(name, 40)}"; there are {", ".join(renderers())}'
         raise UsageError("NAME_UNKNOWN", text)
-    if is_ours(name):
-        module, _, attribute = place.partition(":")
-        return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
     make: Any = load(place)
     if not callable(make):
         raise PackageError(f"it is no class of a renderer, but of type {type(make).__name__}")
