@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from msb.topology import Audit
 
 SCHEMA = "msb.bake/1"
+WORSE = "the plain mesh was nearer to its own look: give more views, or larger ones"
 Geometry = Literal["kept", "fitted", "surface"]
 Look = Literal["texture", "vertex"]
 
@@ -38,6 +39,11 @@ class Psnr:
     before: float | None
     after: float
     after_16: float
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the plain mesh was nearer than what was made is with 16 samples."""
+        return self.before is not None and self.after_16 < self.before
 
     def to_dict(self, *, own: bool) -> dict[str, float | None]:
         """Return it as JSON data; its `own` look has no number of its own."""

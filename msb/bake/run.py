@@ -21,7 +21,7 @@ from msb.bake.lods import checked_shares
 from msb.bake.making import Bake
 from msb.bake.options import Options, Wanted, need_libraries
 from msb.bake.preview import Preview, preview
-from msb.bake.report import Look, Report, Shape, Verdict
+from msb.bake.report import WORSE, Look, Report, Shape, Verdict
 from msb.bake.teacher import Source, Teacher
 from msb.bake.views import bake_views
 from msb.bake.written import Part, endings, write_all
@@ -219,6 +219,7 @@ def bake(
             picture = preview(asset, baked, views, master, device)
             cached = [] if master.pictures is None else master.pictures.notes()
         watch("audit", 0, 1)
+    worse = [WORSE] if own is not None and own.is_worse else []
     report = Report(
         geometry=facts.geometry,
         color="texture" if mesh.textures else "vertex",
@@ -240,7 +241,7 @@ def bake(
         seed=seed,
         device=choose_device(device).record.name,
         tried=facts.tried,
-        notes=(*views.notes, *cached, *facts.notes, *more),
+        notes=(*views.notes, *cached, *facts.notes, *worse, *more),
         lods=tuple(level for level, _ in levels),
         collision=None if shape is None else Shape.of(shape),
         path=None if asset.opened_from is None else str(asset.opened_from),

@@ -88,3 +88,9 @@ def test_what_a_file_carries_does_not_depend_on_where_and_how_fast_it_was_made()
 
 def test_equal_images_count_as_the_cap_of_the_metric() -> None:
     assert mean([float("inf"), 50.0]) == 75.0
+
+
+def test_a_bake_may_be_worse_than_the_plain_mesh() -> None:
+    assert Psnr(None, 20.2, 15.3, 15.6).is_worse
+    assert not Psnr(None, 20.2, 19.0, 21.0).is_worse
+    assert not Psnr(None, None, 15.3, 15.6).is_worse
