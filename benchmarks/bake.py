@@ -182,7 +182,11 @@ def main() -> int:
     if options.picture and pictures:
         rows_of = [np.concatenate(each, axis=1) for each in pictures]
         wide = max(one.shape[1] for one in rows_of)
-        whole = np.concatenate([np.pad(one, ((0, 0), (0, wide - one.shape[1]), (0, 0))) for one in rows_of])
+        rows_of = [np.kron(one, np.ones((times := wide // one.shape[1], times, 1))) for one in rows_of]
+        edges = [((0, 0), (0, wide - one.shape[1]), (0, 0)) for one in rows_of]
+        whole = np.concatenate(
+            [np.pad(one, edge, constant_values=1) for one, edge in zip(rows_of, edges, strict=True)]
+        )
         Pillow.fromarray(np.uint8(np.floor(whole.clip(0, 1) * 255 + 0.5))).save(options.picture)
     keep({"machine": facts, "rows": rows}, options.json)
     return 0 if same else 1
