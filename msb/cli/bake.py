@@ -80,7 +80,10 @@ class BakeOptions:
         str | None,
         Option("A shape to bump into beside OUT (NAME_collision).", metavar="mesh:N|hulls:N|box"),
     ] = None
-    seconds: Annotated[float, Option("About how long it may take; 0: no search.", least=0)] = 60.0
+    seconds: Annotated[
+        float,
+        Option("About how long fitted triangles, and a surface of them, may take; 0: no search.", least=0),
+    ] = 60.0
     seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
     up: Annotated[
         Up | None, Option("Axis round which views are made where there are no cameras. Default: the asset's.")
