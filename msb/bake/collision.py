@@ -158,7 +158,9 @@ def collision(
     solid = (seen, faces) if closed(seen, faces) else None
     if solid is None and len(shown) and name != "box":
         points, around = _enclosed(mesh, cameras, device)
-        points = _nearer((points - middle) / size, seen, faces)
+        points = (points - middle) / size
+        if space is not None and not space.contracted:
+            points = _nearer(points, seen, faces)
         # Of a thin sheet what is enclosed is far thicker.
         if len(around) and distances(places, points, around).mean() < MID_AIR / 2:
             solid = points, around
@@ -241,7 +243,7 @@ def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
 
 
 def _nearer(points: Reals, seen: Reals, faces: Faces) -> Reals:
-    """Return the points of what encloses a mesh with those nearer that lie a little too far from it.
+    """Return the points of what encloses an object with those nearer that lie a little too far from it.
 
     Sides that no camera looks at are closed flat, as the bottom of a plate that has a rim."""
     from scipy.spatial import cKDTree

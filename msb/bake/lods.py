@@ -111,8 +111,8 @@ class _Levels:
         soup = Soup.of(self.mesh, shares=False)
         stages = _stages(whole, self.counts)
         for stage, (count, is_level) in enumerate(stages):
-            # Larger faces need fewer pixels; at half the faces those are enough by which all were moved.
-            pixels = 2 * PIXELS_TO_MOVE * count // whole
+            # Larger faces need fewer pixels; at an eighth those are enough by which all were moved.
+            pixels = 8 * PIXELS_TO_MOVE * count // whole
             # Faces that are gone do not come back: they would count as some of those tried at a time.
             with self.guide.within(pixels).rasters(soup) as (raster, judge):
                 unseen = np.flatnonzero(soup.refit(raster).most == 0)
