@@ -88,10 +88,9 @@ class Soup:
         return raster.error()
 
     def on(self, mesh: Mesh) -> Mesh:
-        """Return the faces of `mesh` that are shown, whose vertices it shares, in its colours."""
-        assert self.shared is not None
+        """Return `mesh`, which it was made of, in its colours and without the faces that are not shown."""
         colors = np.full((len(mesh.vertices), 3), 0.5, np.float32)
-        colors[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
+        colors[mesh.faces.reshape(-1)] = self.colors.reshape(-1, 3)
         return with_faces(replace(mesh, vertex_colors=colors), self.keep)
 
     def shown(self) -> Self:

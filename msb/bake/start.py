@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.tiers import why_not
@@ -17,6 +18,7 @@ from msb.bake.soup import Soup
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.meshes.sampled import with_sampled_colors
+from msb.topology.seams import find_seams
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -98,11 +100,28 @@ class Guide:
 
 def colored(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Mesh:
     """Return `mesh` with the colours at vertices that fit the lessons best; what they do not show keeps its
-    own."""
+    own.
+
+    Where a mesh was cut along an edge, vertices of one colour go on having one: with two it has a seam there.
+    """
     soup = Soup.of(mesh, shares=True)
+    if soup.shared is not None and mesh.vertex_colors is not None:
+        soup.shared = _first_alike(mesh, mesh.vertex_colors)[mesh.faces]
     with closing(Raster(soup.corners, soup.colors, lessons, device)) as raster:
         soup.refit(raster)
     return soup.mesh() if soup.shared is None else soup.on(mesh)
+
+
+def _first_alike(mesh: Mesh, colors: NDArray[Any]) -> NDArray[np.int64]:
+    """Return for each vertex (V,) the first one of its colour beyond a cut, or itself."""
+    first = np.arange(len(mesh.vertices))
+    seams = find_seams(mesh.vertices, mesh.faces, {"color": first[:, None]})  # as if all differed
+    if seams is not None:
+        rows = np.flatnonzero(np.bincount(seams.number)[seams.number] > 1)
+        kinds = np.column_stack([seams.number[rows], colors[rows]])
+        _, lowest, kind = np.unique(kinds, axis=0, return_index=True, return_inverse=True)
+        first[rows] = rows[lowest[kind.reshape(-1)]]
+    return first
 
 
 def plain_mesh(asset: Asset) -> Mesh:

@@ -15,7 +15,7 @@ from msb.bake.kept import kept
 from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
-from msb.bake.start import Guide
+from msb.bake.start import Guide, colored
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology import audit_arrays
@@ -50,6 +50,25 @@ def test_colours_of_shared_vertices_stay_shared() -> None:
     np.testing.assert_array_equal(made.faces, faces)
     assert made.vertex_colors is not None
     np.testing.assert_allclose(made.vertex_colors, truth, atol=0.08)
+
+
+def test_copies_of_a_vertex_keep_one_colour_and_others_of_its_place_their_own() -> None:
+    corners, colors = tiles()
+    places, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    half = len(corners) // 2
+    faces = number.reshape(-1, 3)
+    faces[half:] += len(places)  # cut in two, as a repair does
+    mesh = Mesh(np.tile(places, (2, 1)), faces, vertex_colors=np.full((2 * len(places), 3), 0.5, np.float32))
+    assert mesh.vertex_colors is not None
+    with lessons_of(corners, colors, cameras(4)) as lessons:
+        for change in (0.0, 0.25):  # without and with a seam
+            mesh.vertex_colors[len(places) :] += np.float32(change)
+            made = colored(mesh, lessons, None)
+            there = len(np.unique(made.vertices, axis=0))
+            assert len(made.vertices) > there + 2
+            assert made.vertex_colors is not None
+            looks = len(np.unique(np.column_stack([made.vertices, made.vertex_colors]), axis=0))
+            assert (looks > there) == bool(change)
 
 
 def test_colours_stay_within_bounds_and_unseen_ones_as_they_were() -> None:
