@@ -43,8 +43,7 @@ def new_file(
         try:
             _refuse_existing(target, overwrite)
             _make_parent(target)
-            if target.is_dir():
-                raise OutputError("OUTPUT_UNWRITABLE", _IS_FOLDER, file=target)
+            _refuse_folder(target)
             with temporary.open("xb") as file:
                 yield file
                 file.flush()
@@ -82,8 +81,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
             stack.callback(_remove, temporary)
             _refuse_existing(target, overwrite)
             _make_parent(target)
-            if target.is_dir():
-                raise OutputError("OUTPUT_UNWRITABLE", _IS_FOLDER, file=target)
+            _refuse_folder(target)
         files = [stack.enter_context(temporary.open("xb")) for temporary, _, _ in moves]
         yield files
         for file in files:
@@ -182,13 +180,18 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
     with _translated(target, None):
         with contextlib.suppress(FileNotFoundError, NotADirectoryError, PermissionError):
             target.lstat()  # which leaves: a name too long
-        if not folder and target.is_dir() and not target.is_symlink():
-            raise OutputError("OUTPUT_UNWRITABLE", _IS_FOLDER, file=target)
+        if not folder:
+            _refuse_folder(target)
         above = _above(target)
         _check_folder(target, above)
         if not os.access(above, os.W_OK | os.X_OK):
             text = f"it cannot be written: {os.strerror(errno.EACCES)}: {above}"
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
+
+
+def _refuse_folder(target: Path) -> None:
+    if target.is_dir():
+        raise OutputError("OUTPUT_UNWRITABLE", "it is a folder; a file is to be written", file=target)
 
 
 def is_stream(path: str | os.PathLike[str]) -> bool:
@@ -206,7 +209,6 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
 
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What a write fails with where the place is at fault: no room, or no way to write there."""
-_IS_FOLDER = "it is a folder; a file is to be written"
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 

@@ -66,11 +66,11 @@ def lit(views: Views) -> tuple[list[Image], list[Image]]:
     """
     if views.lit is None:
         mesh = _lit_mesh(views)
-        whole: list[Image] = []
         if why_not(views.asset.manifest, "dedicated") is not None:
             views.lit = views.of_mesh(mesh), []
         else:
-            views.lit = whole, taken_for_linear(views.culled(mesh, whole))
+            whole, culled = views.whole_and_culled(mesh)
+            views.lit = whole, taken_for_linear(culled)
     return views.lit
 
 

@@ -91,20 +91,23 @@ class Views:
         with contextlib.closing(renderer):
             return self._images(renderer)
 
-    def culled(self, mesh: Mesh, whole: list[Image] | None = None) -> list[Frame]:
-        """Return the frames of `mesh()`, maybe in other colours, on the standard tier without its back faces.
+    def culled(self, mesh: Mesh) -> list[Frame]:
+        """Return the frames of `mesh()`, maybe in other colours, drawn without its back faces."""
+        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
+            return self._without_backs(mesh, renderer)
 
-        The images with them go into `whole`.
-        """
+    def whole_and_culled(self, mesh: Mesh) -> tuple[list[Image], list[Frame]]:
+        """Return the images of such a mesh as it is, and the frames of it without its back faces."""
+        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
+            return self._images(renderer), self._without_backs(mesh, renderer)
+
+    def _without_backs(self, mesh: Mesh, renderer: _Culling) -> list[Frame]:
         if self._front is None:
             self._front = self._facing(mesh)
-        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
-            if whole is not None:
-                whole += self._images(renderer)
-            frames = []
-            for camera, front in zip(self.cameras, self._front, strict=True):
-                renderer.show(front)
-                frames.append(renderer.render(camera.in_units(), self.background))
+        frames = []
+        for camera, front in zip(self.cameras, self._front, strict=True):
+            renderer.show(front)
+            frames.append(renderer.render(camera.in_units(), self.background))
         return frames
 
     def _facing(self, mesh: Mesh) -> list[NDArray[np.bool_]]:
@@ -112,8 +115,7 @@ class Views:
         corners = mesh.vertices[mesh.faces].astype(np.float64)
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         height = np.einsum("fi,fi->f", corners[:, 0], normal)
-        places = (np.asarray(camera.world_to_camera) for camera in self.cameras)
-        return [normal @ (-place[:3, :3].T @ place[:3, 3]) > height for place in places]
+        return [normal @ camera.center > height for camera in self.cameras]
 
     def _images(self, renderer: StandardRenderer) -> list[Image]:
         return [renderer.render_image(camera.in_units(), self.background) for camera in self.cameras]

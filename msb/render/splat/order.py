@@ -90,13 +90,9 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
     indices = given.pop("indices", None)
     try:
         positions = given["positions"]
-        by_size = indices is None
-        faces = rows = _once(
-            partial(_curve_order, device, kept["bounds"], count, by_size=by_size),
-            "faces",
-            positions,
-            *([] if indices is None else [indices]),
-        )
+        geometry = [positions] if indices is None else [positions, indices]
+        make = partial(_curve_order, device, kept["bounds"], count, by_size=indices is None)
+        faces = rows = _once(make, "faces", *geometry)
         if indices is not None:
             rows = _once(partial(_vertex_order, device, positions), "rows", positions)
         ordered = {
@@ -104,8 +100,7 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
             for name, array in given.items()
         }
         if indices is not None:
-            make = partial(_renumbered, indices, faces, rows)
-            ordered["indices"] = _once(make, "indices", indices, positions)
+            ordered["indices"] = _once(partial(_renumbered, indices, faces, rows), "indices", *geometry)
     except MemoryError:
         return False
     except DeviceError as error:
