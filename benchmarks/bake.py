@@ -130,6 +130,13 @@ def beside(name: str, report: dict[str, Any]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def as_wide(picture: Image, wide: int) -> Image:
+    """Return a picture enlarged by a whole number, and with white at its right, so that it is so wide."""
+    times = wide // picture.shape[1]
+    larger = picture.repeat(times, axis=0).repeat(times, axis=1)
+    return np.pad(larger, ((0, 0), (0, wide - larger.shape[1]), (0, 0)), constant_values=1)
+
+
 def main() -> int:
     """Bake and print; return 1 if a second bake gave other bytes."""
     parser = argparse.ArgumentParser(
@@ -182,11 +189,7 @@ def main() -> int:
     if options.picture and pictures:
         rows_of = [np.concatenate(each, axis=1) for each in pictures]
         wide = max(one.shape[1] for one in rows_of)
-        rows_of = [np.kron(one, np.ones((times := wide // one.shape[1], times, 1))) for one in rows_of]
-        edges = [((0, 0), (0, wide - one.shape[1]), (0, 0)) for one in rows_of]
-        whole = np.concatenate(
-            [np.pad(one, edge, constant_values=1) for one, edge in zip(rows_of, edges, strict=True)]
-        )
+        whole = np.concatenate([as_wide(one, wide) for one in rows_of])
         Pillow.fromarray(np.uint8(np.floor(whole.clip(0, 1) * 255 + 0.5))).save(options.picture)
     keep({"machine": facts, "rows": rows}, options.json)
     return 0 if same else 1
