@@ -55,17 +55,17 @@ class Buffer:
         self.shape = shape if isinstance(shape, tuple) else (shape,)
         self.dtype = np.dtype(dtype)
         self._memory = memory
-        self._allocation = allocation
+        self.allocation = allocation
 
     @property
     def use(self) -> str:
         """The use of the memory, in words."""
-        return self._allocation.use
+        return self.allocation.use
 
     @property
     def group(self) -> str:
         """The group to which the use belongs."""
-        return self._allocation.group
+        return self.allocation.group
 
     @property
     def size(self) -> int:
@@ -81,15 +81,15 @@ class Buffer:
     def handle(self) -> Any:
         """The pyopencl buffer."""
         self._memory.queue.check_open()
-        if self._allocation.handle is None:
+        if self.allocation.handle is None:
             raise DeviceError("DEVICE_CLOSED", f"the buffer for {self.use} was released")
-        return self._allocation.handle
+        return self.allocation.handle
 
     def view(self, shape: Shape, dtype: DTypeLike) -> Buffer:
         """Return the same memory, from its start, as another array."""
-        other = Buffer(self._memory, self._allocation, shape, dtype)
-        if other.nbytes > self._allocation.nbytes:
-            raise ValueError(f"{self.use}: {other.nbytes} bytes of {self._allocation.nbytes}")
+        other = Buffer(self._memory, self.allocation, shape, dtype)
+        if other.nbytes > self.allocation.nbytes:
+            raise ValueError(f"{self.use}: {other.nbytes} bytes of {self.allocation.nbytes}")
         return other
 
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
@@ -160,7 +160,7 @@ class Buffer:
 
     def release(self) -> None:
         """Give the memory back now; neither this nor any view of it can be used any more."""
-        self._allocation.release()
+        self.allocation.release()
 
     def _check_host(self, array: NDArray[Any], start: int) -> None:
         if array.dtype != self.dtype or not array.flags.c_contiguous:

@@ -15,6 +15,7 @@ OWN = "msb.cl.kernels"
 """The package whose files any kernel may include."""
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"(?P<name>[A-Za-z0-9_]+\.cl)"[ \t]*(?://.*)?$')
+_LINE = re.compile(r'^#line (?P<line>\d+) "(?P<name>[^"]+)"$')
 _ANY_INCLUDE = re.compile(r"^[ \t]*#[ \t]*include\b")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\([A-Za-z0-9_, ]*\))?")
 
@@ -70,6 +71,18 @@ def resolve(package: str, name: str) -> str:
     ``#line`` directives make compilers name our own files and lines.
     """
     return _resolve(package, name, ())
+
+
+def place_of(text: str, number: int) -> tuple[str, int] | None:
+    """Return file and line of ours that line `number` of a resolved text comes from; lines count from 1."""
+    place = None
+    for line in text.splitlines()[:number]:
+        said = _LINE.match(line)
+        if said:
+            place = said["name"], int(said["line"]) - 1
+        elif place:
+            place = place[0], place[1] + 1
+    return place
 
 
 def _resolve(package: str, name: str, inside: tuple[str, ...]) -> str:

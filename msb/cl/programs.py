@@ -7,13 +7,14 @@ import re
 import threading
 import time
 import warnings
+import weakref
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from msb.cl.buffers import Buffer
-from msb.cl.kernel_text import define_lines, resolve
+from msb.cl.kernel_text import define_lines, place_of, resolve
 from msb.errors import DeviceError, shorten
 
 if TYPE_CHECKING:
@@ -43,6 +44,8 @@ _ERROR_LINE = re.compile(
 # What a compiler says without a place, and what the platform says around it.
 _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
+_NAMELESS = "<kernel>"
+"""What NVIDIA's compiler calls the source; it does not heed ``#line``."""
 UNKNOWN_CPU = "unknown target CPU"
 """The message of clang if PoCL's LLVM is older than the processor."""
 
@@ -113,6 +116,7 @@ class Kernel:
         self._handle = handle
         self._lock = threading.Lock()
         self._wanted = [_wanted(queue.cl, handle, number) for number in range(handle.num_args)]
+        self._marks: list[Any] = [None] * handle.num_args  # of the arguments that it has now
 
     def __call__(self, global_size: Size, local_size: Size, *arguments: Any) -> Any:
         self._queue.check_open()
@@ -130,8 +134,8 @@ class Kernel:
 
         def launch(queue: Any) -> Any:
             with self._lock:  # the arguments belong to the kernel, not to the launch
-                for number, value in enumerate(values):
-                    self._handle.set_arg(number, value)
+                for number, (value, argument) in enumerate(zip(values, arguments, strict=True)):
+                    self._set(number, value, _mark(argument))
                 return self._queue.cl.enqueue_nd_range_kernel(queue, self._handle, rounded, local)
 
         try:
@@ -140,6 +144,13 @@ class Kernel:
             if math.prod(local) > self.max_work_group:
                 raise self._too_large(local, self.max_work_group) from error
             raise
+
+    def _set(self, number: int, value: Any, mark: Any) -> None:
+        """Set an argument unless it is that already: for a GPU, setting ten takes longer than a launch."""
+        if mark is None or self._marks[number] != mark:
+            self._marks[number] = None
+            self._handle.set_arg(number, value)
+            self._marks[number] = mark
 
     def _checked(self, number: int, argument: Any) -> Any:
         wanted = self._wanted[number]
@@ -187,7 +198,8 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
             log = str(error)
             found = next(filter(None, map(_ERROR_LINE.match, log.splitlines())), None)
             if found or UNKNOWN_CPU in log or attempt + 1 == _ATTEMPTS:
-                raise _build_error(f"{name}.cl", queue.record, log, found) from error
+                place = found and _place(found["file"], int(found["line"]), source)
+                raise _build_error(place or (f"{name}.cl", None), found, queue.record, log) from error
             time.sleep(_PAUSE)
     kernels = {handle.function_name: Kernel(queue, handle) for handle in handles}
     return Program(f"{package}/{name}.cl", kernels)
@@ -204,14 +216,21 @@ def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
         return list(program.build(list(options)).all_kernels())
 
 
-def _build_error(file: str, record: DeviceRecord, log: str, found: re.Match[str] | None) -> DeviceError:
+def _place(file: str, line: int, source: str) -> tuple[str, int]:
+    """Return file and line of ours that a compiler names; NVIDIA's counts lines of the whole source."""
+    ours = place_of(source, line) if file == _NAMELESS else None
+    return ours or (file, line)
+
+
+def _build_error(
+    place: tuple[str, int | None], found: re.Match[str] | None, record: DeviceRecord, log: str
+) -> DeviceError:
     """Return the error that says file, line and text of the first complaint `found` in the log."""
-    if found:
-        line, said = f"line {found['line']}", shorten(found["text"], 200)
-        error = DeviceError("DEVICE_BUILD", f"{line}: {said} (on {record})", file=found["file"], pointer=line)
-    else:
-        said = shorten(_first_complaint(log), 200)
-        error = DeviceError("DEVICE_BUILD", f"{said} (on {record})", file=file)
+    (file, number), line = place, None
+    said = shorten(found["text"] if found else _first_complaint(log), 200)
+    if number is not None:
+        line, said = f"line {number}", f"line {number}: {said}"
+    error = DeviceError("DEVICE_BUILD", f"{said} (on {record})", file=file, pointer=line)
     error.add_note(log)
     return error
 
@@ -257,6 +276,16 @@ def _as_opencl_takes_it(wanted: Any, value: Any) -> Any:
         return value if isinstance(value, np.generic) else None
     # Three numbers are stored as four: OpenCL 1.2 specification, section 6.1.5.
     return np.pad(value, (0, width == 3)) if value.shape == (width,) else None
+
+
+def _mark(argument: Any) -> Any:
+    """Return what equals the mark of the same argument alone; None for what is set at every launch.
+
+    It does not keep a buffer's memory alive, and that of a dead one equals no other.
+    """
+    if isinstance(argument, Buffer):
+        return weakref.ref(argument.allocation)
+    return (type(argument), int(argument)) if isinstance(argument, np.integer) else None
 
 
 def _in_words(wanted: Any) -> str:

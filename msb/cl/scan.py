@@ -20,6 +20,8 @@ _SMALLEST_CHUNK = 4096
 _CHUNKS_A_UNIT = 4
 """Chunks per compute unit; with several, a unit that is held up does not hold up all."""
 _ITEMS = 8
+_MOST_SUMS = 4096
+"""Most sums of tiles that each work-group of a GPU adds by itself: 16 of them a work-item."""
 _LARGEST_GROUP = 256
 _OPENCL_NAMES = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
@@ -71,12 +73,13 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
     )
     tiles = -(-count // (group * _ITEMS))
-    starts = device.scratch(f"scan starts {level}", tiles + 1, offsets.dtype)
+    sums = device.scratch(f"scan sums {level}", tiles + 1, offsets.dtype)
     if tiles > 1:
-        program.sum_tiles(tiles * group, group, values, starts, np.uint32(count))
-        _scan_gpu(device, starts, starts, tiles, level + 1)
-    sizes = np.uint32(count), np.uint32(tiles)
-    program.scan_tiles(tiles * group, group, values, starts, offsets, *sizes)
+        program.sum_tiles(tiles * group, group, values, sums, np.uint32(count))
+    if tiles > _MOST_SUMS:
+        _scan_gpu(device, sums, sums, tiles, level + 1)
+    sizes = np.uint32(count), np.uint32(tiles > _MOST_SUMS)
+    program.scan_tiles(tiles * group, group, values, sums, offsets, *sizes)
 
 
 def checked_count(count: int | None, array: Buffer) -> int:

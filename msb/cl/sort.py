@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from msb.cl.programs import Program
 
 _ITEMS = 8
-_DIGIT_BITS = {"cpu": 8, "gpu": 4}
-"""Bits that a pass sorts by, for each style. A CPU's first-level cache carries 256 write streams, so passes
-of up to 8 bits cost the same and passes of 9 bits twice as much. On a GPU a work-group keeps a counter for
-each of its items and 16 digits in local memory."""
+_DIGIT_BITS = 8
+"""Most bits that a pass sorts by. A CPU's first-level cache carries 256 write streams, so passes of up to 8
+bits cost the same and passes of 9 bits twice as much. On a GPU a pass goes over the data once; within its
+tile, in local memory, a work-group sorts by 4 bits at a time."""
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
@@ -77,8 +77,8 @@ def sort_pairs(
     if not 0 <= bits <= width:
         raise ValueError(f"{bits} bits of {width}")
 
-    digit = _DIGIT_BITS[device.style]
-    passes = max(1, -(-bits // digit))
+    passes = max(1, -(-bits // _DIGIT_BITS))
+    digit = max(1, -(-bits // passes))
     make = _cpu_pass if device.style == "cpu" else _gpu_pass
     one = make(device, _KEYS[keys.dtype], count, 1 << digit)
     places = device.scratch(f"{name} places", (one.parts << digit) + 1, np.uint32)

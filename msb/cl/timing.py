@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 UNSTAGED = "other"
@@ -40,28 +41,28 @@ class Timing:
         Time between commands is not included; `span` includes it.
         """
         total: dict[str, float] = {}
-        for stage, event in self._events:
-            took = (event.profile.end - event.profile.start) * _MS
-            total[stage] = total.get(stage, 0.0) + took
+        for (stage, _), (start, end) in zip(self._events, self._ran, strict=True):
+            total[stage] = total.get(stage, 0.0) + (end - start) * _MS
         return total
 
     def span(self) -> float:
         """Return the milliseconds from the start of the first command to the end of the last one."""
-        return self._until_end("start")
+        return self._until_end(min((start for start, _ in self._ran), default=0))
 
     def since_queued(self) -> float:
         """Return the milliseconds from when the first command was queued to the end of the last one.
 
         They include the compilation at a first launch, and whatever the device does before it starts.
         """
-        return self._until_end("queued")
+        return self._until_end(min((event.profile.queued for _, event in self._events), default=0))
 
-    def _until_end(self, moment: str) -> float:
-        if not self._events:
-            return 0.0
-        first = min(getattr(event.profile, moment) for _, event in self._events)
-        ended = max(event.profile.end for _, event in self._events)
-        return float(ended - first) * _MS
+    @cached_property
+    def _ran(self) -> list[tuple[int, int]]:
+        """When each command started and ended, in nanoseconds; the platform is asked once."""
+        return [(event.profile.start, event.profile.end) for _, event in self._events]
+
+    def _until_end(self, moment: int) -> float:
+        return float(max((end for _, end in self._ran), default=0) - moment) * _MS
 
     def __len__(self) -> int:
         return len(self._events)

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import sys
 import threading
+import weakref
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 from msb.cl import Device, LocalMemory
-from msb.cl.kernel_text import define_lines, resolve
+from msb.cl.kernel_text import define_lines, place_of, resolve
 from msb.cl.programs import _ERROR_LINE, build_options
 from msb.errors import DeviceError
 from tests.cl.conftest import KERNELS
@@ -122,6 +123,41 @@ def test_what_is_a_complaint(line: str, text: str | None) -> None:
     found = _ERROR_LINE.match(line)
     assert (found and found["text"]) == text
     assert not found or (found["file"], found["line"]) == ("a.cl", "4")
+
+
+def test_a_line_of_the_whole_source_is_found_in_its_file() -> None:
+    """NVIDIA's compiler says nothing else: it calls the source <kernel> and counts all of its lines."""
+    text = define_lines({"A": 1}) + resolve(KERNELS, "broken.cl")
+    number = next(k for k, line in enumerate(text.splitlines(), 1) if "no_such_name" in line)
+    assert number > 4
+    assert place_of(text, number) == ("broken_part.cl", 4)
+    assert place_of(text, len(text.splitlines())) == ("broken.cl", 3)
+    assert place_of(text, 1) is None
+
+
+def test_an_argument_that_stays_is_set_once(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    scale = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
+    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
+    scale(5, 1, given, out, np.uint32(5))
+    handle = Mock(wraps=scale._handle)
+    monkeypatch.setattr(device._queue.cl, "enqueue_nd_range_kernel", Mock())
+    monkeypatch.setattr(scale, "_handle", handle)
+    scale(5, 1, given, out, np.uint32(5))
+    assert not handle.set_arg.called
+    scale(5, 1, given, out, np.uint32(4))
+    assert [call.args for call in handle.set_arg.call_args_list] == [(2, np.uint32(4))]
+
+
+def test_a_kernel_keeps_no_memory_alive(device: Device) -> None:
+    scale = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
+    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
+    scale(5, 1, given, out, np.uint32(5))
+    gone = weakref.ref(given.allocation)
+    other_one = device.upload(np.full(5, 7, np.float32))
+    del given
+    assert gone() is None
+    scale(5, 1, other_one, out, np.uint32(5))
+    assert out.read().tolist() == [14] * 5
 
 
 def test_contraction_off_and_division_round_as_numpy(device: Device) -> None:

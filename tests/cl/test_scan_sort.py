@@ -175,7 +175,18 @@ def test_both_styles_agree_on_the_work_done(styled: Device) -> None:
     """What the pool holds is bounded: two pairs, the places, the sums."""
     expect_sorted(styled, np.arange(10_000, dtype=np.uint32), None)
     uses = {use.rstrip(" 0123456789") for use in styled.memory() if use.startswith(("sort", "scan"))}
-    assert uses <= {"sort keys", "sort values", "sort places", "scan starts"}
+    assert uses <= {"sort keys", "sort values", "sort places", "scan starts", "scan sums"}
+
+
+def test_many_sums_are_scanned_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of more than eight million elements, on a GPU."""
+    monkeypatch.setattr("msb.cl.scan._MOST_SUMS", 2)
+    values = np.random.default_rng(3).integers(0, 2**32, 50_000, np.uint32)
+    with open_styled("gpu") as device:
+        for dtype in (np.uint32, np.uint64):
+            offsets = device.allocate(len(values) + 1, dtype)
+            exclusive_scan(device, device.upload(values), offsets)
+            assert np.array_equal(offsets.read(), prefix(values, dtype))
 
 
 @pytest.mark.slow

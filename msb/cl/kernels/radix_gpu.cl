@@ -1,13 +1,16 @@
 // One pass of a stable radix sort, GPU style: a work-group sorts a tile of GROUP * ITEMS keys by one digit
-// in local memory, then writes runs of equal digits. Counting, prefix sum and a rank per work-item as in
-// Satish, Harris and Garland, Designing efficient sorting algorithms for manycore GPUs (2009).
-// KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, mask < DIGITS.
+// in local memory, ROUND bits after the other, then writes runs of equal digits. Counting, prefix sum and a
+// rank per work-item as in Satish, Harris and Garland, Designing efficient sorting algorithms for manycore
+// GPUs (2009). KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, mask < DIGITS.
 
 #define SUM uint
 #include "group_scan.cl"
 
 #define TILE (GROUP * ITEMS)
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
+#define ROUND 4
+#define PARTS (1 << ROUND) // values of the bits of a round
+#define PART(key) (DIGIT(key) >> bit & (PARTS - 1))
 
 // counts is digit-major, so that its exclusive prefix sum is where each tile writes each digit.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint tiles,
@@ -34,68 +37,74 @@ __kernel void move_pairs(__global const KEY *restrict keys, __global const uint 
                          __global const uint *restrict places, uint count, uint tiles, uint shift,
                          uint mask, uint number)
 {
-    __local KEY staged[TILE];
-    __local ushort ranks[DIGITS * GROUP]; // digit-major: digits in order, within a digit the work-items
+    __local KEY sorted[TILE];
+    __local ushort origin[TILE];         // where in the tile a key of `sorted` came from
+    __local ushort ranks[PARTS * GROUP]; // part-major: parts in order, within a part the work-items
     __local uint shared[GROUP];
     __local uint starts[DIGITS];
     size_t tile = get_group_id(0), me = get_local_id(0), base = tile * TILE;
     uint here = (uint)min((size_t)TILE, count - base); // keys in this tile
 
-    // Consecutive keys belong to one work-item, which takes them in order: that makes the sort stable.
-    uint rank[ITEMS], total, sum = 0;
-    for (uint d = 0; d < DIGITS; d++)
-        ranks[d * GROUP + me] = 0;
-    for (uint k = 0; k < ITEMS; k++) {
-        uint i = me * ITEMS + k;
-        if (i < here)
-            rank[k] = ranks[DIGIT(keys[base + i]) * GROUP + me]++;
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-
-    // Prefix sum over all of `ranks`, DIGITS consecutive elements a work-item.
-    for (uint d = 0; d < DIGITS; d++)
-        sum += ranks[me * DIGITS + d];
-    sum = group_scan(sum, shared, &total);
-    for (uint d = 0; d < DIGITS; d++) {
-        uint own = ranks[me * DIGITS + d];
-        ranks[me * DIGITS + d] = (ushort)sum;
-        sum += own;
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-
-    for (uint d = me; d < DIGITS; d += GROUP)
-        starts[d] = d <= mask ? places[d * tiles + tile] - ranks[d * GROUP] : 0;
-    for (uint k = 0; k < ITEMS; k++) {
-        uint i = me * ITEMS + k;
+    for (uint k = 0; k < ITEMS; k++) { // neighbours read neighbours
+        uint i = k * GROUP + me;
         if (i < here) {
-            KEY key = keys[base + i];
-            rank[k] += ranks[DIGIT(key) * GROUP + me];
-            staged[rank[k]] = key;
+            sorted[i] = keys[base + i];
+            origin[i] = (ushort)i;
+        }
+    }
+    for (uint bit = 0; bit == 0 || mask >> bit; bit += ROUND) {
+        // Consecutive keys belong to one work-item, which takes them in order: that makes the sort stable.
+        KEY mine[ITEMS];
+        ushort from[ITEMS], rank[ITEMS];
+        uint total, sum = 0;
+        for (uint p = 0; p < PARTS; p++)
+            ranks[p * GROUP + me] = 0;
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (uint k = 0; k < ITEMS; k++) {
+            uint i = me * ITEMS + k;
+            if (i < here) {
+                mine[k] = sorted[i];
+                from[k] = origin[i];
+                rank[k] = ranks[PART(mine[k]) * GROUP + me]++;
+            }
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+
+        // Prefix sum over all of `ranks`, PARTS consecutive elements a work-item.
+        for (uint p = 0; p < PARTS; p++)
+            sum += ranks[me * PARTS + p];
+        sum = group_scan(sum, shared, &total);
+        for (uint p = 0; p < PARTS; p++) {
+            uint own = ranks[me * PARTS + p];
+            ranks[me * PARTS + p] = (ushort)sum;
+            sum += own;
+        }
+        barrier(CLK_LOCAL_MEM_FENCE);
+        for (uint k = 0; k < ITEMS; k++)
+            if (me * ITEMS + k < here) {
+                uint place = ranks[PART(mine[k]) * GROUP + me] + rank[k];
+                sorted[place] = mine[k];
+                origin[place] = from[k];
+            }
+        barrier(CLK_LOCAL_MEM_FENCE);
+    }
+
+    for (uint k = 0; k < ITEMS; k++) { // the first key of each digit there is
+        uint i = k * GROUP + me;
+        if (i < here) {
+            uint digit = DIGIT(sorted[i]);
+            if (i == 0 || digit != DIGIT(sorted[i - 1]))
+                starts[digit] = places[digit * tiles + tile] - i;
         }
     }
     barrier(CLK_LOCAL_MEM_FENCE);
-
-    uint place[ITEMS];
     for (uint k = 0; k < ITEMS; k++) {
         uint i = k * GROUP + me;
         if (i < here) {
-            KEY key = staged[i];
-            place[k] = starts[DIGIT(key)] + i;
-            keys_out[place[k]] = key;
+            uint place = starts[DIGIT(sorted[i])] + i;
+            size_t source = base + origin[i];
+            keys_out[place] = sorted[i];
+            values_out[place] = number ? (uint)source : values[source];
         }
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-
-    // The values take the same way through the same memory.
-    for (uint k = 0; k < ITEMS; k++) {
-        uint i = me * ITEMS + k;
-        if (i < here)
-            staged[rank[k]] = number ? (uint)(base + i) : values[base + i];
-    }
-    barrier(CLK_LOCAL_MEM_FENCE);
-    for (uint k = 0; k < ITEMS; k++) {
-        uint i = k * GROUP + me;
-        if (i < here)
-            values_out[place[k]] = (uint)staged[i];
     }
 }

@@ -19,18 +19,27 @@ __kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint c
         sums[tile] = total;
 }
 
-// starts[tile] is the sum of all tiles before; offsets may be the memory of values.
-__kernel void scan_tiles(__global const VALUE *values, __global const SUM *starts, __global SUM *offsets,
-                         uint count, uint tiles)
+// sums[tile] is the sum of a tile, or with `scanned` of all tiles before it; offsets may be the memory of
+// values. That each work-group adds the few sums before it saves the launches of a scan of them.
+__kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums, __global SUM *offsets,
+                         uint count, uint scanned)
 {
     __local SUM shared[GROUP];
-    size_t tile = get_group_id(0), first = tile * TILE + get_local_id(0) * ITEMS;
-    SUM mine[ITEMS], sum = 0, total;
+    size_t tile = get_group_id(0), me = get_local_id(0), first = tile * TILE + me * ITEMS;
+    SUM mine[ITEMS], sum = 0, before = 0, total;
+    if (scanned)
+        before = sums[tile];
+    else if (tile > 0) { // the same for the whole work-group
+        for (size_t t = me; t < tile; t += GROUP)
+            sum += sums[t];
+        group_scan(sum, shared, &before);
+        sum = 0;
+    }
     for (uint k = 0; k < ITEMS; k++) {
         mine[k] = first + k < count ? values[first + k] : 0;
         sum += mine[k];
     }
-    sum = group_scan(sum, shared, &total) + (tiles > 1 ? starts[tile] : 0);
+    sum = group_scan(sum, shared, &total) + before;
     for (uint k = 0; k < ITEMS; k++) {
         if (first + k < count)
             offsets[first + k] = sum;
