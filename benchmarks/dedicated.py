@@ -265,13 +265,14 @@ def print_paper(rows: list[dict[str, Any]]) -> None:
 
     titles = f"{'frames/s':>8} {'ms':>7} {'paper: frames/s':>17} {'GPU ms':>8}"
     print(f"\n{'method':18} {'faces':>8} {'size':>8}", titles)
-    where = {"scene": "mean", "column": "dedicated"}
+    where = {"scene": "mean", "condition": "dedicated"}
     for row in rows:
-        unity = paper_row("mip360_renderer_comparison", method=row["method"], **where)
-        gpu = paper_row("mip360_unity_gpu_latency", method=row["method"], **where)
+        unity = paper_row("mip360_renderer_comparison", method=row["method"], **where).get("fps")
+        gpu = paper_row("mip360_unity_gpu_latency", method=row["method"], **where).get("p50_ms")
         print(
             f"{row['method']:18} {row['faces']:8} {row['size']:>8}",
-            f"{1e3 / row['span']:8.0f} {row['span']:7.1f} {unity['fps']:17.0f} {gpu['p50_ms']:8.1f}",
+            f"{1e3 / row['span']:8.0f} {row['span']:7.1f}",
+            f"{'--' if unity is None else f'{unity:.0f}':>17} {'--' if gpu is None else f'{gpu:.1f}':>8}",
         )
 
 

@@ -14,6 +14,7 @@ to a quarter from frame to frame; each is filled once. "held" is what the pools 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import statistics
 import sys
 import time
@@ -102,8 +103,11 @@ def scan_pair(device: Device, peer: Peer, count: int, dtype: type[np.unsignedint
     )
 
 
-def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair:
-    """Return the stable sort of `count` keys of `bits` bits with a payload."""
+def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair | None:
+    """Return the stable sort of `count` keys of `bits` bits with a payload, None where pyopencl's fails.
+
+    On devices of many compute units its scan ends with a failed assertion for some sizes.
+    """
     random = np.random.default_rng(1)
     keys = random.integers(0, 1 << bits, count, np.uint32)
     values = random.permutation(count).astype(np.uint32)
@@ -120,9 +124,14 @@ def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair:
     def ours() -> None:
         last["ours"] = sort_pairs(device, given, payload, bits=bits)
 
+    works = []
     for digits in BITS_A_PASS:  # compiled, and the pool filled
-        theirs(digits)
-    best = min(BITS_A_PASS, key=lambda digits: timed(peer.queue.finish, lambda: theirs(digits)))
+        with contextlib.suppress(AssertionError):
+            theirs(digits)
+            works.append(digits)
+    if not works:
+        return None
+    best = min(works, key=lambda digits: timed(peer.queue.finish, lambda: theirs(digits)))
 
     def compare() -> None:
         for own, other in zip(last["ours"], last["theirs"], strict=True):
@@ -191,7 +200,7 @@ def compare(device: Device, peer: Peer, pair: Pair, rounds: int) -> dict[str, An
     return row if pair.held is None else {**row, "held": pair.held()}
 
 
-def pairs(device: Device, peer: Peer, count: int) -> list[Callable[[], Pair]]:
+def pairs(device: Device, peer: Peer, count: int) -> list[Callable[[], Pair | None]]:
     """Return what makes each pair, so that only one pair is in memory at a time."""
     return [
         lambda: scan_pair(device, peer, count, np.uint32),
@@ -223,7 +232,11 @@ def main() -> None:
             print(f"\n{count:,} elements\n{'':<30}{'ours, ms':>10}{'pyopencl':>10}{'/ ours':>8}  held, MB")
             rows = record["sizes"][count] = []
             for make in pairs(device, peer := Peer(device), count):
-                row = compare(device, peer, make(), options.rounds)
+                pair = make()
+                if pair is None:
+                    print("pyopencl's sort fails at this size")
+                    continue
+                row = compare(device, peer, pair, options.rounds)
                 held = " / ".join(f"{nbytes / 1e6:,.0f}" for nbytes in row.get("held", ()))
                 print(
                     f"{row['name']:<30}{row['ours']:>10.2f}{row['theirs']:>10.2f}{row['ratio']:>8.2f}  {held}"

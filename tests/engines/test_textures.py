@@ -12,9 +12,14 @@ from msb.asset import Asset
 from msb.engines.agreement import agreement
 from msb.engines.webgpu_texture import runs_of
 from tests.engines.conftest import need
-from tests.engines.test_engines import OFF_CENTRE, TALL, frames
+from tests.engines.test_engines import OFF_CENTRE, TALL, colored, frames
 from tests.render.standard_scenes import scene
 from tests.render.textured_scenes import CASES, textured_asset
+
+
+def draws_on_a_card() -> bool:
+    with msb.Renderer(colored("small"), name=need("wgpu")) as renderer:
+        return renderer.device_info is not None and renderer.device_info["kind"] == "gpu"
 
 
 @pytest.mark.slow
@@ -22,12 +27,15 @@ from tests.render.textured_scenes import CASES, textured_asset
 @pytest.mark.parametrize("kind", ["large", "through the camera", "far and wide"])
 @pytest.mark.parametrize("case", CASES)
 def test_wgpu_agrees_to_a_level(case: str, kind: str) -> None:
+    """On a graphics card to a few: its samplers weigh two texels by 8 bits, Vulkan asks for 4 of them."""
+    alike, covered = (0.9, 0.995) if draws_on_a_card() else (0.999, 0.999)
     for seed in (5, 6):
         asset = textured_asset(scene(kind, seed), seed, **CASES[case])
         theirs, ours = frames("wgpu", asset, [OFF_CENTRE, TALL])
         found = agreement(theirs, ours)
-        assert found.interior_within_a_level >= 0.999
-        assert found.covered_alike >= 0.999
+        assert found.interior_within_a_level >= alike
+        assert found.interior_p999 <= 16
+        assert found.covered_alike >= covered
         for one, own in zip(theirs, ours, strict=True):
             assert (one.face_id == own.face_id).mean() >= 0.999
 

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from ctypes.util import find_library
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
@@ -76,6 +77,10 @@ MACHINES = {
         {"RUSTICL_ENABLE": "llvmpipe"},
         (*QUICK, "-k", "not 8k", "tests/cl", *PICTURES),
     ),
+    # Style gpu, on a card; its driver brings OpenCL, in containers without an entry for the loader.
+    "nvidia": Machine(
+        "nvidia-opencl-icd", "libnvidia-opencl", "nvidia", {}, (*QUICK, "tests/cl", *PICTURES, *COMPARED)
+    ),
     # An interpreter that looks for races, a thousand times as slow: a small scene of each kind.
     "oclgrind": Machine(
         "oclgrind",
@@ -102,7 +107,8 @@ def library_of(machine: Machine) -> str | None:
             return None
     named = [line.strip() for file in sorted(VENDORS.glob("*.icd")) for line in file.read_text().splitlines()]
     beside = map(str, Path("/usr/lib").glob("oclgrind/*.so"))  # Debian registers no entry for it
-    return next((name for name in (*named, *beside) if machine.library in name), None)
+    loadable = find_library(machine.library.removeprefix("lib")) or ""
+    return next((name for name in (*named, *beside, loadable) if machine.library in name), None)
 
 
 def shown(environment: dict[str, str]) -> str:
