@@ -89,64 +89,78 @@ def _held(
     return x
 
 
-def of_mesh(seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the best colours (V, 3) in [0, 1] of vertices that `faces` (F, 3) share and that have
-    `colors`."""
+def of_mesh(
+    seen: Seen, faces: NDArray[np.int64], colors: NDArray[np.float32], edges: csr_matrix
+) -> NDArray[np.float32]:
+    """Return the best colours (V, 3) in [0, 1] of vertices that `faces` (F, 3) share and that have `colors`;
+    `edges` is the `laplacian` of the faces."""
     import scipy.sparse as sparse
 
     count = len(colors)
     squares, sides = products(seen.sums)
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
     system = sparse.coo_matrix((squares.reshape(-1), (rows, columns)), shape=(count, count)).tocsr()
-    system = system + SMOOTH * laplacian(faces, count) + PRIOR * sparse.identity(count, format="csr")
-    right = PRIOR * colors.astype(np.float64)
-    for corner in range(3):
-        for channel in range(3):
-            right[:, channel] += np.bincount(faces[:, corner], sides[:, corner, channel], minlength=count)
-    x = _solved(system, right, colors.astype(np.float64))
+    system = system + SMOOTH * edges + PRIOR * sparse.identity(count, format="csr")
+    found = np.zeros((count, 3), np.float32)
     for channel in range(3):
-        held = np.zeros(count, bool)
-        for _ in range(_ROUNDS):
-            out = (x[:, channel] < 0) | (x[:, channel] > 1)
-            x[:, channel] = np.clip(x[:, channel], 0, 1)
-            if not (out & ~held).any():
-                break
-            held |= out
-            free = np.flatnonzero(~held)
-            rest = right[:, channel] - system @ np.where(held, x[:, channel], 0.0)
-            part = system[free][:, free].tocsr()
-            x[free, channel] = _solved(part, rest[free, None], x[free, channel, None])[:, 0]
-    return np.clip(x, 0, 1).astype(np.float32)
+        before = colors[:, channel].astype(np.float64)
+        right = PRIOR * before
+        for corner in range(3):
+            right += np.bincount(faces[:, corner], sides[:, corner, channel], minlength=count)
+        found[:, channel] = _bounded(system, right, _solved(system, right, before))
+    return found
 
 
 def laplacian(faces: NDArray[np.int64], count: int) -> csr_matrix:
     """Return the Laplacian of the edges: each edge once."""
     import scipy.sparse as sparse
 
-    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    ends = np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0)
-    one = np.ones(len(ends))
-    both = sparse.coo_matrix((one, (ends[:, 0], ends[:, 1])), shape=(count, count))
-    both = (both + both.T).tocsr()
+    ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    both = sparse.coo_matrix((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count)).tocsr()
+    both = both + both.T
+    both.data[:] = 1  # however many faces have an edge
     return sparse.diags(np.asarray(both.sum(axis=1)).ravel()).tocsr() - both
 
 
+def _bounded(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x with what leaves [0, 1] held at the bound, and the others solved again."""
+    held = np.zeros(len(x), bool)
+    for _ in range(_ROUNDS):
+        out = (x < 0) | (x > 1)
+        x = np.clip(x, 0, 1)
+        if not (out & ~held).any():
+            break
+        held |= out
+        free = np.flatnonzero(~held)
+        rest = right - system @ np.where(held, x, 0.0)
+        x[free] = _solved(system[free][:, free].tocsr(), rest[free], x[free])
+    return np.clip(x, 0, 1)
+
+
 def _solved(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return x of system @ x = right for all columns at once: conjugate gradients, Jacobi's
-    preconditioner."""
-    scale = 1 / system.diagonal()[:, None]
+    """Return x of system @ x = right: conjugate gradients, Jacobi's preconditioner.
+
+    SciPy's own would wake the threads of its linear algebra, which then spin beside the kernels.
+    """
+    scale = 1 / system.diagonal()
     rest = right - system @ x
     step = scale * rest
-    size = (rest * step).sum(axis=0)
-    stop = _TOLERANCE**2 * np.maximum((right * scale * right).sum(axis=0), 1e-30)
+    size = _dot(rest, step)
+    stop = _TOLERANCE**2 * max(_dot(right * scale, right), 1e-30)
     for _ in range(_STEPS):
-        if (size <= stop).all():
+        if size <= stop:
             break
         moved = system @ step
-        share = size / np.maximum((step * moved).sum(axis=0), 1e-300)
+        share = size / max(_dot(step, moved), 1e-300)
         x = x + share * step
-        rest = rest - share * moved
+        rest -= share * moved
         turned = scale * rest
-        before, size = size, (rest * turned).sum(axis=0)
-        step = turned + size / np.maximum(before, 1e-300) * step
+        before, size = size, _dot(rest, turned)
+        step *= size / max(before, 1e-300)
+        step += turned
     return x
+
+
+def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(np.einsum("i,i->", a, b))

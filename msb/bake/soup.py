@@ -13,6 +13,8 @@ from msb.meshes.assets import with_faces
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from msb.bake.raster import Raster, Seen
 
 
@@ -29,12 +31,15 @@ class Soup:
         Which faces are shown.
     shared : (F, 3) int64, optional
         The vertices of the corners, where these share colours; None: every corner has its own.
+    edges : csr_matrix, optional
+        The Laplacian of what is shared, once it was needed.
     """
 
     corners: NDArray[np.float32]
     colors: NDArray[np.float32]
     keep: NDArray[np.bool_]
     shared: NDArray[np.int64] | None = None
+    edges: csr_matrix | None = None
 
     @classmethod
     def of(cls, mesh: Mesh, *, shares: bool) -> Self:
@@ -72,7 +77,9 @@ class Soup:
         count = int(self.shared.max()) + 1
         now = np.full((count, 3), 0.5, np.float32)
         now[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
-        fitted = fit.of_mesh(seen, self.shared, now)[self.shared]
+        if self.edges is None:
+            self.edges = fit.laplacian(self.shared, count)
+        fitted = fit.of_mesh(seen, self.shared, now, self.edges)[self.shared]
         self.colors[self.keep] = fitted[self.keep]
 
     def refit(self, raster: Raster) -> Seen:
