@@ -229,6 +229,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="what a training wrote, as msb export takes it",
     )
     add("--scene", type=Path, metavar="DIR", help="the capture it was trained on, as msb run takes it")
+    add(
+        "--image-folder",
+        metavar="NAME",
+        help="of the capture, where it was trained on another than the rules'",
+    )
+    add("--resolution", type=int, metavar="N", help="as the training's -r, where that was another")
     add("--device", metavar="SELECTOR", help="what draws: gpu, cpu, or a name that msb devices shows")
     add("-o", "--out", type=Path, default=Path("official.json"), metavar="FILE.json")
     add("--table", nargs="+", type=Path, metavar="FILE.json", help="print the tables of such files instead")
@@ -241,7 +247,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         check_place(options.out)
         scene = None if options.scene is None else str(options.scene.resolve())
-        given = Given(str(options.checkpoint.resolve()), scene, options.device)
+        photographs = options.image_folder, options.resolution
+        given = Given(str(options.checkpoint.resolve()), scene, options.device, *photographs)
         print(f"{options.out} will hold nothing but\n{HELD}\n", flush=True)
         print("", tables([measured(given, options.out)]), sep="\n")
     except MsbError as error:

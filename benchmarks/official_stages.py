@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import psutil
 
 import msb
@@ -63,16 +64,20 @@ _WHY_VIEWS, _WHY_LONGEST = 12, 640
 """As many views as `msb why` takes, and as large, by itself."""
 _TIMED, _FEWEST, _LONG = 100, 10, 60.0
 """Frames that are timed, and no more than take about a minute, but for the fewest."""
+_CUT_OFF = ("diffsoup",)
+"""Methods whose official evaluation saves bytes cut off, not rounded (`kenji-tojo/diffsoup`: examples)."""
 _OF_DEVICE = "platform", "name", "vendor", "driver", "version", "kind", "compute_units"
 
 
 @dataclass(frozen=True)
 class Given:
-    """What the user gave: absolute paths, and the selector of a device."""
+    """What the user gave: absolute paths, the selector of a device, and which photographs, in which size."""
 
     checkpoint: str
     scene: str | None = None
     device: str | None = None
+    image_folder: str | None = None
+    resolution: int | None = None
 
     def capture(self, asset: Asset) -> Scene | None:
         """Return the scene as the model's method is evaluated on it."""
@@ -80,7 +85,14 @@ class Given:
             return None
         place, manifest = Path(self.scene), asset.manifest
         own = stated_background(manifest)
-        return scene_at(place, dataset_of(place), manifest.method, own_background=own).read()
+        return scene_at(
+            place,
+            dataset_of(place),
+            manifest.method,
+            own_background=own,
+            image_folder=self.image_folder,
+            resolution=self.resolution,
+        ).read()
 
     def renders(self, scene: Scene) -> Renders:
         """Return the official renderings of the test views, the latest there are."""
@@ -199,7 +211,7 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
         frames = int(_LONG / max(time.perf_counter() - again, 1e-6))
         timed = profile(drawing, cameras, background, frames=min(max(frames, _FEWEST), _TIMED)).to_dict()
         held = gpu_memory(gpus, device["kind"])
-        near = {} if scene is None else _decibels(given, drawing, scene)
+        near = {} if scene is None else _decibels(given, drawing, scene, asset.manifest.method)
         name = drawing.name
     return {
         "renderer": name,
@@ -246,7 +258,7 @@ def _read(renders: Renders, scene: Scene) -> Callable[[int], NDArray[Any]]:
     return read
 
 
-def _decibels(given: Given, drawing: Renderer, scene: Scene) -> dict[str, float | None]:
+def _decibels(given: Given, drawing: Renderer, scene: Scene, method: str) -> dict[str, float | None]:
     """Return the mean PSNR of the test views to the photographs, and to the official renderings."""
     theirs: Callable[[int], NDArray[Any]] | None = None
     with contextlib.suppress(MsbError):  # the stage about them says why there are none
@@ -254,9 +266,11 @@ def _decibels(given: Given, drawing: Renderer, scene: Scene) -> dict[str, float 
         theirs(0)
     photographs, official = [], []
     for number, camera in enumerate(scene.test):
-        image = to_bytes(drawing.render(camera, scene.background).image)
-        photographs.append(psnr(image, ground_truth(scene, camera)))
-        official += [] if theirs is None else [psnr(image, theirs(number))]
+        image = drawing.render(camera, scene.background).image
+        photographs.append(psnr(to_bytes(image), ground_truth(scene, camera)))
+        if theirs is not None:
+            saved = np.uint8(255 * image.clip(0, 1)) if method in _CUT_OFF else to_bytes(image)
+            official.append(psnr(saved, theirs(number)))
     return {"photographs": mean_of(photographs), "official": mean_of(official)}
 
 
@@ -286,7 +300,7 @@ def stage_why(given: Given) -> dict[str, Any]:
 def stage_bake(given: Given) -> dict[str, Any]:
     """Bake the model's own triangles, which needs no search; return what that gives back."""
     asset = msb.open(given.checkpoint)
-    baked = msb.bake(asset, scene=given.scene, geometry="kept", device=given.device)
+    baked = msb.bake(asset, scene=given.capture(asset), geometry="kept", device=given.device)
     with tempfile.TemporaryDirectory() as folder:
         report = baked.save(Path(folder, "official.glb"))
     found = report.to_dict()

@@ -124,19 +124,20 @@ __kernel void triangles(__global const float *records, __constant float *view, _
     }
 }
 
-// Work-groups share the listed triangles: `many` 0, each takes whole ones; 1, those of a column of the second
-// dimension take every so many rows.
+// Work-groups of 8 x 8 pixels share the listed triangles: `many` 0, each takes whole ones; 1, those of a column of
+// the second dimension take every so many rows of their own height.
 __kernel void listed_triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global const uint *list, __global const int *listed, uint slots, int width, int height, int pass,
     int many DRAWN_TEXTURES)
 {
     Target t = {pixels, width, height, pass IN_TARGET};
+    int x = get_local_id(0) % 8, y = get_local_id(0) / 8 + 8 * get_group_id(1), rows = 8 * get_num_groups(1);
     for (int i = get_group_id(0); i < listed[many]; i += get_num_groups(0)) {
         uint slot = list[many ? slots - 1 - i : i];
         Outline o = make_outline(records + (size_t)slot * WORDS, view);
         for (int k = 1; k + 1 < o.n; k++) {
             Edges s = make_edges(&o, k, 0, 0, width, height);
-            fill(&t, &o, &s, slot, view, get_local_id(0), get_local_size(0), get_global_id(1), get_global_size(1));
+            fill(&t, &o, &s, slot, view, x, 8, y, rows);
         }
     }
 }

@@ -35,9 +35,9 @@ _COARSE = 64
 _GROUP_SIZE = 64
 VIEW_WORDS = 51
 """Floats of a camera's record, as zbuffer_math.cl has it."""
-_GROUPS, _ROWS = 256, 16
-"""Number of work-groups for triangles that one work-item would draw too slowly, and of those that share the
-rows of a huge triangle."""
+_GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
+"""Least number of work-groups for triangles that one work-item would draw too slowly, and their number for
+each compute unit, which fills it; and number of those that share a huge triangle."""
 
 
 class StandardRenderer(OnDevice):
@@ -206,7 +206,7 @@ class StandardRenderer(OnDevice):
         counter = self._scratch("list lengths", 2, np.int32)
         with device.stage("clear"):
             program.clear(count, _GROUP_SIZE, pixels, counter, np.uint32(count))
-        group = (_GROUP_SIZE, 1)
+        group, groups = (_GROUP_SIZE, 1), _GROUPS_A_UNIT * device.record.compute_units
         corners = (mesh.colors, *mesh.textures) if mesh.textures else ()
         for number in range(1 if device.record.int64_atomics else 2):
             target = mesh.records, view, pixels, listed, counter, np.uint32(mesh.slots), width, height
@@ -214,7 +214,7 @@ class StandardRenderer(OnDevice):
                 program.triangles(mesh.slots, _GROUP_SIZE, *target, np.int32(number), *corners)
             with device.stage("draw large"):
                 for many, rows in enumerate((1, _ROWS)):
-                    size = _GROUPS * _GROUP_SIZE, rows
+                    size = max(_GROUPS, groups // rows) * _GROUP_SIZE, rows
                     listing = np.int32(number), np.int32(many), *corners
                     program.listed_triangles(size, group, *target, *listing)
         with device.stage("shade"):
