@@ -136,6 +136,18 @@ def bake_views(
     return _parted(taught, held_back, found.origin, found.said, color, None, notes)
 
 
+def scene_of(asset: Asset, path: str | os.PathLike[str], image_folder: str | None = None) -> Scene:
+    """Return a scene as the asset's method is evaluated on it; raises as `msb.scenes.read_scene`."""
+    place, manifest = given_path(path), asset.manifest
+    return scene_at(
+        place,
+        dataset_of(place),
+        manifest.method,
+        own_background=stated_background(manifest),
+        image_folder=image_folder,
+    ).read()
+
+
 def _of_scene(
     asset: Asset,
     scene: Scene | str | os.PathLike[str],
@@ -144,14 +156,14 @@ def _of_scene(
     device: str | None,
 ) -> BakeViews:
     manifest = asset.manifest
-    own = stated_background(manifest)
     if not isinstance(scene, Scene):
-        place = given_path(scene)
-        scene = scene_at(place, dataset_of(place), manifest.method, own_background=own).read()
+        scene = scene_of(asset, scene)
     notes = [warning.message for warning in scene.warnings]
     if background is not None:
         scene = replace(scene, background=check_background(background, manifest.appearance.get("background")))
-    notes += [found.message for found in trained_otherwise(manifest.training, own, scene)]
+    notes += [
+        found.message for found in trained_otherwise(manifest.training, stated_background(manifest), scene)
+    ]
     train = list(scene.train)
     if photographs:
         train = [one for one in train if one.image_path is not None and Path(one.image_path).is_file()]

@@ -40,6 +40,9 @@ class BakeOptions:
             metavar="DIR",
         ),
     ] = None
+    image_folder: Annotated[
+        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
+    ] = None
     geometry: Annotated[
         str,
         Option(
@@ -109,6 +112,7 @@ class BakeOptions:
     rules=(
         Rule("", "OUT is missing; give -o and the .glb, .triasset or other file to write", needs="outputs"),
         Rule("cameras", "does not go with --scene, which has its own", excludes="scene"),
+        Rule("image_folder", "goes with --scene DIR", needs="scene"),
         Rule("size", NO_CAMERAS, needs="cameras"),
         Rule("up", "is for views that are made, without --scene and --cameras", excludes="scene cameras"),
         Rule("for_solid", "chooses among what --geometry auto makes; leave one out", needs="geometry=auto"),
@@ -137,6 +141,7 @@ def bake(
     from msb.bake import bake as make
     from msb.bake.folder import PAGE, only_folder
     from msb.bake.lods import shares_of
+    from msb.bake.views import scene_of
     from msb.bake.written import endings, places
     from msb.cli.inputs import open_asset
 
@@ -151,12 +156,13 @@ def bake(
             output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output)
+    scene = None if options.scene is None else scene_of(asset, options.scene, options.image_folder)
     # Over a scene a default of a file is no wish: its numbers count over its own background.
     wanted = views.background is not None and (options.scene is None or "background" in typed)
     with output.bars("steps") as progress:
         baked = make(
             asset,
-            scene=options.scene,
+            scene=scene,
             cameras=cameras,
             geometry=options.geometry,  # type: ignore[arg-type]
             for_solid=options.for_solid,

@@ -26,6 +26,7 @@ from tests.bake.test_views import MODELS, SCENE, ring
 from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT, TETRAHEDRON
 
+WALLED = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
 COLORS = np.linspace(0.1, 0.9, 12, dtype=np.float32).reshape(4, 3)
 
 
@@ -274,6 +275,13 @@ def test_cameras_of_another_scene_see_nothing(here: Here, files: tuple[Path, Pat
     )
     here("bake", "--scene", SCENE, model, "-o", out).ends(3, f"METRIC_NOTHING_SHOWN: {model}: no camera sees")
     assert not out.exists()
+
+
+def test_the_folder_of_photographs_can_be_named(here: Here, files: tuple[Path, Path]) -> None:
+    model, _ = files
+    line = ("bake", "--image-folder", "images_3", model, "-o", model.parent / "a.glb")
+    here(*line, "--scene", WALLED).ends(3, f"SCENE_IMAGE_MISSING: {WALLED}: the photographs are to be taken")
+    here(*line).ends(2, "USAGE: --image-folder goes with --scene DIR")
 
 
 def test_a_scene_without_cameras_asks_for_them(here: Here, tmp_path: Path) -> None:
