@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING, Any
 
 from msb.asset.tiers import why_not
 from msb.bake.report import Psnr, mean
 from msb.bake.teacher import SAMPLES
 from msb.metrics import psnr
-from msb.render import Renderer
+from msb.render.standard.renderer import StandardRenderer
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -54,9 +54,9 @@ def mean_psnr(asset: Asset, truths: Sequence[Lessons], samples: int, device: str
     It is drawn with so many `samples` along each side of a pixel.
     """
     found: list[list[float]] = [[] for _ in truths]
-    with Renderer(asset, "standard", device, supersample=samples) as renderer:
+    with closing(StandardRenderer(asset, device=device, supersample=samples)) as renderer:
         for number, camera in enumerate(truths[0].cameras):
-            image = renderer.render(camera, truths[0].background).image
+            image = renderer.render_image(camera.in_units(), truths[0].background)
             for values, truth in zip(found, truths, strict=True):
                 values.append(psnr(image, truth.image(number)))
     return [mean(values) for values in found]
