@@ -21,3 +21,13 @@ def why_not(manifest: Manifest, tier: Tier) -> str | None:
     if name not in METHODS and tier == "standard" and passes and tier not in passes:
         return f"the method {name} is not installed, and the manifest lists no passes for this tier"
     return lookup(name).unsupported.get(tier)
+
+
+def refusal(manifest: Manifest, tier: Tier) -> str | None:
+    """Return the sentence that refuses what `tier` cannot show, and names a way out; None if it can."""
+    why = why_not(manifest, tier)
+    if why is None:
+        return None
+    can_teach = tier == "standard" and why_not(manifest, "dedicated") is None
+    way_out = "; msb bake makes a plain mesh of it" if can_teach else ""
+    return f"{manifest.method} on tier {tier}: {why}{way_out}"

@@ -13,7 +13,7 @@ from msb.asset.drawable import first_bad
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
 from msb.asset.manifest import CoordinateFrame
 from msb.asset.texture import Sampler, is_textured, texture_images
-from msb.asset.tiers import why_not
+from msb.asset.tiers import refusal
 from msb.errors import AssetError, Unsupported
 from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.formats import FORMATS
@@ -85,9 +85,8 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     Unsupported
         `UNSUPPORTED_TIER` if the method has no static colour.
     """
-    why = why_not(asset.manifest, "standard")
-    if why is not None:
-        text = f"{asset.manifest.method} on tier standard: {why}"
+    text = refusal(asset.manifest, "standard")
+    if text is not None:
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     vertices, up = asset.buffers["positions"], written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)

@@ -10,7 +10,7 @@ from importlib import import_module
 from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
-from msb.asset.tiers import why_not
+from msb.asset.tiers import refusal
 from msb.base.packages import PackageError, contained, installed, load, whose
 from msb.errors import DeviceError, Unsupported, UsageError, shorten
 from msb.registry import TIERS
@@ -183,10 +183,9 @@ def check_supported(asset: Asset, tier: str) -> None:
     if tier not in TIERS:
         text = f'there is no tier "{shorten(str(tier), 40)}"; there are {", ".join(TIERS)}'
         raise UsageError("USAGE", text)
-    why = why_not(asset.manifest, tier)
-    if why is not None:
-        text = f"{asset.manifest.method} on tier {tier}: {why}"
-        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
+    refused = refusal(asset.manifest, tier)
+    if refused is not None:
+        raise Unsupported("UNSUPPORTED_TIER", refused, file=asset.path)
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:

@@ -61,6 +61,8 @@ def test_refuses_what_has_no_static_color() -> None:
         with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
             msb.Renderer(data)
         assert raised.value.code == "UNSUPPORTED_TIER"
+        can_be_baked = method == "diffsoup"
+        assert raised.value.message.endswith("; msb bake makes a plain mesh of it") == can_be_baked
 
 
 def _renamed(asset: Asset, method: str) -> Any:
