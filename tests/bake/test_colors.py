@@ -1,0 +1,77 @@
+"""Colours by least squares: what SciPy's solvers for dense systems, with bounds and without, find."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from msb.bake.colors import PRIOR, SMOOTH, laplacian, of_mesh, of_soup
+from msb.bake.raster import Seen
+
+FAN = np.array([[0, 1, 2], [2, 1, 3], [3, 1, 4], [1, 0, 4], [0, 1, 2]])
+"""Four faces about an edge, one of them twice."""
+EDGES = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (0, 4)]
+
+
+def seen_of(faces: NDArray[np.int64], wanted: NDArray[np.float64], views: int, seed: int) -> Seen:
+    """Return what pixels at random places of the faces say of the colours `wanted` at vertices."""
+    random = np.random.default_rng(seed)
+    weights = random.dirichlet((1, 1, 1), (len(faces), views))
+    shown = np.einsum("fpi,fic->fpc", weights, wanted[faces])
+    squares = np.einsum("fpi,fpj->fij", weights, weights)[:, *np.triu_indices(3)]
+    sides = np.einsum("fpi,fpc->fic", weights, shown).reshape(len(faces), 9)
+    sums = np.concatenate([squares, sides], axis=1).astype(np.float32)
+    return Seen(sums, np.full(len(faces), views, np.uint32), np.zeros((len(faces), 3, 3), np.float32))
+
+
+def best(
+    faces: NDArray[np.int64], edges: NDArray[np.float64], seen: Seen, colors: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Return the colours of vertices in [0, 1] that are best, by a dense solver."""
+    count = len(colors)
+    system = SMOOTH * edges + PRIOR * np.eye(count)
+    right = PRIOR * colors.astype(np.float64)
+    for face, sums in zip(faces, seen.sums.astype(np.float64), strict=True):
+        square = np.zeros((3, 3))
+        square[np.triu_indices(3)] = sums[:6]
+        system[np.ix_(face, face)] += square + np.triu(square, 1).T
+        right[face] += sums[6:].reshape(3, 3)
+    root = np.linalg.cholesky(system)
+    found = [
+        lsq_linear(root.T, np.linalg.solve(root, right[:, k]), (0, 1), method="bvls").x for k in range(3)
+    ]
+    return np.stack(found, axis=1)
+
+
+def test_each_edge_counts_once_however_many_faces_have_it() -> None:
+    found = laplacian(FAN, 5).toarray()
+    wanted = np.zeros((5, 5))
+    for a, b in EDGES:
+        wanted[[a, b], [a, b]] += 1
+        wanted[[a, b], [b, a]] -= 1
+    np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(laplacian(np.array([[0, 0, 1]]), 2).toarray(), [[1, -1], [-1, 1]])
+
+
+@pytest.mark.parametrize(("spread", "tolerance"), [(0.4, 1e-4), (0.9, 0.02)], ids=["inside", "at the bounds"])
+def test_vertices_that_faces_share_get_the_colours_of_a_dense_solver(spread: float, tolerance: float) -> None:
+    random = np.random.default_rng(1)
+    wanted = 0.5 + spread * random.uniform(-1, 1, (5, 3))
+    seen, before = seen_of(FAN, wanted, 40, 2), random.random((5, 3), np.float32)
+    edges = laplacian(FAN, 5)
+    found = of_mesh(seen, FAN, before, edges)
+    np.testing.assert_allclose(found, best(FAN, edges.toarray(), seen, before), atol=tolerance)
+    assert found.min() >= 0
+    assert found.max() <= 1
+
+
+def test_faces_that_share_nothing_get_those_of_their_own_system() -> None:
+    random = np.random.default_rng(3)
+    faces = np.arange(12).reshape(4, 3)
+    seen = seen_of(faces, 0.5 + 0.4 * random.uniform(-1, 1, (12, 3)), 40, 4)
+    before = random.random((4, 3, 3), np.float32)
+    found = of_soup(seen, before)
+    wanted = best(faces, laplacian(faces, 12).toarray(), seen, before.reshape(12, 3))
+    np.testing.assert_allclose(found.reshape(12, 3), wanted, atol=1e-4)
