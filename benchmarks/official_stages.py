@@ -41,9 +41,8 @@ from msb.render.backend import lean_options
 from msb.render.images import to_bytes
 from msb.scenes.datasets import (
     DATASETS,
-    dataset_of,
     own_background,
-    scene_at,
+    scene_of,
     stated_background,
     trained_otherwise,
 )
@@ -83,16 +82,8 @@ class Given:
         """Return the scene as the model's method is evaluated on it."""
         if self.scene is None:
             return None
-        place, manifest = Path(self.scene), asset.manifest
-        own = stated_background(manifest)
-        return scene_at(
-            place,
-            dataset_of(place),
-            manifest.method,
-            own_background=own,
-            image_folder=self.image_folder,
-            resolution=self.resolution,
-        ).read()
+        photographs: dict[str, Any] = {"image_folder": self.image_folder, "resolution": self.resolution}
+        return scene_of(asset.manifest, self.scene, **photographs)
 
     def renders(self, scene: Scene) -> Renders:
         """Return the official renderings of the test views, the latest there are."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -31,15 +32,12 @@ class Soup:
         Which faces are shown.
     shared : (F, 3) int64, optional
         The vertices of the corners, where these share colours; None: every corner has its own.
-    edges : csr_matrix, optional
-        The Laplacian of what is shared, once it was needed.
     """
 
     corners: NDArray[np.float32]
     colors: NDArray[np.float32]
     keep: NDArray[np.bool_]
     shared: NDArray[np.int64] | None = None
-    edges: csr_matrix | None = None
 
     @classmethod
     def of(cls, mesh: Mesh, *, shares: bool) -> Self:
@@ -77,10 +75,14 @@ class Soup:
         count = int(self.shared.max()) + 1
         now = np.full((count, 3), 0.5, np.float32)
         now[self.shared.reshape(-1)] = self.colors.reshape(-1, 3)
-        if self.edges is None:
-            self.edges = fit.laplacian(self.shared, count)
-        fitted = fit.of_mesh(seen, self.shared, now, self.edges)[self.shared]
+        fitted = fit.of_mesh(seen, self.shared, now, self._edges)[self.shared]
         self.colors[self.keep] = fitted[self.keep]
+
+    @cached_property
+    def _edges(self) -> csr_matrix:
+        """The Laplacian of what is shared, which stays as it is while faces are taught."""
+        assert self.shared is not None
+        return fit.laplacian(self.shared, int(self.shared.max()) + 1)
 
     def refit(self, raster: Raster) -> Seen:
         """Give the faces the colours that fit best over all views of `raster`; return what was seen."""

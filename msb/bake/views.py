@@ -14,15 +14,13 @@ from typing import TYPE_CHECKING
 
 from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
-from msb.base.paths import given_path
 from msb.errors import MetricError, UsageError
 from msb.scenes.around import around
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import (
     Scene,
-    dataset_of,
     own_background,
-    scene_at,
+    scene_of,
     stated_background,
     trained_otherwise,
 )
@@ -136,18 +134,6 @@ def bake_views(
     return _parted(taught, held_back, found.origin, found.said, color, None, notes)
 
 
-def scene_of(asset: Asset, path: str | os.PathLike[str], image_folder: str | None = None) -> Scene:
-    """Return a scene as the asset's method is evaluated on it; raises as `msb.scenes.read_scene`."""
-    place, manifest = given_path(path), asset.manifest
-    return scene_at(
-        place,
-        dataset_of(place),
-        manifest.method,
-        own_background=stated_background(manifest),
-        image_folder=image_folder,
-    ).read()
-
-
 def _of_scene(
     asset: Asset,
     scene: Scene | str | os.PathLike[str],
@@ -157,7 +143,7 @@ def _of_scene(
 ) -> BakeViews:
     manifest = asset.manifest
     if not isinstance(scene, Scene):
-        scene = scene_of(asset, scene)
+        scene = scene_of(manifest, scene)
     notes = [warning.message for warning in scene.warnings]
     if background is not None:
         scene = replace(scene, background=check_background(background, manifest.appearance.get("background")))

@@ -198,8 +198,7 @@ def build(queue: Queue, package: str, name: str, defines: Mapping[str, Define]) 
             log = str(error)
             found = next(filter(None, map(_ERROR_LINE.match, log.splitlines())), None)
             if found or UNKNOWN_CPU in log or attempt + 1 == _ATTEMPTS:
-                place = found and _place(found["file"], int(found["line"]), source)
-                raise _build_error(place or (f"{name}.cl", None), found, queue.record, log) from error
+                raise _build_error(f"{name}.cl", source, queue.record, log, found) from error
             time.sleep(_PAUSE)
     kernels = {handle.function_name: Kernel(queue, handle) for handle in handles}
     return Program(f"{package}/{name}.cl", kernels)
@@ -216,19 +215,15 @@ def _compile(queue: Queue, source: str, options: tuple[str, ...]) -> list[Any]:
         return list(program.build(list(options)).all_kernels())
 
 
-def _place(file: str, line: int, source: str) -> tuple[str, int]:
-    """Return file and line of ours that a compiler names; NVIDIA's counts lines of the whole source."""
-    ours = place_of(source, line) if file == _NAMELESS else None
-    return ours or (file, line)
-
-
 def _build_error(
-    place: tuple[str, int | None], found: re.Match[str] | None, record: DeviceRecord, log: str
+    file: str, source: str, record: DeviceRecord, log: str, found: re.Match[str] | None
 ) -> DeviceError:
     """Return the error that says file, line and text of the first complaint `found` in the log."""
-    (file, number), line = place, None
-    said = shorten(found["text"] if found else _first_complaint(log), 200)
-    if number is not None:
+    line, said = None, shorten(found["text"] if found else _first_complaint(log), 200)
+    if found:
+        file, number = found["file"], int(found["line"])
+        if file == _NAMELESS:
+            file, number = place_of(source, number) or (file, number)
         line, said = f"line {number}", f"line {number}: {said}"
     error = DeviceError("DEVICE_BUILD", f"{said} (on {record})", file=file, pointer=line)
     error.add_note(log)

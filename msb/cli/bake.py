@@ -16,6 +16,7 @@ from msb.errors import UsageError, one_line
 if TYPE_CHECKING:
     from msb.bake import Baked
     from msb.bake.report import Report
+    from msb.scenes.datasets import Scene
 
 
 @dataclass(frozen=True)
@@ -141,9 +142,9 @@ def bake(
     from msb.bake import bake as make
     from msb.bake.folder import PAGE, only_folder
     from msb.bake.lods import shares_of
-    from msb.bake.views import scene_of
     from msb.bake.written import endings, places
     from msb.cli.inputs import open_asset
+    from msb.scenes.datasets import scene_of
 
     lods = () if options.lods is None else shares_of(options.lods)
     folder = None
@@ -156,7 +157,9 @@ def bake(
             output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output)
-    scene = None if options.scene is None else scene_of(asset, options.scene, options.image_folder)
+    scene: Scene | Path | None = options.scene
+    if options.scene is not None and options.image_folder is not None:
+        scene = scene_of(asset.manifest, options.scene, image_folder=options.image_folder)
     # Over a scene a default of a file is no wish: its numbers count over its own background.
     wanted = views.background is not None and (options.scene is None or "background" in typed)
     with output.bars("steps") as progress:

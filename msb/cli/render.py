@@ -192,14 +192,9 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
 
 def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
     """Return a scene as a run evaluates the asset on it, and print its warnings."""
-    from msb.base.paths import given_path
-    from msb.scenes.datasets import dataset_of, scaled_note, scene_at, stated_background
+    from msb.scenes.datasets import scaled_note, scene_of
 
-    manifest = asset.manifest
-    own = stated_background(manifest)
-    dataset = dataset_of(path)
-    at = scene_at(given_path(path), dataset, manifest.method, own_background=own, image_folder=image_folder)
-    scene = at.read()
+    scene = scene_of(asset.manifest, path, image_folder=image_folder)
     for warning in scene.warnings:
         output.note(warning.to_line(warning.file or path))
     if (note := scaled_note([scene])) is not None:

@@ -17,7 +17,7 @@ from msb.scenes.datasets.notes import (
     scaled_note,
     trained_otherwise,
 )
-from msb.scenes.datasets.read import SceneAt, dataset_of, read_scene, scene_at
+from msb.scenes.datasets.read import SceneAt, dataset_of, read_scene, scene_at, scene_of
 from msb.scenes.datasets.rulebook import (
     OURS,
     RULES,
@@ -53,6 +53,7 @@ __all__ = [
     "recorded_note",
     "scaled_note",
     "scene_at",
+    "scene_of",
     "stated_background",
     "trained_otherwise",
 ]

@@ -15,11 +15,12 @@ from msb.errors import InputError, SceneError, finding, shorten
 from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.photographs import choose_photographs, find_masks, photograph_sizes
-from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background
+from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, stated_background
 from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, check_resolution
 from msb.scenes.datasets.scene import Scene
 
 if TYPE_CHECKING:
+    from msb.asset.manifest import Manifest
     from msb.errors import Finding
     from msb.scenes.camera import Camera
     from msb.scenes.colors import Color
@@ -226,6 +227,26 @@ def scene_at(
         background=background or evaluation_background(dataset, method, own_background),
         camera_convention=camera_convention or RULES.get(method, RULES[OURS]).convention,
     )
+
+
+def scene_of(
+    manifest: Manifest,
+    path: str | os.PathLike[str],
+    *,
+    image_folder: str | None = None,
+    resolution: int | None = None,
+) -> Scene:
+    """Return the scene of a folder as the method of a model is evaluated on it; raises as `read_scene`."""
+    place, own = given_path(path), stated_background(manifest)
+    at = scene_at(
+        place,
+        dataset_of(place),
+        manifest.method,
+        own_background=own,
+        image_folder=image_folder,
+        resolution=resolution,
+    )
+    return at.read()
 
 
 @lru_cache(maxsize=8)
