@@ -4,11 +4,12 @@
 
 prints a row for each model and geometry: dB to held-out photographs of the model's own look, of its plain
 mesh, and of what was baked, with 1 and 16 samples a pixel; triangles, bytes, seconds, and the peak of memory.
-Each bake runs in a process of its own, and twice with `--twice`, which must give the same bytes. Without
-arguments the models are those of `msb demo-data`; `--image-folder` and `--resolution` are of the scene.
-`--lods` and `--collision` print a second table: what levels of detail lose beside the whole, and how far a
-collision shape is from what is seen. `--picture` has a row for each model: a photograph that nothing was
-taught by, the own look, the plain mesh, and what was baked."""
+Each bake runs in a process of its own, and twice with `--twice`, which must give the same bytes. `--folder`
+keeps what was baked, as `walled-two_dts-kept.glb` and `.triasset`. Without arguments the models are those of
+`msb demo-data`; `--image-folder` and `--resolution` are of the scene. `--lods` and `--collision` print a
+second table: what levels of detail lose beside the whole, and how far a collision shape is from what is seen.
+`--picture` has a row for each model: a photograph that nothing was taught by, the own look, the plain mesh,
+and what was baked."""
 
 from __future__ import annotations
 
@@ -63,25 +64,25 @@ model, scene, options, *outs = sys.argv[1:]
 options = json.loads(options)
 scene = read(model, scene, options.pop("scene"))
 began = time.perf_counter()
-report = msb.bake(model, scene=scene, **options).save(*outs)
+report = msb.bake(model, scene=scene, **options).save(*outs, overwrite=True)
 seconds = time.perf_counter() - began
 peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
 print(json.dumps({**report.to_dict(), "seconds": seconds, "peak_mb": peak}))
 """
 
 
-def baked(model: Path, scene: Path, options: dict[str, Any]) -> tuple[dict[str, Any], Image]:
-    """Return the report of one bake, with its peak of memory and the hash of its GLB, and its picture."""
-    with tempfile.TemporaryDirectory() as folder:
-        outs = [Path(folder, f"baked{suffix}") for suffix in (".glb", ".triasset")]
-        command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
-        done = subprocess.run(command, check=True, capture_output=True, text=True)
-        found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-        for part in (found, *found["lods"], found["collision"] or {}):
-            part.pop("output", None)
-        del found["path"]
-        hashed = hashlib.sha256(outs[0].read_bytes()).hexdigest()
-        return found | {"sha256": hashed}, _view(msb.open(outs[1]), read(model, scene, options["scene"]))
+def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tuple[dict[str, Any], Image]:
+    """Return the report of one bake, with its peak of memory and the hash of its GLB, and its picture; its
+    files have the name of `place`."""
+    outs = [place.with_suffix(suffix) for suffix in (".glb", ".triasset")]
+    command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    for part in (found, *found["lods"], found["collision"] or {}):
+        part.pop("output", None)
+    del found["path"]
+    hashed = hashlib.sha256(outs[0].read_bytes()).hexdigest()
+    return found | {"sha256": hashed}, _view(msb.open(outs[1]), read(model, scene, options["scene"]))
 
 
 def read(model: str | Path, scene: str | Path, options: dict[str, Any]) -> Scene:
@@ -153,9 +154,17 @@ def main() -> int:
     add("--image-folder")
     add("--resolution", type=int)
     add("--twice", action="store_true", help="bake each twice, which must give the same bytes")
+    add("--folder", type=Path, help="where what is baked is kept; a temporary folder if not given")
     add("--picture", type=Path, metavar="PNG")
     add("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = options.folder or Path(name)
+        folder.mkdir(parents=True, exist_ok=True)
+        return _all(options, folder)
+
+
+def _all(options: argparse.Namespace, folder: Path) -> int:
     pairs = list(zip(options.pairs[::2], options.pairs[1::2], strict=True))
     pairs = pairs or [(MODELS / name / method, scene) for name, scene in SCENES.items() for method in METHODS]
     of_scene = {"image_folder": options.image_folder, "resolution": options.resolution}
@@ -177,10 +186,11 @@ def main() -> int:
                 "collision": options.collision,
                 "scene": of_scene,
             }
-            found, picture = baked(model, scene, wanted)
+            place = folder / f"{name.replace('/', '-')}-{geometry}"
+            found, picture = baked(model, scene, wanted, place)
             pictures[-1].append(picture)
             if options.twice:
-                found["same_twice"] = baked(model, scene, wanted)[0]["sha256"] == found["sha256"]
+                found["same_twice"] = baked(model, scene, wanted, place)[0]["sha256"] == found["sha256"]
                 same &= found["same_twice"]
             rows.append({"model": name, **found})
             print(row(name, found) + ("" if found.get("same_twice", True) else " OTHER BYTES"), flush=True)

@@ -55,8 +55,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
 def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, watch: Watch) -> None:
     """Hide faces, and show those that are hidden, as long as views aside look better for it."""
     for step in range(1, _ROUNDS + 1):
-        try_faces(soup, raster, random, show=False)
-        try_faces(soup, raster, random, show=True)
+        try_faces(soup, raster, random)
         enough = watch("choosing faces", step, _ROUNDS)
         if enough or step % _REFIT == 0:
             soup.refit(raster)

@@ -1,6 +1,6 @@
 """Which faces of an opaque soup to show: many are tried at once, and each change is kept only if it pays.
 
-A round hides a part of the faces, or shows some that are hidden, draws some views before and after, and
+A round hides a part of the faces and shows some that are hidden, draws some views before and after, and
 books what each pixel's squared error gains or loses to the face that it shows or showed
 (`msb.bake.raster`). A change is taken if its gain stands out of its own spread over the views, so that
 faces of few pixels do not follow noise."""
@@ -27,30 +27,32 @@ _LEAST = 1e-4
 
 
 def try_faces(
-    soup: Soup, raster: Raster, random: np.random.Generator, *, show: bool, most: int | None = None
+    soup: Soup, raster: Raster, random: np.random.Generator, *, show: bool = True, most: int | None = None
 ) -> None:
-    """Hide some of the faces that are shown, or `show` some that are not, where that pays.
+    """Hide some of the faces that are shown and, if `show`, show some that are not, where that pays.
 
     No more are shown than make `most` in all.
     """
-    chosen = _some(soup, random, soup.keep != show)
-    if show and most is not None:
-        chosen = chosen[: max(0, most - int(soup.keep.sum()))]
+    chosen = _some(soup, random, soup.keep)
+    if show:
+        hidden = _some(soup, random, ~soup.keep)
+        room = None if most is None else max(0, most - soup.count)
+        chosen = np.concatenate([chosen, hidden[:room]])
     if not len(chosen):
         return
-    rise = _rise(soup, raster, random, chosen, show=show)
+    rise = _rise(soup, raster, random, chosen)
     views, total = len(rise), rise.sum(axis=0)
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
     spread = np.sqrt(views * squares / max(views - 1, 1))
     pays = total < -SURE * spread - _LEAST
-    soup.keep[chosen[pays]] = show
+    soup.keep[chosen[pays]] ^= True
 
 
 def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:
     """Hide faces until `most` are shown: of some at a time the quarter by which the error rises least."""
     while (over := int(soup.keep.sum()) - most) > 0:
         chosen = _some(soup, random, soup.keep)
-        total = _rise(soup, raster, random, chosen, show=False).sum(axis=0)
+        total = _rise(soup, raster, random, chosen).sum(axis=0)
         worst = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // 4))]
         soup.keep[chosen[worst]] = False
 
@@ -63,15 +65,16 @@ def _some(soup: Soup, random: np.random.Generator, pool: NDArray[np.bool_]) -> N
 
 
 def _rise(
-    soup: Soup, raster: Raster, random: np.random.Generator, chosen: NDArray[np.int64], *, show: bool
+    soup: Soup, raster: Raster, random: np.random.Generator, chosen: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return by how much the error of each of some views rises if each face is shown, or hidden."""
+    """Return by how much the error of each of some views rises if each face is hidden, or shown where it is
+    not."""
     owner = np.full(len(soup.keep), -1, np.int32)
     owner[chosen] = np.arange(len(chosen), dtype=np.int32)
     soup.put_on(raster)
     raster.remember(some_views(raster, random))
     keep = soup.keep.copy()
-    keep[chosen] = show
+    keep[chosen] ^= True
     raster.change(soup.corners, soup.colors, keep)
     return raster.judge(owner, len(chosen))
 

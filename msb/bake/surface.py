@@ -146,6 +146,7 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
+    most = len(faces)
     places, made = with_fewer_faces(places, faces, max(count, _FEWEST), space)
     places, made = uncrossed(places, made, space)
     if not len(made):
@@ -165,6 +166,8 @@ def taught(
     notes = schedule.lacks("its vertices")
     if len(made) > _ABOUT * max(count, _FEWEST):
         notes.append(f"it has {len(made):,} faces, not {count:,}: with fewer it did not stay closed")
+    elif len(made) * _ABOUT < count < most:
+        notes.append(f"it has {len(made):,} faces, not {count:,}: the others were of specks that nobody sees")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes

@@ -112,14 +112,21 @@ def test_a_ball_becomes_a_closed_ball_of_its_colours() -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_specks_that_came_off_are_left_out() -> None:
-    whole, speck = solids.ball(), solids.box((0.01, 0.01, 0.01))
-    mesh = solids.together(whole, replace(speck, vertices=speck.vertices + np.float32([1.2, 0, 0])))
-    places, views = mesh.vertices.astype(np.float64), around(6)
+@pytest.mark.parametrize("count", [1, 80])
+def test_specks_that_came_off_are_left_out_and_missed_if_there_were_many(count: int) -> None:
+    whole, speck = solids.ball(), solids.box((0.004, 0.004, 0.004))
+    places = np.float32([1.2, 0, 0]) + np.arange(count, dtype=np.float32)[:, None] * np.float32([0, 0, 0.006])
+    specks = [replace(speck, vertices=speck.vertices + place) for place in places]
+    mesh = solids.together(whole, *specks)
+    points, views = mesh.vertices.astype(np.float64), around(6)
+    asked = len(mesh.faces) - 1
     with lessons_of(*ball(), views) as lessons:
-        found, _ = made.taught(places, mesh.faces, 900, Space.of(places, views), Guide(lessons, lessons))
+        found, notes = made.taught(
+            points, mesh.faces, asked, Space.of(points, views), Guide(lessons, lessons)
+        )
     check_solid(found)
     assert solid.parts(found.vertices, found.faces).max() == 0
+    assert any("specks" in note for note in notes) == (count > 1), notes
 
 
 @pytest.mark.slow

@@ -100,8 +100,7 @@ def test_a_face_that_hides_what_should_be_seen_is_dropped_and_a_lost_one_found()
         closing(Raster(soup.corners, soup.colors, lessons)) as raster,
     ):
         for _ in range(60):
-            try_faces(soup, raster, random, show=False)
-            try_faces(soup, raster, random, show=True)
+            try_faces(soup, raster, random)
         assert soup.keep.tolist() == [True] * len(corners) + [False]
         hide_least(soup, raster, random, 10)
         assert soup.keep.sum() == 10
