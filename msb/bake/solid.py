@@ -243,14 +243,17 @@ def parted(mesh: Mesh) -> Mesh:
 
     All but the first of those in a place go a thousandth of the way to the mean of their faces' corners.
     """
-    vertices = mesh.vertices.copy()
+    vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
+    count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_MENDINGS):
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]
+        again = again[count[again] > 0]
         if not len(again):
             break
-        for vertex in again.tolist():
-            near = mesh.faces[(mesh.faces == vertex).any(axis=1)].reshape(-1)
-            vertices[vertex] += np.float32(1e-3) * (vertices[near].mean(axis=0) - vertices[vertex])
+        middles = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
+        sums = [np.bincount(corners, axis, len(vertices))[again] for axis in middles.T]
+        means = np.stack(sums, axis=1) / count[again, None]
+        vertices[again] += np.float32(1e-3) * (means.astype(np.float32) - vertices[again])
     return replace(mesh, vertices=vertices)
