@@ -120,7 +120,8 @@ def descend(
         if step % RECOLOR == 0:
             soup.recolor(seen._replace(sums=memory))
         if step % _TRY == 0:
-            try_faces(soup, raster, random, most=most)
+            try_faces(soup, raster, random, show=False)
+            try_faces(soup, raster, random, hide=False, most=most)
         share = done(step)
 
 

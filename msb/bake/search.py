@@ -27,17 +27,21 @@ _LEAST = 1e-4
 
 
 def try_faces(
-    soup: Soup, raster: Raster, random: np.random.Generator, *, show: bool = True, most: int | None = None
+    soup: Soup,
+    raster: Raster,
+    random: np.random.Generator,
+    *,
+    hide: bool = True,
+    show: bool = True,
+    most: int | None = None,
 ) -> None:
-    """Hide some of the faces that are shown and, if `show`, show some that are not, where that pays.
+    """Hide some of the faces that are shown, and show some that are not, where that pays.
 
-    No more are shown than make `most` in all.
+    Both at once takes half the drawings, and mistakes the one for the other where they meet. No more are
+    shown than make `most` in all.
     """
-    chosen = _some(soup, random, soup.keep)
-    if show:
-        hidden = _some(soup, random, ~soup.keep)
-        room = None if most is None else max(0, most - soup.count)
-        chosen = np.concatenate([chosen, hidden[:room]])
+    pools = [soup.keep] * hide + [~soup.keep] * show
+    chosen = np.concatenate([_some(soup, random, pool) for pool in pools])
     if not len(chosen):
         return
     rise = _rise(soup, raster, random, chosen)
@@ -45,7 +49,10 @@ def try_faces(
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
     spread = np.sqrt(views * squares / max(views - 1, 1))
     pays = total < -SURE * spread - _LEAST
-    soup.keep[chosen[pays]] ^= True
+    is_shown = soup.keep[chosen]
+    soup.keep[chosen[pays & is_shown]] = False
+    found = chosen[pays & ~is_shown]
+    soup.keep[found if most is None else found[: max(0, most - soup.count)]] = True
 
 
 def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:

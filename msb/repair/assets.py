@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
-from msb.asset.tiers import why_not
+from msb.asset.tiers import refusal
 from msb.errors import AssetError, Unsupported, about
 from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
@@ -189,10 +189,8 @@ def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:
 
 def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
     """Return a soup as a mesh of its standard look, and the change that leaves out the faces it hides."""
-    why = why_not(asset.manifest, "standard")
-    if why is not None:
-        text = f"weld turns a soup into a mesh of static colours; {asset.manifest.method}: {why}"
-        raise Unsupported("UNSUPPORTED_TIER", text)
+    if why := refusal(asset.manifest, "standard"):
+        raise Unsupported("UNSUPPORTED_TIER", f"weld turns a soup into a mesh of static colours; {why}")
     buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
     domains: dict[str, Domain] = {}
     if (colors := colors_of(asset)) is not None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.tiers import why_not
+from msb.asset.tiers import refusal
 from msb.errors import Unsupported
 from msb.render import Renderer
 
@@ -24,9 +24,8 @@ def seen_pixels(
     step: Callable[[], None] = lambda: None,
 ) -> NDArray[np.float64]:
     """Return the number of pixels (F,) that each face covers on the standard tier, over all cameras."""
-    why = why_not(asset.manifest, "standard")
-    if why is not None:
-        text = f"faces are weighted by what the standard tier shows; {asset.manifest.method}: {why}"
+    if why := refusal(asset.manifest, "standard"):
+        text = f"faces are weighted by what the standard tier shows; {why}"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
     pixels = np.zeros(asset.manifest.face_count)
     with Renderer(asset, tier="standard", device=device) as renderer:
