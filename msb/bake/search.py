@@ -24,6 +24,7 @@ SURE = 0.5
 """Standard errors by which a gain must exceed 0."""
 _LEAST = 1e-4
 """The squared error that any gain must exceed, in all views of a round."""
+_NONE = np.zeros(0, np.int64)
 
 
 def try_faces(
@@ -40,8 +41,10 @@ def try_faces(
     Both at once takes half the drawings, and mistakes the one for the other where they meet. No more are
     shown than make `most` in all.
     """
-    pools = [soup.keep] * hide + [~soup.keep] * show
-    chosen = np.concatenate([_some(soup, random, pool) for pool in pools])
+    shown = _some(soup, random, soup.keep) if hide else _NONE
+    hidden = _some(soup, random, ~soup.keep) if show else _NONE
+    room = None if most is None else max(0, most - soup.count)
+    chosen = np.concatenate([shown, hidden[:room]])
     if not len(chosen):
         return
     rise = _rise(soup, raster, random, chosen)
@@ -49,10 +52,7 @@ def try_faces(
     squares = np.maximum(np.square(rise).sum(axis=0) - total**2 / views, 0)
     spread = np.sqrt(views * squares / max(views - 1, 1))
     pays = total < -SURE * spread - _LEAST
-    is_shown = soup.keep[chosen]
-    soup.keep[chosen[pays & is_shown]] = False
-    found = chosen[pays & ~is_shown]
-    soup.keep[found if most is None else found[: max(0, most - soup.count)]] = True
+    soup.keep[chosen[pays]] ^= True
 
 
 def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:
