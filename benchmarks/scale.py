@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, soup
+from benchmarks.dedicated_scenes import SIZES, camera, grid_mesh, is_connected, soup
 from benchmarks.measure import keep, machine, peak
 from data_stubs.made_models import TRAINED
 from data_stubs.torch_file import write_torch
@@ -43,8 +43,8 @@ _INTERVAL = 0.005
 
 def write_checkpoint(folder: Path, method: str, faces: int) -> None:
     """Write what a training of `method` would leave of a scene of `benchmarks.dedicated_scenes`."""
-    meshes = ("mesh_splatting", "diffsoup")
-    buffers = grid_mesh(round(_HOLES * faces)) if method in meshes else soup(faces)
+    is_mesh = method == "diffsoup" or is_connected(method)
+    buffers = grid_mesh(round(_HOLES * faces)) if is_mesh else soup(faces)
     if method == "diffsoup":
         write_torch(folder / "final_params.pt", _diffsoup(buffers), "final_params")
         return
@@ -68,7 +68,11 @@ def write_checkpoint(folder: Path, method: str, faces: int) -> None:
         values["_triangle_indices"] = indices.view(np.int32)
         values["vertex_weight"] = opacity
         values["sigma"] = float(np.log(1e-4))
-        values["pixel_count"] = np.full(len(indices), 100, np.int32)
+        if method == "triangle_splatting_plus":
+            values["importance_score"] = np.ones(len(indices), np.float32)
+            values["image_size"] = np.full(len(indices), 20, np.float32)
+        else:
+            values["pixel_count"] = np.full(len(indices), 100, np.int32)
     model = folder / "point_cloud" / "iteration_30000"
     model.mkdir(parents=True)
     write_torch(model / "point_cloud_state_dict.pt", values, "point_cloud_state_dict")
@@ -246,7 +250,7 @@ def main() -> None:
     }
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     heads = f"{'seconds':>8}{'peak GB':>9}{'private GB':>12}{'a face':>8}{'private':>9}"
-    print(f"\n{'method':<20}{'step':<11}{heads}")
+    print(f"\n{'method':<24}{'step':<11}{heads}")
     for method in options.method or TRAINED:
         with tempfile.TemporaryDirectory(dir=options.folder) as name:
             arguments = ["--method", method, "--faces", str(options.faces), "--folder", name]
@@ -268,18 +272,18 @@ def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
     """Print the rows of one method; bytes a face are above what the process had before."""
     first = steps["export"]
     asset = first["asset"] / first["faces"]
-    print(f"{method:<20}{first['faces']:,} faces, asset {asset:.0f} bytes a face")
+    print(f"{method:<24}{first['faces']:,} faces, asset {asset:.0f} bytes a face")
     for step, found in steps.items():
         if "unsupported" in found:
-            print(f"{'':<20}{step:<11}{'N/A':>8}")
+            print(f"{'':<24}{step:<11}{'N/A':>8}")
             continue
         high, own = found["peak"], found["private"]
         a_face, private = ((value - found["before"]) / found["faces"] for value in (high, own))
         row = f"{found['seconds']:>8.1f}{high / 1e9:>9.2f}{own / 1e9:>12.2f}{a_face:>8.0f}{private:>9.0f}"
-        print(f"{'':<20}{step:<11}{row}", flush=True)
+        print(f"{'':<24}{step:<11}{row}", flush=True)
     if "weigh" in steps and "by NumPy" in steps:
         ratio = steps["by NumPy"]["seconds"] / steps["weigh"]["seconds"]
-        print(f"{'':<20}weighing takes 1/{ratio:.0f} of its time by NumPy", flush=True)
+        print(f"{'':<24}weighing takes 1/{ratio:.0f} of its time by NumPy", flush=True)
 
 
 if __name__ == "__main__":

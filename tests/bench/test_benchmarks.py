@@ -17,7 +17,7 @@ SMALL = {
     "dedicated": "--faces 2000 --method two_dts --rounds 1",
     "export": "--triangles 2000 --rounds 1",
     "repair": "--sizes 5 --rounds 1",
-    "scale": "--faces 2000 --method diffsoup",
+    "scale": "--faces 2000 --method diffsoup --method triangle_splatting_plus",
     "sizes": "--faces 2000 --command info",
     "standard": "--scenes large --tools msb --rounds 1",
 }
