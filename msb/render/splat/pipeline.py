@@ -221,7 +221,6 @@ class SplattingPipeline(OnDevice):
             pixel and summed over all pixels; and the sum of these weights. A pixel of several samples has
             the mean of theirs, so that the weights of all faces add up to the alpha of the frame.
         """
-        self._order_faces()
         device, seen = self._device, self._list(camera)
         summing = {**self._defines, "EXTRAS": False, "SHARES": True}
         program = device.program(self._model.program, summing, self._model.package)
@@ -242,8 +241,10 @@ class SplattingPipeline(OnDevice):
         numbers = self._scratch("share numbers", max(pairs, 1), np.uint32)
         arguments = seen.lists.list, seen.projected.faces, numbers, np.uint32(pairs)
         self._program.numbers_of(pairs, WORK_GROUP, *arguments)
-        # Entries are added in their order, in double precision.
-        faces, columns = numbers.read()[:pairs], sums.read()[:pairs].T[3 if picture is None else 0 :]
+        # Entries are added in their order, in double precision. Those of faces that others hide add nothing.
+        with numbers.mapped() as named, sums.mapped() as summed:
+            adding = np.flatnonzero(summed[:pairs, 3])
+            faces, columns = named[adding].astype(np.intp), summed[adding, 3 if picture is None else 0 :].T
         return np.stack([np.bincount(faces, column, minlength=self._count) for column in columns], axis=1)
 
     def _list(self, camera: Camera) -> _Listed:
