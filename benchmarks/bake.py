@@ -74,7 +74,7 @@ print(json.dumps({**report.to_dict(), "seconds": seconds, "peak_mb": peak}))
 def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tuple[dict[str, Any], Image]:
     """Return the report of one bake, with its peak of memory and the hash of its GLB, and its picture; its
     files have the name of `place`."""
-    outs = [place.with_suffix(suffix) for suffix in (".glb", ".triasset")]
+    outs = [place.with_name(f"{place.name}{suffix}") for suffix in (".glb", ".triasset")]
     command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])

@@ -146,11 +146,11 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    most = len(faces)
     places, made = with_fewer_faces(places, faces, max(count, _FEWEST), space)
     places, made = uncrossed(places, made, space)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
+    whole = len(made)
     # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
     places, made = _parts_seen(places, made, space, guide.lessons.cameras, guide.device)
     mesh = Mesh(space.outward(places).astype(np.float32), made)
@@ -166,7 +166,7 @@ def taught(
     notes = schedule.lacks("its vertices")
     if len(made) > _ABOUT * max(count, _FEWEST):
         notes.append(f"it has {len(made):,} faces, not {count:,}: with fewer it did not stay closed")
-    elif len(made) * _ABOUT < count < most:
+    elif len(made) * _ABOUT < whole:
         notes.append(f"it has {len(made):,} faces, not {count:,}: the others were of specks that nobody sees")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")

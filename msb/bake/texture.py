@@ -21,7 +21,6 @@ from msb.bake.atlas import connected_atlas, soup_atlas
 from msb.bake.fusion import seen_points
 from msb.bake.painting import Painting
 from msb.bake.shares import pixels_shown
-from msb.bake.solid import parted
 from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
@@ -73,16 +72,13 @@ def textured(
         USAGE: there are more faces than the texture has room for. EXTRA_MISSING: xatlas is not installed.
     """
     cameras = lessons.cameras if shown is None else shown
-    is_soup = len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
-        mesh.faces.reshape(-1), np.arange(mesh.faces.size)
-    )
-    if not is_soup:
-        mesh = parted(mesh)  # in a file, vertices in one place look like those that a chart's border doubles
     pixels = np.zeros(len(mesh.faces))
     for each in pixels_shown(mesh, cameras, device):
         np.maximum(pixels, each, out=pixels)
     size = _own_size(pixels) if size is None else size
-    if is_soup:
+    if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
+        mesh.faces.reshape(-1), np.arange(mesh.faces.size)
+    ):
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         # A chart from here to the horizon has as many texels here as there, so what is far is drawn together.

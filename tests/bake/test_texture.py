@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import msb
 from msb.asset.texture import Sampler
 from msb.bake.lessons import Lessons
 from msb.bake.painting import Painting
@@ -101,19 +100,6 @@ def test_shows_what_it_was_taught() -> None:
     assert np.array_equal(made.corner_uvs, again.corner_uvs)
     assert heard[-1] == ("texture", 6, 6)
     assert len(heard) == 6
-
-
-@pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
-def test_what_a_repair_cut_stays_cut_although_charts_end_there_too() -> None:
-    # A fin stands on the diagonal of a wall, where both have their own corners; charts end by the angle.
-    flat = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (2, 0, 0)]
-    vertices = np.array([*flat, (-1, -1, 0), (1, 1, 0), (0, 0, 1)], np.float32)
-    mesh = Mesh(vertices, np.array([[0, 1, 2], [1, 3, 2], [5, 6, 4]]), np.full((7, 3), 0.5, np.float32))
-    with lessons(CAMERAS) as taught:
-        made = textured(mesh, taught, 128)
-    counts = msb.audit(asset_from_mesh(made)).judged.counts
-    assert (counts.components, counts.boundary_edges) == (2, 7)
-    assert 0 < np.abs(made.vertices - vertices).max() < 2e-3
 
 
 @pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
