@@ -28,7 +28,7 @@ MODELS = Path(__file__).parents[2] / "data_stubs/models"
 HALF = 0.08
 """Of the box, as everything here in the unit in which what is seen is placed."""
 THICK = 0.03
-SECONDS, STEP = 4.0, 0.002
+SECONDS, STEP = 8.0, 0.002
 ROUGH = {"friction": [2, 0.1, 0.1], "condim": 6}
 
 
