@@ -24,7 +24,6 @@ SURE = 0.5
 """Standard errors by which a gain must exceed 0."""
 _LEAST = 1e-4
 """The squared error that any gain must exceed, in all views of a round."""
-_NONE = np.zeros(0, np.int64)
 
 
 def try_faces(
@@ -41,8 +40,7 @@ def try_faces(
     Both at once takes half the drawings, and mistakes the one for the other where they meet. No more are
     shown than make `most` in all.
     """
-    shown = _some(soup, random, soup.keep) if hide else _NONE
-    hidden = _some(soup, random, ~soup.keep) if show else _NONE
+    shown, hidden = (_some(soup, random, pool) for pool in (soup.keep & hide, ~soup.keep & show))
     room = None if most is None else max(0, most - soup.count)
     chosen = np.concatenate([shown, hidden[:room]])
     if not len(chosen):
@@ -57,7 +55,7 @@ def try_faces(
 
 def hide_least(soup: Soup, raster: Raster, random: np.random.Generator, most: int) -> None:
     """Hide faces until `most` are shown: of some at a time the quarter by which the error rises least."""
-    while (over := int(soup.keep.sum()) - most) > 0:
+    while (over := soup.count - most) > 0:
         chosen = _some(soup, random, soup.keep)
         total = _rise(soup, raster, random, chosen).sum(axis=0)
         worst = np.argsort(total, kind="stable")[: min(over, -(-len(chosen) // 4))]
