@@ -154,9 +154,22 @@ def strip(columns: int, rows: int, *, closed: bool = False) -> NDArray[np.int64]
     return np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
 
 
+def handles(count: int) -> NDArray[np.int64]:
+    """Return the faces of a straight strip with `count` twisted strips from edge to edge of its upper rim."""
+    along = np.arange(4 * count)
+    low, high = np.stack([along, along + 1]), 4 * count + 1 + np.stack([along, along + 1])
+    straight = np.stack([low[0], low[1], high[1], low[0], high[1], high[0]], axis=-1).reshape(-1, 3)
+    a, b, c, d = high[0, ::4], high[1, ::4], high[0, 2::4], high[1, 2::4]
+    e = int(high.max()) + 1 + 2 * np.arange(count)
+    corners = [a, b, e + 1, a, e + 1, e, e, e + 1, d, e, d, c]
+    return np.concatenate([straight, np.stack(corners, axis=-1).reshape(-1, 3)])
+
+
 @pytest.mark.parametrize(
     ("faces", "cuts", "edges"),
     [
+        (handles(1), "once", "1 edge"),
+        (handles(30), "30 times", "30 edges"),
         (strip(5, 1), "once", "1 edge"),
         (strip(40, 6), "once", "6 edges"),  # across
         (strip(6, 12), "once", "6 edges"),  # round it

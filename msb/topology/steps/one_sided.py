@@ -1,14 +1,16 @@
 """Cut what is one-sided, like a Moebius strip, along short loops of edges until it has two sides.
 
 Walking along edges carries a sense of rotation from vertex to vertex. A loop that comes back with the other
-one is one-sided, and a surface cut along it is one-sided at fewer places. A hole of a surface counts as a
-vertex beside all of its rim, so that a cut from rim to rim is a loop, too: a strip is cut across and not
+one is one-sided, and a surface cut along it is one-sided at fewer places. A hole of a surface counts as one
+vertex with all of its rim, so that a cut from rim to rim is a loop, too: a strip is cut across and not
 lengthwise. The edges across which the windings of two faces disagree, whichever faces are turned, meet every
-such loop, so the shortest begins at one of their ends.
+such loop, so the shortest begins at one of their ends. Many loops are found at once, and those are cut
+without which the pieces between them would not fit together.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -20,10 +22,8 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, sides_of_faces
 
-_VISITS = 10**7
-"""The most nodes that are visited for one loop: of a large component not every start is tried."""
-_RIM = 1e-6
-"""What a step to a rim counts, beside one along an edge."""
+_VISITS = 500_000
+"""From so many visited places on, a search for loops goes on from every second start."""
 
 
 def cut_one_sided(
@@ -42,7 +42,7 @@ def cut_one_sided(
         if not sides.one_sided.any() or (only_manifold and (mesh.multiplicity > 2).any()):
             return change, cuts, edges
         one, other = mesh.two_face_halfedges
-        loops = _shortest_loops(mesh, one, other, sides)
+        loops = _without_spare(_shortest_loops(mesh, one, other, sides), mesh, sides)
         keep = np.ones(len(one), bool)
         keep[np.concatenate(loops)] = False
         cuts, edges = cuts + len(loops), edges + int((~keep).sum())
@@ -52,73 +52,130 @@ def cut_one_sided(
 def _shortest_loops(
     mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return a shortest one-sided loop of each one-sided component, as numbers of its two-face edges."""
-    # Each fan of corners is a node; its sense of rotation is that of its first face.
+    """Return shortest loops of each one-sided component, apart, as numbers of its two-face edges."""
     differ = mesh.origin[one] == mesh.origin[other]
-    of_one, of_other = corners_at_ends(mesh, one), corners_at_ends(mesh, other)
-    ends = np.concatenate(of_one), np.concatenate(of_other)
-    fans = find_sides(mesh.faces.size, ends[0], ends[1], np.tile(differ, 2))
-    corner, fan = np.unique(fans.label, return_index=True, return_inverse=True)[1:]
+    face = face_of(one)
+    clash = differ ^ sides.other[face] ^ sides.other[face_of(other)]
+    # Corners round a vertex are one node, and so are all along a rim. Those of a face turn in one sense.
+    (low, high), across = corners_at_ends(mesh, one), corners_at_ends(mesh, other)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
-    after = next_in_face(rim)
-    rims = find_sides(len(corner), fan[rim], fan[after], fans.other[rim] != fans.other[after])
-    on_rim = np.unique(fan[np.concatenate([rim, after])])
-    rim_node = len(corner) + rims.label
-    start, end = (fan[corners] for corners in of_one)
-    first, second = np.concatenate([start, on_rim]), np.concatenate([end, rim_node[on_rim]])
-    odd = np.concatenate([np.not_equal(*(fans.other[corners] for corners in of_one)), rims.other[on_rim]])
-    length = np.concatenate([np.ones(len(one)), np.full(len(on_rim), _RIM)])
-    component = sides.label[face_of(np.concatenate([one, corner[on_rim]]))]
-    clash = differ ^ sides.other[face_of(one)] ^ sides.other[face_of(other)]
-    found = []
-    for label in np.unique(sides.label[sides.one_sided]):
-        steps = np.flatnonzero(component == label)
-        met = steps[: np.searchsorted(steps, len(one))]
-        met = met[clash[met]]
-        starts = np.union1d(start[met], end[met])
-        starts = np.union1d(starts, rim_node[np.intersect1d(starts, on_rim)])
-        loop = steps[_shortest_odd_loop(first[steps], second[steps], odd[steps], length[steps], starts)]
-        found.append(loop[loop < len(one)])
-    return found
+    joined = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
+    nodes = find_sides(mesh.faces.size, *joined, np.r_[differ, differ, np.zeros(len(rim), bool)])
+    inside = np.flatnonzero(sides.one_sided[face])
+    low, high = low[inside], high[inside]
+    odd = nodes.other[low] != nodes.other[high]
+    component, passed = sides.label[face[inside]], np.stack([mesh.origin[low], mesh.origin[high]], axis=1)
+    steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
+    return [inside[loop] for loop in _shortest_odd_loops(steps)]
 
 
-def _shortest_odd_loop(
-    first: NDArray[Any],
-    second: NDArray[Any],
-    odd: NDArray[np.bool_],
-    length: NDArray[np.float64],
-    starts: NDArray[Any],
-) -> NDArray[Any]:
-    """Return the steps of a shortest loop through a start that takes an odd number of `odd` steps.
+def _without_spare(loops: list[NDArray[Any]], mesh: HalfEdgeMesh, sides: Sides) -> list[NDArray[Any]]:
+    """Return the loops to cut, at least one of each component, so that the pieces between all of them fit."""
+    halfedges = mesh.two_face_halfedges
+    differ = np.equal(*(mesh.origin[side] for side in halfedges))
+    one, other = (face_of(side) for side in halfedges)
+    cut = np.concatenate(loops)
+    rest = np.delete(np.arange(len(one)), cut)
+    pieces = find_sides(mesh.face_count, one[rest], other[rest], differ[rest])
+    a, b = pieces.label[one[cut]], pieces.label[other[cut]]
+    differ = differ[cut] ^ pieces.other[one[cut]] ^ pieces.other[other[cut]]
+    joined = find_sides(mesh.face_count, a, b, differ)
+    clash = np.add.reduceat(differ ^ joined.other[a] ^ joined.other[b], np.cumsum([0, *map(len, loops[:-1])]))
+    component = sides.label[one[[loop[0] for loop in loops]]]
+    first = np.unique(component, return_index=True)[1]
+    needed = clash > 0
+    needed[first] |= ~np.isin(component[first], component[needed])
+    return [loop for loop, is_needed in zip(loops, needed, strict=True) if is_needed]
 
-    Steps join nodes `first` and `second` (n,). Each node stands for two, by how many odd steps led to it, and
-    a loop leads from one of them to the other.
+
+@dataclass(frozen=True)
+class _Steps:
+    """Steps (n,) between two nodes: whether each is odd, its component, whether a search starts there.
+
+    `passed` (n, 2) are the vertices at its ends: several may be one node.
     """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
 
-    nodes, number = np.unique(np.concatenate([first, second]), return_inverse=True)
-    a, b = number[: len(first)], number[len(first) :]
-    size = len(nodes)
-    rows, columns = np.concatenate([a, a + size]), np.concatenate([b + size * odd, b + size * ~odd])
-    low, high = np.minimum(rows, columns), np.maximum(rows, columns)
-    step = np.tile(np.arange(len(first)), 2)
-    order = np.lexsort((step, high, low))
-    order = order[np.r_[True, (np.diff(low[order]) != 0) | (np.diff(high[order]) != 0)]]
-    low, high, step = low[order], high[order], step[order]
-    graph = csr_array((np.tile(length, 2)[order], (low, high)), shape=(2 * size, 2 * size))
-    starts = np.flatnonzero(np.isin(nodes, starts))
-    starts = starts[:: 1 + 2 * size * len(starts) // _VISITS]
-    best, came, begin = np.inf, np.zeros(0, np.int32), 0
-    for start in starts:
-        far, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True, limit=best)
-        if far[start + size] < best:
-            best, came, begin = far[start + size], before, start
-    loop, at = [], begin + size
-    while at != begin:
-        back = int(came[at])
-        pair = min(at, back), max(at, back)
-        loop.append(step[np.searchsorted(low * np.int64(2 * size) + high, pair[0] * 2 * size + pair[1])])
-        at = back
-    taken, times = np.unique(loop, return_counts=True)
-    return np.asarray(taken[times % 2 == 1])
+    one: NDArray[Any]
+    other: NDArray[Any]
+    odd: NDArray[np.bool_]
+    component: NDArray[Any]
+    start: NDArray[np.bool_]
+    passed: NDArray[Any]
+
+
+@dataclass(frozen=True)
+class _Level:
+    """The places (n,), sorted, that a search reaches at once, the row of the level before, and the step.
+
+    A place is a start, a node, and whether an odd number of odd steps leads there, in one number.
+    """
+
+    place: NDArray[np.int64]
+    before: NDArray[np.int32]
+    step: NDArray[np.int32]
+
+    def __getitem__(self, rows: NDArray[Any]) -> _Level:
+        return _Level(self.place[rows], self.before[rows], self.step[rows])
+
+
+def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
+    """Return shortest loops of each component that take an odd number of odd steps and share no vertex.
+
+    Every odd loop takes a step that is a start. One breadth-first search goes out from all starts, and where
+    it reaches a node both ways from one, these ways are a loop. Loops are rows of `steps`.
+    """
+    nodes, ends = np.unique(np.concatenate([steps.one, steps.other]), return_inverse=True)
+    count, size = len(steps.one), 2 * len(nodes)
+    leaving = np.argsort(ends, kind="stable")
+    first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
+    to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
+
+    starts, rows = np.unique(ends[:count][steps.start], return_index=True)
+    component = steps.component[steps.start][rows]
+    none = np.zeros(0, np.int32)
+    levels = [_Level(size * np.arange(len(starts)) + 2 * starts, none, none)]
+    loops: list[NDArray[Any]] = []
+    taken, visits = np.zeros(1 + steps.passed.max(), bool), 0
+    while len(levels[-1].place):
+        here = levels[-1].place
+        node = here % size // 2
+        ways = first[node + 1] - first[node]
+        before = np.repeat(np.arange(len(here), dtype=np.int32), ways)
+        way = np.arange(len(before)) + np.repeat(first[node] - np.cumsum(ways) + ways, ways)
+        to_there = step[way]
+        there = (here[before] + 2 * (to[way] - node[before])) ^ steps.odd[to_there]
+        reached = _Level(there, before, to_there)
+        new = np.unique(there, return_index=True)[1]
+        new = new[~np.isin(there[new], np.concatenate([level.place for level in levels[-2:]]))]
+        levels.append(reached[new])
+
+        # A way and one that led to the same node by a number of the other kind close a loop.
+        alive = np.ones(len(new), bool)
+        start = levels[-1].place // size
+        for mirror in (len(levels) - 2, len(levels) - 1):
+            closing = np.flatnonzero(np.isin(there ^ 1, levels[mirror].place))
+            closing = closing[~np.isin(component[there[closing] // size], component[start[~alive]])]
+            closing = closing[np.unique(to_there[closing], return_index=True)[1]]
+            back = np.searchsorted(levels[mirror].place, there[closing] ^ 1)
+            both = [_steps_to([*levels[:-1], reached], closing), _steps_to(levels[: mirror + 1], back)]
+            for loop in np.concatenate(both, axis=1):
+                if not taken[steps.passed[loop]].any():
+                    taken[steps.passed[loop]] = True
+                    once, times = np.unique(loop, return_counts=True)
+                    loops.append(once[times % 2 == 1])
+            alive &= ~np.isin(component[start], component[there[closing] // size])
+        visits += len(start)
+        if visits > _VISITS and len(left := np.unique(start[alive])) > 1:
+            visits //= 2
+            alive &= np.isin(start, left[::2])
+        levels[-1] = levels[-1][alive]
+    return loops
+
+
+def _steps_to(levels: list[_Level], row: NDArray[Any]) -> NDArray[np.int32]:
+    """Return the steps (rows, levels - 1) that led to rows of the last level."""
+    steps = np.zeros((len(row), len(levels) - 1), np.int32)
+    for number in range(len(levels) - 1, 0, -1):
+        steps[:, number - 1] = levels[number].step[row]
+        row = levels[number].before[row]
+    return steps
