@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from importlib import metadata
@@ -23,6 +24,7 @@ SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
 """In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
 SHORT = {
+    "MSB_BAKE_FACES": "800",
     "MSB_BAKE_SECONDS": "5",
     "MSB_BENCH_REPEAT": "2",
     "MSB_BENCH_SECONDS": "0",
@@ -44,6 +46,8 @@ def pytest_configure(config: pytest.Config) -> None:
     What a killed compiler leaves in a cache, another version of the kernels, or another platform that the
     system happens to have, must not decide a test. A variable that is set holds; `tests.machines` sets them.
     """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # so a shell starts what runs in the background
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     wanted = {"POCL_CACHE_DIR"} - os.environ.keys()
     if not {"OCL_ICD_VENDORS", "MSB_DEVICE"} & os.environ.keys() and _the_wheel_is_installed():
         wanted.add("OCL_ICD_VENDORS")  # in an empty folder the loader finds what lies beside pyopencl

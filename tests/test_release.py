@@ -47,6 +47,7 @@ def test_one_place_is_marked_for_the_address() -> None:
     assert f"{PLACE}/actions/workflows/ci.yml" in (ROOT / "README.md").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="the action's steps are of bash")
 @pytest.mark.parametrize(
     ("fail_on", "verdict", "status"),

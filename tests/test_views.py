@@ -135,6 +135,7 @@ def elsewhere(count: int = 1) -> list[msb.Camera]:
     return [msb.Camera.look_at((0, 0, 50 + k), (0, 0, 90), up=(0, 1, 0), **size) for k in range(count)]
 
 
+@pytest.mark.slow
 def test_what_no_camera_sees_is_not_judged() -> None:
     asset = asset_of(ball())
     (tried,) = msb.trial(asset, ["decimate_50"], cameras=elsewhere())

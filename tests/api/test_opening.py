@@ -94,6 +94,7 @@ def test_load_names_open_for_all_but_an_asset(mesh_file: Path, tmp_path: Path) -
         msb.load(tmp_path / "bad.triasset")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weld", [(), ("--weld", "exact")], ids=["stored", "welded"])
 def test_the_audit_of_a_path_is_that_of_the_command(
     demo_asset: Path, mesh_file: Path, weld: tuple[str, ...]
@@ -209,6 +210,7 @@ def test_an_asset_without_static_colours_is_no_mesh_file(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_validate_says_of_any_path_what_the_command_says(tmp_path: Path, mesh_file: Path) -> None:
     broken = tmp_path / "broken.obj"
     broken.write_text(f"{mesh_file.read_text()}f 1 1 2\nf 9 1 2\n")

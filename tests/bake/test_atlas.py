@@ -41,6 +41,7 @@ def inside(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([1 - a - b, a, b], axis=1).clip(0, 1) @ corners
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("largest", "last"), [(60.0, 2), (2000.0, 1)])
 def test_no_level_mixes_two_faces(largest: float, last: int) -> None:
     """With room for all that is asked three levels are clean; where it is short, two are."""
@@ -108,6 +109,7 @@ def test_more_faces_than_room() -> None:
     assert caught.value.code == "USAGE"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
 def test_charts_are_scaled_by_what_they_show() -> None:
     """Two squares apart, of one size: the one that is seen with 9 times the pixels has 9 times the texels."""
@@ -123,6 +125,7 @@ def test_charts_are_scaled_by_what_they_show() -> None:
     assert near > 5000
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
 def test_a_face_without_area_is_in_no_chart_and_in_nobodys_way() -> None:
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 1, 0]], np.float32)

@@ -81,6 +81,7 @@ def test_an_open_mesh_gets_hulls_that_cover_it_and_says_why() -> None:
     assert out.max() < 0.07
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 def test_what_cameras_see_of_a_soup_is_enclosed(size: float) -> None:
     whole = soup_of(ball())
@@ -94,6 +95,7 @@ def test_what_cameras_see_of_a_soup_is_enclosed(size: float) -> None:
     assert made.mid_air_share < 0.05
 
 
+@pytest.mark.slow
 def test_the_bottom_of_a_plate_that_nobody_sees_is_near_it() -> None:
     plate = box((2, 2, 0.07))
     faces = plate.faces[plate.vertices[plate.faces].mean(axis=1)[:, 2] > -0.03]
@@ -120,6 +122,7 @@ def test_of_a_scene_a_sheet_lies_behind_what_is_seen() -> None:
     assert "scene" in hulls.why
 
 
+@pytest.mark.slow
 def test_what_encloses_nothing_gets_hulls_and_says_why() -> None:
     """A face that cameras see from both sides, and one that none sees."""
     face = Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
@@ -131,6 +134,7 @@ def test_what_encloses_nothing_gets_hulls_and_says_why() -> None:
         assert made.mean_distance < 0.01
 
 
+@pytest.mark.slow
 def test_more_hulls_leave_less_in_mid_air() -> None:
     apart = Mesh(ball(8).vertices + np.float32([9, 0, 0]), ball(8).faces)
     two = together(ball(8), Mesh(apart.vertices, apart.faces[1:]))
@@ -139,6 +143,7 @@ def test_more_hulls_leave_less_in_mid_air() -> None:
     assert one.mid_air_share > 0.5 > 0.05 > both.mid_air_share
 
 
+@pytest.mark.slow
 def test_without_the_time_for_a_solid_hulls_are_of_its_surface() -> None:
     made = checked(collision(ball(), "hulls:8", seconds=1e-3))
     assert made.kind == "hulls"
@@ -156,6 +161,7 @@ def test_a_solid_is_cut_into_convex_parts() -> None:
     assert made.mid_air_share < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("kind", ["mesh:100", "hulls:4", "box"])
 def test_a_single_face_of_any_size_has_a_shape(size: float, kind: str) -> None:
@@ -164,6 +170,7 @@ def test_a_single_face_of_any_size_has_a_shape(size: float, kind: str) -> None:
     assert made.mean_distance < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mesh:100", "hulls:4", "box"])
 def test_what_is_flat_has_a_shape_of_little_thickness(kind: str) -> None:
     corners, colors = tiles(3)
@@ -172,6 +179,7 @@ def test_what_is_flat_has_a_shape_of_little_thickness(kind: str) -> None:
     assert made.mid_air_share == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mesh:100", "box"])
 def test_vertices_of_no_face_do_not_count(kind: str) -> None:
     whole = ball(8)

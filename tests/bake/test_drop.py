@@ -104,6 +104,7 @@ def pebble() -> Mesh:
     return soup_of(Mesh(whole.vertices * np.float32([1, 1, 0.5]), faces))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mesh:300", "hulls:8", "box"])
 def test_a_box_rests_on_what_is_seen(kind: str) -> None:
     mesh = pebble()

@@ -53,6 +53,7 @@ def test_levels_of_so_few_faces_that_some_are_the_same(monkeypatch: pytest.Monke
     assert [len(level.faces) for level, _ in made] == [2, 1, 1]
 
 
+@pytest.mark.slow
 def test_faces_of_a_soup_move_to_make_up_for_those_that_go() -> None:
     corners, colors = tiles(6)
     colors = np.broadcast_to(np.float32([0.9, 0.6, 0.1]), colors.shape).copy()
@@ -81,6 +82,7 @@ def test_a_level_that_ends_early_says_so() -> None:
     assert notes == ["its triangles took 3 of 200 steps to where pictures want them"]
 
 
+@pytest.mark.slow
 def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
     mesh = ball()
     seen = soup_of(mesh)
@@ -116,6 +118,7 @@ def test_an_open_surface_stays_manifold() -> None:
     assert np.unique(edges, axis=0, return_counts=True)[1].max() <= 2
 
 
+@pytest.mark.slow
 def test_the_share_of_the_screen_is_where_the_error_is_a_pixel() -> None:
     mesh, larger = ball(20), ball(20, radius=1.01)
     assert screen_share(mesh, mesh) == 1

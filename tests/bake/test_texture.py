@@ -224,6 +224,7 @@ def test_charts_do_not_run_into_each_other() -> None:
     assert np.abs(change[:, 2:]).max() == 0
 
 
+@pytest.mark.slow
 def test_of_one_chart_what_is_near_has_more_texels_than_what_is_far() -> None:
     if not is_installed("xatlas"):
         pytest.skip("extra trial is not installed")

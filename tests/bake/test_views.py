@@ -101,6 +101,7 @@ def test_a_room_is_looked_at_from_inside() -> None:
     assert are_apart(views)
 
 
+@pytest.mark.slow
 def test_views_of_many_pixels_teach_scaled(solid: msb.Asset) -> None:
     views = bake_views(solid, cameras=[*ring(7), *ring(1, 4000, 3000)])
     assert max(camera.width * camera.height for camera in views.taught) <= 1.001 * MOST_PIXELS

@@ -13,6 +13,7 @@ from msb.meshes.assets import asset_from_mesh
 from tests.bake.solids import ball, box, together
 
 
+@pytest.mark.slow
 def test_a_stage_has_each_part_that_it_collides_as_and_draws_none(tmp_path: Path) -> None:
     pxr = pytest.importorskip("pxr", reason="usd-core, of the extra usd, is not installed")
     from pxr import Usd, UsdGeom, UsdPhysics

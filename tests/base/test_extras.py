@@ -83,6 +83,7 @@ def test_what_is_there_is_not_asked_for() -> None:
     assert EXIT_STATUS[UsageError] == 2
 
 
+@pytest.mark.slow
 def test_a_report_names_the_extra_that_stops_it_and_no_other(tmp_path: Path) -> None:
     made = make_result("tanksandtemples", "train", "two_dts", "exported_mesh")
     mesh = File(path=str(tmp_path / "x.ply"), bytes=1, sha256=None)

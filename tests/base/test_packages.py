@@ -163,6 +163,7 @@ def test_what_is_missing_of_a_broken_renderer_is_said(package: Callable[..., Pat
     assert what_is_missing("y") == "its entry point names no module"
 
 
+@pytest.mark.slow
 def test_commands_keep_status_and_output(
     package: Callable[..., Path], msb_command: Msb, demo_asset: Path
 ) -> None:

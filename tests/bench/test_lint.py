@@ -106,6 +106,7 @@ def test_other_sizes_scenes_and_orders(scene: Scene, tmp_path: Path) -> None:
         lint_images(folder, scene)
 
 
+@pytest.mark.slow
 def test_renderings_are_held_against_each_version(scene: Scene, tmp_path: Path, msb: Msb) -> None:
     """A model that has learned the photographs of one version, but for a little noise."""
     random = np.random.default_rng(1)

@@ -129,6 +129,7 @@ def test_a_dry_run_tells_and_writes_nothing(finished: ProtocolFile, tmp_path: Pa
     assert set(planned(run_protocol(finished, dry=True)).values()) == {"done", "unsupported"}
 
 
+@pytest.mark.slow
 def test_only_what_changed_is_done_again_and_it_says_what(again: ProtocolFile) -> None:
     other = changed(again, method={"settings": {"gamma": 2.0}}, timing={"frames": 3})
     told = planned(run_protocol(other, only=["nerf_synthetic"]))
@@ -266,6 +267,7 @@ def test_images_do_not_depend_on_the_number_of_processes(finished: ProtocolFile,
     assert len(ours) > 10
 
 
+@pytest.mark.slow
 def test_what_a_training_did_otherwise_is_warned_of_once_and_recorded(tmp_path: Path) -> None:
     model = tmp_path / "models" / "triangle_splatting"
     shutil.copytree(PEBBLE / "triangle_splatting", model)

@@ -91,6 +91,7 @@ def test_ground_truth_that_is_not_as_it_was_written_is_written_again(
     assert {path: path.stat().st_mtime_ns for path in before} == times, "what holds is left alone"
 
 
+@pytest.mark.slow
 def test_no_number_stands_on_an_edited_photograph(again: ProtocolFile) -> None:
     before = cell(again, "two_dts/standard").quality
     for path in (again.results / "ground_truth").rglob("*.png"):

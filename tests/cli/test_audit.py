@@ -63,6 +63,7 @@ def test_a_mesh_that_is_closed_once_vertices_are_merged_is_pointed_to_what_merge
     assert "Merge the vertices" not in msb("audit", made).out
 
 
+@pytest.mark.slow
 def test_a_soup_without_coincident_corners_is_not_told_to_merge_them(msb: Msb, tmp_path: Path) -> None:
     corners = np.random.default_rng(0).uniform(-1, 1, (12, 3)), np.arange(12).reshape(-1, 3)
     alone = msb("audit", mesh_file(tmp_path / "alone.ply", *corners)).out

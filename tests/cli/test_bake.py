@@ -80,6 +80,7 @@ def test_all_outputs_are_written_and_measured(here: Here, files: tuple[Path, Pat
     assert outs[0].read_bytes() == before, "one seed gives one result"
 
 
+@pytest.mark.slow
 def test_levels_and_a_collision_shape_stand_beside_each_output(here: Here, files: tuple[Path, Path]) -> None:
     model, cameras = files
     outs = [model.parent / name for name in ("a.glb", "b.ply")]
@@ -112,6 +113,7 @@ def test_pictures_of_a_cache_make_the_same(here: Here, files: tuple[Path, Path])
     assert f"{cameras} is no folder" in refused.err
 
 
+@pytest.mark.slow
 def test_what_is_printed_is_a_sentence(here: Here, files: tuple[Path, Path]) -> None:
     model, cameras = files
     out = model.parent / "a.stl"
@@ -284,6 +286,7 @@ def test_the_folder_of_photographs_can_be_named(here: Here, files: tuple[Path, P
     here(*line).ends(2, "USAGE: --image-folder goes with --scene DIR")
 
 
+@pytest.mark.slow
 def test_a_scene_without_cameras_asks_for_them(here: Here, tmp_path: Path) -> None:
     msb.open(MODELS / "walled" / "diffsoup").save(tmp_path / "room.triasset")
     result = here("bake", tmp_path / "room.triasset", "-o", tmp_path / "a.glb")

@@ -42,6 +42,7 @@ def scene_of(folder: Path) -> Any:
     return json.loads(found[1])
 
 
+@pytest.mark.slow
 def test_a_folder_has_all_that_was_made(here: Here, line: list[Any], tmp_path: Path) -> None:
     out = tmp_path / "out"
     result = here(*line, "--lods", "0.5", "--collision", "box", "--json", "-", "-o", f"{out}/")
@@ -77,6 +78,7 @@ def test_a_folder_has_all_that_was_made(here: Here, line: list[Any], tmp_path: P
     ]
 
 
+@pytest.mark.slow
 def test_only_what_a_bake_wrote_is_replaced(here: Here, line: list[Any], tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
@@ -107,6 +109,7 @@ def test_what_is_no_place_for_a_folder_is_one_line(here: Here, line: list[Any], 
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_a_folder_is_whole_or_as_it_was(
     here: Here, line: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException

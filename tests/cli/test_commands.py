@@ -187,6 +187,7 @@ def test_convert_keeps_rows_order_and_colours(
     assert np.abs(colors[:, :3] - expected).max() <= 0.5 / 255 + 1e-6
 
 
+@pytest.mark.slow
 def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "t.obj").write_text(
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nusemtl red\nf 1/1/1 2/1/1 3/1/1\n"
@@ -208,6 +209,7 @@ def test_convert_names_what_it_leaves_out(msb: Msb, tmp_path: Path) -> None:
     assert "UVs" not in msb("audit", tmp_path / "t.obj").err
 
 
+@pytest.mark.slow
 def test_a_training_on_colmap_is_turned_upright_and_the_page_and_info_agree(msb: Msb, tmp_path: Path) -> None:
     model, target = ROOT / "data_stubs" / "models" / "walled" / "mesh_splatting", tmp_path / "m.glb"
     assert msb("convert", model, target).out.endswith("vertex colours, turned upright (-y was up)\n")

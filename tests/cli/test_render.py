@@ -95,6 +95,7 @@ def test_choosing_sizes_and_flights(msb: Msb, demo_asset: Path, cameras: Path, t
         assert (film.n_frames, film.size) == (5, (60, 44))
 
 
+@pytest.mark.slow
 def test_both_tiers_and_names_of_files(msb: Msb, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
     base = ("render", "--cameras", cameras, "--size", "30x22", "-o", tmp_path)
     both = ("--tier", "both", "--order", "none", "--format", "npy")
@@ -178,6 +179,7 @@ def test_tiers_without_orders_and_samplings_say_so(msb: Msb, demo_asset: Path, t
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_what_a_training_did_otherwise_than_the_scene_asks_for_is_noted(msb: Msb, tmp_path: Path) -> None:
     model = tmp_path / "model"
     shutil.copytree(ROOT / "tests/tiny/models/walled/triangle_splatting", model)

@@ -201,6 +201,7 @@ def test_a_terminal_gets_as_much_of_the_comparison_as_it_is_wide(width: int, los
     assert text.splitlines()[1].split()[:3] == ["orient,pair,debris", "100.0", "%"]
 
 
+@pytest.mark.slow
 def test_compare_says_which_tier_is_not_drawn_and_that_a_plan_would_leave_nothing(
     msb: Msb, tmp_path: Path
 ) -> None:

@@ -48,6 +48,7 @@ def test_force_does_not_replace_what_is_no_report(msb: Msb, folder: Path, tmp_pa
     assert (folder / "cells").is_dir()
 
 
+@pytest.mark.slow
 def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
     done = msb("report", "--table", "renderer_comparison-tanksandtemples", folder, status=0)
     assert done.out.startswith("**Tanks and Temples: ")

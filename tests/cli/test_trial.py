@@ -58,6 +58,7 @@ def test_json_is_what_the_schema_says(msb: Msb, flat: Path) -> None:
     assert result.json["mesh"]["faces"] == 72
 
 
+@pytest.mark.slow
 def test_what_is_tried_is_repaired_first_on_request(msb: Msb, tmp_path: Path) -> None:
     path = mesh_file(tmp_path / "pages.ply", pages().vertices, pages().faces)
     for options, vertices, plan in (

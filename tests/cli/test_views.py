@@ -13,6 +13,7 @@ from tests.conftest import ROOT
 from tests.test_views import CAPTURE, MODELS, elsewhere
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["trial --task decimate_50", "why", "repair --compare --task none"])
 def test_commands_say_which_views_judge_and_where_none_sees_it(
     msb: Msb, tmp_path: Path, command: str

@@ -49,6 +49,7 @@ def corners_of(mesh: Mesh) -> Any:
     return turned[np.lexsort(np.round(turned, 1).T[::-1])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("web", "levels"), [(Web(56, None), 6), (Web(80, 1.0), 1)])
 def test_counts_stay_and_what_is_lost_is_bounded(web: Web, levels: int, tmp_path: Path) -> None:
     mesh, files = wavy(), [tmp_path / "plain.glb", tmp_path / "web.glb"]

@@ -127,6 +127,7 @@ def assert_same(found: Mesh, wanted: Mesh) -> None:
     assert found.left_out == ()
 
 
+@pytest.mark.slow
 def test_compressed_files_hold_the_same_mesh_and_have_the_same_counts(read: Read) -> None:
     files = {
         "plain": plain(),

@@ -71,6 +71,7 @@ def textured() -> Mesh:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
 def test_textures_are_there_again(suffix: str, tmp_path: Path) -> None:
     mesh, path = textured(), tmp_path / f"a{suffix}"

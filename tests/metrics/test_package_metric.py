@@ -133,6 +133,7 @@ def test_no_metric_may_have_the_key_of_something_else() -> None:
     assert fields - {*OURS} == registry.RESERVED
 
 
+@pytest.mark.slow
 def test_a_command_that_measures_nothing_does_not_import_it(site: Path, msb: Msb, demo_asset: Path) -> None:
     (site / "msb_edges.py").write_text("raise SystemExit(3)\n")
     where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}

@@ -61,6 +61,7 @@ def rms(change: NDArray[np.float32]) -> float:
     return float(np.sqrt(np.nanmean(np.square(change))))
 
 
+@pytest.mark.slow
 def test_motion_and_even_change_are_no_flicker() -> None:
     assert rms(changed(8)) < 0.15
     brighter = changed(8, lambda number, image: np.multiply(image, 0.8 + 0.02 * number, out=image))

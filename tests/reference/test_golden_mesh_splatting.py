@@ -11,6 +11,7 @@ from tests.reference.golden import View, golden_views, names, psnr, worst
 VIEWS = golden_views("mesh_splatting")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", VIEWS, ids=names)
 def test_float32_repeats_the_official_kernels_supersampled(view: View) -> None:
     frame, stored = view.frame, view.stored

@@ -97,6 +97,7 @@ def test_the_verdict_judges_every_bake(root: Path) -> None:
     assert "1,234 triangles" in uses["Editing a plain asset made anew (Baked, anew)"].why
 
 
+@pytest.mark.slow
 def test_every_format_and_page_has_the_parts_of_the_loss(root: Path) -> None:
     files = report_files(build_report(read_results(root)))
     for suffix in ("md", "tex", "csv", "json"):

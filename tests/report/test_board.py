@@ -216,6 +216,7 @@ def _rows(board: Any) -> list[dict[str, str]]:
     return [dict(zip(names, (cell.text for cell in row.cells), strict=True)) for row in table.rows]
 
 
+@pytest.mark.slow
 def test_boards_of_the_command(small: Path, tmp_path: Path, msb: Msb) -> None:
     ours = tmp_path / "ours.zip"
     said = msb("submit", "--json", "-", small, "-o", ours, "--name", "Our lab").json

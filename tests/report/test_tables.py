@@ -306,6 +306,7 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
     assert means.cells[3].value == pytest.approx(100 * 0.93 / 18.38, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report, results: Path) -> None:
     (known,) = [note for note in contradictions()["slowdown"] if "on the host" in note]
     assert f"in the paper: {known}" in whole.tables["slowdown"].notes

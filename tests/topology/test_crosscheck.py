@@ -301,6 +301,7 @@ def test_mesh_without_faces_is_shown_to_no_peer(name: str) -> None:
     assert set(result.skipped) == set(PEERS)
 
 
+@pytest.mark.slow
 def test_networkx_is_not_asked_about_large_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "ask_peers", lambda names, *_: dict.fromkeys(names, "not today"))
     faces = np.arange(600_003).reshape(-1, 3)

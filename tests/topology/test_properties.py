@@ -152,6 +152,7 @@ def test_identities_hold_on_a_splat_like_mesh() -> None:
     assert_identities(splat_like(24))
 
 
+@pytest.mark.slow
 def test_audit_agrees_with_the_brute_force_twin_on_random_meshes() -> None:
     count = 400
     random = np.random.default_rng(2024)
@@ -166,6 +167,7 @@ def test_audit_agrees_with_the_brute_force_twin_on_random_meshes() -> None:
     assert min(seen.values()) > 0.07 * count, seen  # the meshes are as rich as they claim
 
 
+@pytest.mark.slow
 def test_audit_agrees_with_the_brute_force_twin_on_a_splat_like_mesh() -> None:
     points, faces = splat_like(12)
     brute_force.assert_agrees(audit(points, faces), points, faces)

@@ -26,6 +26,7 @@ def ask(limits: Limits | None = None) -> Attempted:
     return run_attempt(task, task.attempts[1], box(), {}, limits or Limits())
 
 
+@pytest.mark.slow
 def test_what_is_made_comes_back() -> None:
     tried = ask()
     assert tried.made is not None, tried.why

@@ -30,6 +30,7 @@ def by_name(causes: Causes) -> dict[str, Cause]:
     return {cause.name: cause for cause in causes}
 
 
+@pytest.mark.slow
 def test_the_total_is_that_of_the_images_of_both_renderers() -> None:
     asset = msb.open(MODELS / "walled" / "triangle_splatting")
     causes = why(asset, (view for view in VIEWS))  # a generator, which is gone after one pass
