@@ -43,7 +43,7 @@ LEAST_SEEN = 0.8
 _SEARCH = 2 / 3
 """Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
 _NO_TIME = 1e-3
-PIXELS_A_FACE = 6
+PIXELS_A_FACE = 4
 """Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
 _TEXTURED = 2
 """How many times as large as the views the pictures are whose pixels a texture has texels for, and at least
