@@ -41,7 +41,8 @@ if TYPE_CHECKING:
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
 _SEARCH = 2 / 3
-"""Of the time that a bake has, what a search has: that of the soup, and that of a surface's vertices."""
+_SETTLE = 0.4
+"""Of the time that a bake has, what the search of the soup has, and that of a surface's vertices."""
 _NO_TIME = 1e-3
 PIXELS_A_FACE = 4
 """Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
@@ -193,17 +194,21 @@ class Bake:
 
     def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
-        options, seconds = self._options, max(_SEARCH * self._options.seconds, _NO_TIME)
+        options = self._options
         if name == "kept":
             return kept(self._asset, self._guide, shares), []
         # A surface has its number of faces from the end, not from the soup that it is made of.
         most = options.faces if name == "fitted" else None
         if most not in self._soups:
-            limits = {"faces": most, "usual": max(1, self._pixels // PIXELS_A_FACE)}
-            self._soups[most] = fitted(self._asset, self._guide, shares, seconds=seconds, **limits)
+            usual = max(1, self._pixels // PIXELS_A_FACE)
+            seconds = max(_SEARCH * options.seconds, _NO_TIME)
+            self._soups[most] = fitted(
+                self._asset, self._guide, shares, seconds=seconds, faces=most, usual=usual
+            )
         soup, notes = self._soups[most]
         if name == "fitted":
             return soup, notes
+        seconds = max(_SETTLE * options.seconds, _NO_TIME)
         mesh, more = surface(soup, self._guide, faces=options.faces, seconds=seconds)
         return mesh, [*(f"of the soup it is made of: {note}" for note in notes), *more]
 
