@@ -42,48 +42,43 @@ def cut_one_sided(
         if not sides.one_sided.any() or (only_manifold and (mesh.multiplicity > 2).any()):
             return change, cuts, edges
         one, other = mesh.two_face_halfedges
-        loops = _without_spare(_shortest_loops(mesh, one, other, sides), mesh, sides)
+        loops = _loops_to_cut(mesh, one, other, sides)
         keep = np.ones(len(one), bool)
         keep[np.concatenate(loops)] = False
         cuts, edges = cuts + len(loops), edges + int((~keep).sum())
         change = followed_by(change, split_vertices(mesh, one[keep], other[keep]))
 
 
-def _shortest_loops(
+def _loops_to_cut(
     mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return shortest loops of each one-sided component, apart, as numbers of its two-face edges."""
+    """Return shortest loops of each one-sided component, as numbers of its two-face edges, none to spare."""
     differ = mesh.origin[one] == mesh.origin[other]
-    face = face_of(one)
-    clash = differ ^ sides.other[face] ^ sides.other[face_of(other)]
+    face, beyond = face_of(one), face_of(other)
+    clash = differ ^ sides.other[face] ^ sides.other[beyond]
     # Corners round a vertex are one node, and so are all along a rim. Those of a face turn in one sense.
     (low, high), across = corners_at_ends(mesh, one), corners_at_ends(mesh, other)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
-    joined = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
-    nodes = find_sides(mesh.faces.size, *joined, np.r_[differ, differ, np.zeros(len(rim), bool)])
+    pairs = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
+    nodes = find_sides(mesh.faces.size, *pairs, np.r_[differ, differ, np.zeros(len(rim), bool)])
     inside = np.flatnonzero(sides.one_sided[face])
     low, high = low[inside], high[inside]
     odd = nodes.other[low] != nodes.other[high]
     component, passed = sides.label[face[inside]], np.stack([mesh.origin[low], mesh.origin[high]], axis=1)
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
-    return [inside[loop] for loop in _shortest_odd_loops(steps)]
+    loops = [inside[loop] for loop in _shortest_odd_loops(steps)]
 
-
-def _without_spare(loops: list[NDArray[Any]], mesh: HalfEdgeMesh, sides: Sides) -> list[NDArray[Any]]:
-    """Return the loops to cut, at least one of each component, so that the pieces between all of them fit."""
-    halfedges = mesh.two_face_halfedges
-    differ = np.equal(*(mesh.origin[side] for side in halfedges))
-    one, other = (face_of(side) for side in halfedges)
+    # Between the pieces that all loops leave, those loops are to spare across which the pieces fit together.
     cut = np.concatenate(loops)
     rest = np.delete(np.arange(len(one)), cut)
-    pieces = find_sides(mesh.face_count, one[rest], other[rest], differ[rest])
-    a, b = pieces.label[one[cut]], pieces.label[other[cut]]
-    differ = differ[cut] ^ pieces.other[one[cut]] ^ pieces.other[other[cut]]
+    pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
+    a, b = pieces.label[face[cut]], pieces.label[beyond[cut]]
+    differ = differ[cut] ^ pieces.other[face[cut]] ^ pieces.other[beyond[cut]]
     joined = find_sides(mesh.face_count, a, b, differ)
-    clash = np.add.reduceat(differ ^ joined.other[a] ^ joined.other[b], np.cumsum([0, *map(len, loops[:-1])]))
-    component = sides.label[one[[loop[0] for loop in loops]]]
+    clash = differ ^ joined.other[a] ^ joined.other[b]
+    needed = np.logical_or.reduceat(clash, np.cumsum([0, *map(len, loops[:-1])]))
+    component = sides.label[face[[loop[0] for loop in loops]]]
     first = np.unique(component, return_index=True)[1]
-    needed = clash > 0
     needed[first] |= ~np.isin(component[first], component[needed])
     return [loop for loop, is_needed in zip(loops, needed, strict=True) if is_needed]
 
@@ -159,8 +154,9 @@ def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
             back = np.searchsorted(levels[mirror].place, there[closing] ^ 1)
             both = [_steps_to([*levels[:-1], reached], closing), _steps_to(levels[: mirror + 1], back)]
             for loop in np.concatenate(both, axis=1):
-                if not taken[steps.passed[loop]].any():
-                    taken[steps.passed[loop]] = True
+                passed = steps.passed[loop]
+                if not taken[passed].any():
+                    taken[passed] = True
                     once, times = np.unique(loop, return_counts=True)
                     loops.append(once[times % 2 == 1])
             alive &= ~np.isin(component[start], component[there[closing] // size])
