@@ -178,7 +178,6 @@ def test_both_styles_agree_on_the_work_done(styled: Device) -> None:
     assert uses <= {"sort keys", "sort values", "sort places", "scan starts", "scan sums"}
 
 
-@pytest.mark.slow
 def test_many_sums_are_scanned_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
     """As of more than eight million elements, on a GPU."""
     monkeypatch.setattr("msb.cl.scan._MOST_SUMS", 2)

@@ -83,7 +83,6 @@ def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> No
     np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
 
 
-@pytest.mark.slow
 def test_a_shared_order_is_that_of_the_same_arrays(device: Device) -> None:
     first = soup("mesh_splatting", triangles_of_all_sizes())
     fainter = replace(first, buffers={**first.buffers, "opacity": first.buffers["opacity"] - 3})

@@ -105,7 +105,6 @@ def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
     everywhere(device, mesh)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("shuffle", [False, True])
 def test_splat_like_mesh(device: Device, shuffle: bool) -> None:
     mesh = splat_like(14, shuffle=shuffle)
