@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.engines.dedicated_page.measure import Measured
     from msb.engines.dedicated_page.page import BakedLook, CheckView, Cost
-    from msb.reference import ReferenceFrame
+    from msb.registry import Tier
     from msb.scenes import Camera
 
 TEST_VIEWS = 4
@@ -122,7 +122,7 @@ def web(
 
     The page of the standard tier turns the mesh that any engine draws; without an ASSET it waits for a .glb
     to be dropped. That of the dedicated tier shows the method's own look by WebGPU, the mesh beside it, and
-    says how many dB its pixels have to the reference renderer's.
+    says how many dB its pixels have to those of the OpenCL renderer.
     """
 
     if options.verify is not None:
@@ -204,12 +204,8 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
         against = "the images of --renders"
     else:
         cameras = [_at_most(camera) for camera in spread(seen, TEST_VIEWS)]
-        frames = _drawn(shown, asset, cameras, output, "drawing test views")
-        tests = [
-            CheckView(camera, background, _bytes(frame.image))
-            for camera, frame in zip(cameras, frames, strict=True)
-        ]
-        against = "the reference renderer"
+        images, against = _drawn(shown, asset, cameras, output, "drawing test views")
+        tests = [CheckView(camera, background, image) for camera, image in zip(cameras, images, strict=True)]
     baked = None if made is None else _baked(shown, made, tests)
     smaller, costs = _smaller(shown, options, spread(seen, WEIGHING_VIEWS), tests, output)
     with output.progress(f"packing {shown.name}"):
@@ -264,13 +260,25 @@ def _at_most(camera: Camera) -> Camera:
 
 def _drawn(
     shown: Shown, asset: Asset, cameras: Sequence[Camera], output: Output, doing: str
-) -> Iterator[ReferenceFrame]:
-    from msb.reference import render_reference
+) -> tuple[list[NDArray[np.uint8]], str]:
+    """Return what the method shows cameras, and what drew it: OpenCL, or NumPy where OpenCL cannot."""
+    from msb.render import Renderer
 
-    with output.counted(doing, len(cameras)) as step:
-        for camera in cameras:
-            yield render_reference(asset, camera, shown.background, shown.settings)
-            step()
+    def images(tier: Tier) -> list[NDArray[np.uint8]]:
+        with (
+            Renderer(asset, tier, settings=shown.settings) as renderer,
+            output.counted(doing, len(cameras)) as step,
+        ):
+            drawn = []
+            for camera in cameras:
+                drawn.append(_bytes(renderer.render(camera, shown.background).image))
+                step()
+            return drawn
+
+    try:
+        return images("dedicated"), "the OpenCL renderer"
+    except DeviceError:
+        return images("reference"), "the reference renderer"
 
 
 def _bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
@@ -340,7 +348,7 @@ def _smaller(
         steps.append(("Rounded to 16 and 8 bits (--quantise)", smaller))
 
     def images(asset: Asset) -> list[NDArray[np.uint8]]:
-        return [_bytes(frame.image) for frame in _drawn(shown, asset, views, output, "drawing what it costs")]
+        return _drawn(shown, asset, views, output, "drawing what it costs")[0]
 
     before = [test.image for test in tests]
     if steps and options.renders is not None:  # these are not ours

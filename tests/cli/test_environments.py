@@ -134,7 +134,8 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         report --paper --table mesh_connectivity
         methods
         view --html v.html ASSET
-        web --out w.html ASSET""")
+        web --out w.html ASSET
+        web --tier dedicated --no-verify --cameras data_stubs/views.json --scale 0.1 --out d.html ASSET""")
     *ended, dry = run_all([*named, *whole, DRY], work, EXTRAS, MSB_BLENDER=None)
     for one in ended[: len(named)]:
         line = one.err.decode()
@@ -168,7 +169,8 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
         report --paper --table mesh_connectivity
         render --tier reference SMALL ref ASSET
         view --html v.html ASSET
-        web --out w.html ASSET""")
+        web --out w.html ASSET
+        web --tier dedicated --no-verify --cameras data_stubs/views.json --scale 0.1 --out d.html ASSET""")
     *ended, dry = run_all([*needs, *works, DRY], work, OCL_ICD_VENDORS=nowhere)
     for one in ended[: len(needs)]:
         line = one.err.decode()

@@ -42,31 +42,35 @@ def box_filter(frame: Frame, scale: int) -> Frame:
     number counts.
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
-    depth = _blocks(frame.depth, scale)
-    distance = np.where(depth > 0, depth, np.float32(np.inf))
-    nearest = distance.min(axis=-1)
+    # Depths are positive, so their bits are in order; faces as unsigned numbers put those of no face last.
+    samples = np.where(frame.depth > 0, frame.depth, np.float32(np.inf)).view(np.uint32)
     if frame.face_id is not None:
-        faces = _blocks(frame.face_id, scale)
-        at_nearest = (distance == nearest[..., None]) & (faces >= 0)
-        lowest = np.where(at_nearest, faces, np.iinfo(np.int32).max).min(axis=-1)
-        faces = np.where(np.isfinite(nearest), lowest, -1).astype(np.int32)
-        frame = replace(frame, face_id=faces)
-    return replace(
-        frame, image=image, alpha=alpha, depth=np.where(np.isfinite(nearest), nearest, np.float32(0))
-    )
+        samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.view(np.uint32)
+    nearest = _boxes(samples, scale, np.minimum)
+    if frame.face_id is not None:
+        frame = replace(frame, face_id=nearest.astype(np.uint32).view(np.int32))
+        nearest = (nearest >> np.uint64(32)).astype(np.uint32)
+    depth = nearest.view(np.float32)
+    depth[np.isinf(depth)] = 0
+    return replace(frame, image=image, alpha=alpha, depth=depth)
 
 
 def box_mean(plane: NDArray[np.float32], scale: int) -> NDArray[np.float32]:
     """Return a plane (H s, W s, ...) whose pixels are the means of `scale` x `scale` of its own."""
-    bands = plane.reshape(-1, scale, *plane.shape[1:])  # one at a time, which the processor's cache holds
-    means = [_blocks(band, scale).mean(axis=-1, dtype=np.float32) for band in bands]
-    return np.asarray(np.concatenate(means), np.float32)
+    return np.asarray(_boxes(plane, scale, np.add) / scale**2, np.float32)
 
 
-def _blocks(array: NDArray[Any], scale: int) -> NDArray[Any]:
-    """Return an (H s, W s, ...) array as (H, W, ..., s s)."""
-    height, width, *rest = array.shape
-    parts = array.reshape(height // scale, scale, width // scale, scale, *rest)
-    order = (0, 2, *range(4, parts.ndim), 1, 3)
-    moved = parts.transpose(order)
-    return moved.reshape(*moved.shape[:-2], scale * scale)
+def _boxes(plane: NDArray[Any], scale: int, both: np.ufunc) -> NDArray[Any]:
+    """Return a plane (H s, W s, ...) whose pixels are `scale` x `scale` of its own put together by `both`."""
+    height, width, *rest = plane.shape
+    rows = plane.reshape(height // scale, scale, -1)
+    columns = _together(rows.swapaxes(0, 1), both).reshape(height // scale, width // scale, scale, *rest)
+    return _together(np.moveaxis(columns, 2, 0), both)
+
+
+def _together(parts: NDArray[Any], both: np.ufunc) -> NDArray[Any]:
+    """Return what `both` makes of all parts: pass by pass, which is many times as fast as `reduce` here."""
+    made: NDArray[Any] = parts[0].copy()
+    for part in parts[1:]:
+        both(made, part, out=made)
+    return made
