@@ -36,8 +36,10 @@ a hole in the soup."""
 _DRAWS = 5
 """Steps by which a surface is drawn in."""
 _GROUP = 64
+_AT_ONCE, _RECORD = 8, 19
+"""Views that vote at a time, and the numbers of each; the latter equals RECORD in bake_fuse.cl."""
 UNKNOWN = 2.0
-"""Stands for cells that no view has in its picture; equals UNKNOWN in bake_fuse.cl."""
+"""Stands for cells that nobody votes on; equals UNKNOWN in bake_fuse.cl."""
 _EVERY = 7
 """Of so many pixels that show something one is a point of what is seen."""
 _BLACK = (0.0, 0.0, 0.0)
@@ -86,27 +88,33 @@ class Depths(StandardRenderer):
     def votes(self, cameras: Sequence[Camera], space: Space, grid: Grid) -> NDArray[np.float32]:
         """Return how far each cell of `grid` lies before what cameras see, in `REACH` cells and at most 1.
 
-        It is negative where the cell is solid, and `UNKNOWN` where no view has it in its picture."""
+        It is negative where the cell is solid, and `UNKNOWN` where no view has it in its picture or it lies
+        beyond a scene."""
         count = int(np.prod(grid.shape))
         sums, votes = self._scratch("cells", grid.shape), self._scratch("votes", (2, *grid.shape), np.uint16)
         sums.fill(0)
         votes.fill(0)
-        record = self._scratch("camera", 16)
         cells = self._scratch("grid", 4)
         cells.write(np.array([*grid.low, grid.cell], np.float32))
-        for camera in cameras:
-            record.write(_record(camera, space))
-            planes = self._run(camera.in_units(), _BLACK, everything=True)
+        stride = max(camera.width * camera.height for camera in cameras)
+        depths = self._scratch("depths", (_AT_ONCE, stride))
+        records = self._scratch("cameras", (_AT_ONCE, _RECORD))
+        for first in range(0, len(cameras), _AT_ONCE):
+            some = cameras[first : first + _AT_ONCE]
+            for number, camera in enumerate(some):
+                planes = self._run(camera.in_units(), _BLACK, everything=True)
+                depths.copy(planes["depth"], start=number * stride)
+            records.write(np.stack([_record(camera, space) for camera in some]))
             self._fuse.vote(
                 count,
                 _GROUP,
-                record,
+                records,
+                np.int32(len(some)),
                 cells,
-                planes["depth"],
-                np.int32(camera.width),
-                np.int32(camera.height),
+                depths,
+                np.int32(stride),
                 *(np.int32(n) for n in grid.shape),
-                np.float32(space.radius / camera.unit),
+                np.float32(EDGE + REACH * grid.cell),
                 np.float32(REACH * grid.cell),
                 np.float32(BEHIND * grid.cell),
                 np.int32(space.contracted),
@@ -204,8 +212,8 @@ def _beyond(grid: Grid) -> NDArray[np.float32]:
 
 
 def _record(camera: Camera, space: Space) -> NDArray[np.float32]:
-    """Return what the kernel needs of a camera, (16,), for places in the units of `space`."""
+    """Return what the kernel needs of a camera, (_RECORD,), for places in the units of `space`."""
     pose = camera.world_to_camera[:3].copy()
     pose[:, 3] = (pose[:, :3] @ space.center + pose[:, 3]) / space.radius
-    focal = camera.fx, camera.fy, camera.cx, camera.cy
-    return np.array([*pose.reshape(-1), *focal], np.float32)
+    image = camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height
+    return np.array([*pose.reshape(-1), *image, camera.unit / space.radius], np.float32)

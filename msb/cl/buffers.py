@@ -121,6 +121,19 @@ class Buffer:
                 lambda q: queue.cl.enqueue_copy(q, self.handle, array, dst_offset=offset),
             )
 
+    def copy(self, other: Buffer, *, start: int = 0) -> None:
+        """Queue a copy of all of another buffer of this dtype to the elements from `start` on."""
+        if other.dtype != self.dtype or start < 0 or start + other.size > self.size:
+            raise ValueError(f"{self.use}: elements {start} to {start + other.size} of {self.size}")
+        if other.size:
+            queue, offset = self._memory.queue, start * self.dtype.itemsize
+            queue.submit(
+                f"copying {other.use}",
+                lambda q: queue.cl.enqueue_copy(
+                    q, self.handle, other.handle, byte_count=other.nbytes, dst_offset=offset
+                ),
+            )
+
     def fill(self, value: complex = 0) -> None:
         """Queue a command that sets all elements, and do not wait for it."""
         if self.size:

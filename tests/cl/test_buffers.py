@@ -51,6 +51,13 @@ def test_parts_of_a_buffer(device: Device) -> None:
     out = np.zeros(3, np.uint32)
     assert buffer.read(out, start=3) is out
     assert out.tolist() == [7, 1, 2]
+    larger = device.allocate(12, np.uint32, "test")
+    larger.fill(0)
+    larger.copy(buffer, start=2)
+    assert larger.read().tolist() == [0, 0, *buffer.read().tolist()]
+    for other, start in ((buffer, 3), (buffer, -1), (device.upload(np.zeros(2, np.int32)), 0)):
+        with pytest.raises(ValueError, match="elements"):
+            larger.copy(other, start=start)
     for wrong, start in ((out, 8), (out, -1), (np.zeros(11, np.uint32), 0)):
         with pytest.raises(ValueError, match="elements"):
             buffer.read(wrong, start=start)
