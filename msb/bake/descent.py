@@ -43,19 +43,20 @@ class Schedule:
 
     def __init__(self, planned: int, until: float = np.inf) -> None:
         self.steps = planned
-        self._planned, self._taken = planned, 0
+        self._planned, self._taken, self._share = planned, 0, 0.0
         self._began, self._until = time.monotonic(), until
 
     def share(self, step: int, *, enough: bool) -> float:
         """Return how much of all is done after a step: all where somebody says that it is `enough`."""
         self._taken = step
-        if enough:
+        now, left = time.monotonic(), self._planned - step
+        if step >= _PACE and self._until < np.inf:
+            left = min(left, int((self._until - now) * step / (now - self._began)))
+        if enough or now > self._until or left <= 0:
             return 1.0
-        now = time.monotonic()
-        if step == _PACE and now < self._until < np.inf:
-            pace = (now - self._began) / step
-            self.steps = min(self.steps, max(step, int((self._until - self._began) / pace)))
-        return 1.0 if now > self._until else step / self.steps
+        self.steps = step + left
+        self._share += (1 - self._share) / (left + 1)  # what is left is shared by the steps that are left
+        return self._share
 
     def lacks(self, what: str) -> list[str]:
         """Return the note on `what` was moved in fewer steps than were planned, if it was."""

@@ -40,9 +40,9 @@ if TYPE_CHECKING:
 
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
-_SEARCH = 2 / 3
-_SETTLE = 0.4
-"""Of the time that a bake has, what the search of the soup has, and that of a surface's vertices."""
+_SEARCH, _SURFACE = 2 / 3, 0.4
+"""Of the time that a bake has, what the search of fitted triangles has, and each of the two of a surface: of a
+soup, which it needs the depths of, and of its vertices."""
 _NO_TIME = 1e-3
 PIXELS_A_FACE = 4
 """Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
@@ -201,14 +201,14 @@ class Bake:
         most = options.faces if name == "fitted" else None
         if most not in self._soups:
             usual = max(1, self._pixels // PIXELS_A_FACE)
-            seconds = max(_SEARCH * options.seconds, _NO_TIME)
+            seconds = max((_SEARCH if name == "fitted" else _SURFACE) * options.seconds, _NO_TIME)
             self._soups[most] = fitted(
                 self._asset, self._guide, shares, seconds=seconds, faces=most, usual=usual
             )
         soup, notes = self._soups[most]
         if name == "fitted":
             return soup, notes
-        seconds = max(_SETTLE * options.seconds, _NO_TIME)
+        seconds = max(_SURFACE * options.seconds, _NO_TIME)
         mesh, more = surface(soup, self._guide, faces=options.faces, seconds=seconds)
         return mesh, [*(f"of the soup it is made of: {note}" for note in notes), *more]
 
