@@ -29,11 +29,11 @@ ROWS = 1080
 """Of the image in which an error of a level must be below a pixel."""
 _MOST_POINTS = 95.0
 """Percent of the points whose error counts."""
-_STAGE = 0.7
+_STAGE = 0.5
 """Share of the faces of a soup that stay at a time, before the others are moved to make up for those that
 went."""
-_STEPS = 200
-_RATES = 0.03, 0.001
+_STEPS = 300
+_RATES = 0.03, 0.0003
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 
 
