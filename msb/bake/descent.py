@@ -44,18 +44,25 @@ class Schedule:
     def __init__(self, planned: int, until: float = np.inf) -> None:
         self.steps = planned
         self._planned, self._taken, self._share = planned, 0, 0.0
-        self._began, self._until = time.monotonic(), until
+        self._first, self._until = 0.0, until
+        self._is_short = False
 
     def share(self, step: int, *, enough: bool) -> float:
         """Return how much of all is done after a step: all where somebody says that it is `enough`."""
         self._taken = step
         now, left = time.monotonic(), self._planned - step
-        if step >= _PACE and self._until < np.inf:
-            left = min(left, int((self._until - now) * step / (now - self._began)))
+        if step == 1:  # it took longer: kernels were built
+            self._first = now
+        elif step >= _PACE and self._until < np.inf:
+            pace = max(now - self._first, _TINY) / (step - 1)
+            possible = int((self._until - now) / pace)
+            self._is_short |= possible < left
+            if self._is_short:  # chance has a say from here on, so a step is missing to the end, and noted
+                left = min(possible, left - 1)
         if enough or now > self._until or left <= 0:
             return 1.0
         self.steps = step + left
-        self._share += (1 - self._share) / (left + 1)  # what is left is shared by the steps that are left
+        self._share += (1 - self._share) / (left + 1)
         return self._share
 
     def lacks(self, what: str) -> list[str]:

@@ -79,7 +79,7 @@ def test_a_level_that_ends_early_says_so() -> None:
     with lessons_of(corners, colors, cameras(2)) as lessons:
         guide = Guide(lessons, lessons, watch=lambda _, done, __: done >= 3)
         ((_, notes),) = lods(mesh, guide, (0.8,))
-    assert notes == ["its triangles took 3 of 200 steps to where pictures want them"]
+    assert notes == ["its triangles took 3 of 300 steps to where pictures want them"]
 
 
 @pytest.mark.slow

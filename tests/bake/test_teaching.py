@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msb.bake.descent import descend
+from msb.bake.descent import Schedule, descend
 from msb.bake.fitted import fitted
 from msb.bake.kept import kept
 from msb.bake.raster import Raster
@@ -162,6 +162,55 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
         assert seen[-1][1] == 2
         assert made.vertex_colors is not None
         assert np.abs(made.vertex_colors - 0.5).max() > 0.1, "colours are fitted all the same"
+
+
+def a_second_each(_step: int) -> float:
+    return 1.0
+
+
+def slow_at_first(step: int) -> float:
+    return 30.0 if step == 1 else 1.0
+
+
+def slow_for_a_while(step: int) -> float:
+    return 2.0 if step < 30 else 0.1
+
+
+@pytest.mark.parametrize(
+    ("clock", "least", "most"),
+    [(a_second_each, 98, 101), (slow_at_first, 68, 72), (slow_for_a_while, 199, 199)],
+)
+def test_a_search_without_time_for_all_steps_takes_those_there_is_time_for(
+    clock: Callable[[int], float], least: int, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 0.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    schedule = Schedule(200, until=100.0)
+    step, shares = 0, [0.0]
+    while shares[-1] < 1:
+        step += 1
+        now += clock(step)
+        shares.append(schedule.share(step, enough=False))
+    assert least <= step <= most
+    assert (np.diff(shares) > 0).all()
+    assert np.diff(shares).max() < 0.1
+    assert schedule.lacks("it") == [f"it took {step} of 200 steps to where pictures want them"]
+
+
+@pytest.mark.parametrize("until", [np.inf, 1000.0])
+def test_a_search_with_time_for_all_steps_takes_them_alike(
+    until: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 0.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    schedule = Schedule(200, until)
+    shares = []
+    for step in range(1, 201):
+        now += slow_at_first(step)
+        shares.append(schedule.share(step, enough=False))
+    np.testing.assert_allclose(shares, np.arange(1, 201) / 200)
+    assert shares[-1] == 1
+    assert schedule.lacks("it") == []
 
 
 @pytest.mark.parametrize("faces", [None, 500])
