@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
 _SEARCH, _SURFACE = 2 / 3, 0.4
-"""Of the time that a bake has, what the search of fitted triangles has, and each of the two of a surface: that
-of a soup, whose depths it is made of, and that of its vertices."""
+"""Of the time that a bake has, what the search of fitted triangles has, and each of a surface's two searches:
+of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
 PIXELS_A_FACE = 4
 """Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
