@@ -43,9 +43,9 @@ def box_filter(frame: Frame, scale: int) -> Frame:
     """
     image, alpha = box_mean(frame.image, scale), box_mean(frame.alpha, scale)
     # Depths are positive, so their bits are in order; faces as unsigned numbers put those of no face last.
-    samples = np.where(frame.depth > 0, frame.depth, np.float32(np.inf)).view(np.uint32)
+    samples = np.where(frame.depth > 0, frame.depth, np.inf).astype(np.float32).view(np.uint32)
     if frame.face_id is not None:
-        samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.view(np.uint32)
+        samples = samples.astype(np.uint64) << np.uint64(32) | frame.face_id.astype(np.uint32)
     nearest = _boxes(samples, scale, np.minimum)
     if frame.face_id is not None:
         frame = replace(frame, face_id=nearest.astype(np.uint32).view(np.int32))
