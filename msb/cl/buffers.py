@@ -123,8 +123,9 @@ class Buffer:
 
     def copy(self, other: Buffer, *, start: int = 0) -> None:
         """Queue a copy of all of another buffer of this dtype to the elements from `start` on."""
-        if other.dtype != self.dtype or start < 0 or start + other.size > self.size:
-            raise ValueError(f"{self.use}: elements {start} to {start + other.size} of {self.size}")
+        if other.dtype != self.dtype:
+            raise TypeError(f"{self.use}: a buffer of {self.dtype} is needed, not {other.dtype}")
+        self._check_range(other.size, start)
         if other.size:
             queue, offset = self._memory.queue, start * self.dtype.itemsize
             queue.submit(
@@ -178,8 +179,11 @@ class Buffer:
     def _check_host(self, array: NDArray[Any], start: int) -> None:
         if array.dtype != self.dtype or not array.flags.c_contiguous:
             raise TypeError(f"{self.use}: a C-contiguous array of {self.dtype} is needed, not {array.dtype}")
-        if start < 0 or start + array.size > self.size:
-            raise ValueError(f"{self.use}: elements {start} to {start + array.size} of {self.size}")
+        self._check_range(array.size, start)
+
+    def _check_range(self, size: int, start: int) -> None:
+        if start < 0 or start + size > self.size:
+            raise ValueError(f"{self.use}: elements {start} to {start + size} of {self.size}")
 
 
 class Memory:

@@ -55,9 +55,11 @@ def test_parts_of_a_buffer(device: Device) -> None:
     larger.fill(0)
     larger.copy(buffer, start=2)
     assert larger.read().tolist() == [0, 0, *buffer.read().tolist()]
-    for other, start in ((buffer, 3), (buffer, -1), (device.upload(np.zeros(2, np.int32)), 0)):
+    for start in (3, -1):
         with pytest.raises(ValueError, match="elements"):
-            larger.copy(other, start=start)
+            larger.copy(buffer, start=start)
+    with pytest.raises(TypeError, match="a buffer of uint32 is needed, not int32"):
+        larger.copy(device.upload(np.zeros(2, np.int32)))
     for wrong, start in ((out, 8), (out, -1), (np.zeros(11, np.uint32), 0)):
         with pytest.raises(ValueError, match="elements"):
             buffer.read(wrong, start=start)
