@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
 FACES = 8_000, 20_000
 """Faces of an object and of a scene, where it is not said how many."""
-CELLS = 192, 288
-"""Cells along the longest side of an object, and of a scene."""
+CELLS = 288, 288
+"""Cells along the longest side of an object, whose thin parts are worth a decibel, and of a scene."""
 _FEWEST = 4
 """Faces of a tetrahedron."""
 _ABOUT = 1.25
