@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -160,16 +161,15 @@ def decibels(errors: NDArray[np.float64]) -> float:
 class _Culling(StandardRenderer):
     """Draws the faces of a mesh that are to be shown."""
 
-    moves = True
-
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)
-        faces = asset.buffers["indices"]
-        self._corners, self._first = faces.reshape(-1), np.repeat(faces[:, 0], 3)
+        self._all, self._faces = self._triangles, len(asset.buffers["indices"])
 
     @in_turn
     def show(self, front: NDArray[np.bool_]) -> None:
-        """Draw no other faces than `front` (F,): these have no area, and so no pixel."""
-        shown = np.where(np.repeat(front, 3), self._corners, self._first)
-        self._triangles.sources["indices"].write(shown.reshape(-1, 3))
-        self._triangles.fill()
+        """Draw no other faces than `front` (F,)."""
+        shown = self._scratch("shown faces", self._faces, np.uint8)
+        shown.write(front.view(np.uint8))
+        copies = self._scratch("shown triangles", self._all.records.shape)
+        self._all.copy_some(shown, copies)
+        self._triangles = replace(self._all, records=copies)

@@ -120,6 +120,19 @@ __kernel void records(__global const float *positions, __global const uint *indi
 #endif
 }
 
+// Copy the records, but those of faces that are not to be shown without area, and so without a pixel.
+__kernel void some_records(__global const float *triangles, __global const uchar *shown, __global float *copies,
+    uint slots)
+{
+    size_t slot = get_global_id(0);
+    if (slot >= slots)
+        return;
+    __global const int *record = (__global const int *)triangles + slot * WORDS;
+    int is_shown = shown[record[FACE_WORD]];
+    for (int k = 0; k < WORDS; k++) // as integers, which go through unchanged
+        ((__global int *)copies)[slot * WORDS + k] = record[k < 9 && !is_shown ? k % 3 : k];
+}
+
 // Centre and half extent of clusters of `size` triangles, six rows of `stride`.
 __kernel void bound(__global const float *triangles, __global float *boxes, int size, int slots, int count, int stride)
 {

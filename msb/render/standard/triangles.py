@@ -54,6 +54,9 @@ class Triangles:
     texels: Texels | None
     fill: Callable[[], None]
     """Queues what makes records, colours and boxes of the sources; of use as long as these are there."""
+    copy_some: Callable[[Buffer, Buffer], None]
+    """Queues what copies the records into a buffer like theirs, but those of faces that are 0 in another, (F,)
+    uint8, without area, and so without a pixel."""
     sources: dict[str, Buffer]
     """Positions and colours as the asset holds them, if they are to be written anew; else none."""
 
@@ -127,16 +130,19 @@ def make_triangles(
         program.records(slots, _GROUP_SIZE, *head, order, *made, *ends)
         program.bound(clusters, _GROUP_SIZE, records, boxes, *sizes)
 
+    def copy_some(shown: Buffer, copies: Buffer) -> None:
+        program.some_records(slots, _GROUP_SIZE, records, shown, copies, np.uint32(slots))
+
     fill()
     device.finish()
     shape = kind, slots, clusters, stride, texels
     if moving:
-        sources = {"positions": vertices, "indices": faces, "colors": color}
-        return Triangles(records, corner_colors, boxes, *shape, fill, sources)
+        sources = {"positions": vertices, "colors": color}
+        return Triangles(records, corner_colors, boxes, *shape, fill, copy_some, sources)
     for buffer in source:
         buffer.release()
     device.release_scratch(_PREPARATION)
-    return Triangles(records, corner_colors, boxes, *shape, fill, {})
+    return Triangles(records, corner_colors, boxes, *shape, fill, copy_some, {})
 
 
 def _put(device: Device, array: NDArray[Any]) -> Buffer:
