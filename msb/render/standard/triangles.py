@@ -55,8 +55,8 @@ class Triangles:
     fill: Callable[[], None]
     """Queues what makes records, colours and boxes of the sources; of use as long as these are there."""
     copy_some: Callable[[Buffer, Buffer], None]
-    """Queues what copies the records into a buffer like theirs, but those of faces that are 0 in another, (F,)
-    uint8, without area, and so without a pixel."""
+    """Queues what copies the records into a buffer like theirs; those of faces that are 0 in another, (F,)
+    uint8, get no area, and so no pixel."""
     sources: dict[str, Buffer]
     """Positions and colours as the asset holds them, if they are to be written anew; else none."""
 
