@@ -145,7 +145,7 @@ def main() -> int:
     )
     add = parser.add_argument
     add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models and their scenes, by turns")
-    add("--geometry", nargs="+", default=GEOMETRIES)
+    add("--geometry", nargs="+", default=GEOMETRIES, choices=(*GEOMETRIES, "auto"))
     add("--only", nargs="+", metavar="NAME", help="of the models of msb demo-data, as walled/two_dts")
     add("--lods", type=shares_of, default=())
     add("--collision", metavar="KIND")
