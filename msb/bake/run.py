@@ -138,8 +138,8 @@ def bake(
     collision : str, optional
         A shape to bump into: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float
-        About how long fitted triangles may take; a surface takes a third longer, and beside these nearly
-        twice as long. 0 leaves out the search. Levels of detail and collision are not counted.
+        About how long fitted triangles may take; a surface takes half as long again, and beside these twice
+        as long. 0 leaves out the search. Levels of detail and collision are not counted.
     seed : int
         Where the search begins: the same gives the same on one device, if the time suffices.
     up : str, optional

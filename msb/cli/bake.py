@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
+_UNSEEN = {
+    "kept": "stays as it was",
+    "fitted": "stays as it was where faces were to spare",
+    "surface": "the surface is closed there",
+}
+"""Geometry -> what becomes of what no view sees."""
+
+
 @dataclass(frozen=True)
 class BakeOptions:
     """What is made, what teaches it, and where it goes."""
@@ -226,7 +234,8 @@ def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
     echo(f"{names}: {report.sentence}")
     if output.quiet:
         return
-    echo(f"taught by {report.taught} views, {report.teacher}: {one_line(report.views)}")
+    views = f"{report.taught} view{'s' if report.taught != 1 else ''}"
+    echo(f"taught by {views}, {report.teacher}: {one_line(report.views)}")
     for level in report.lods:
         echo(f"{one_line(str(level.output))}: {level.said}")
     if (shape := report.collision) is not None:
@@ -234,6 +243,7 @@ def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
         if shape.why:
             output.note(shape.why)
     if report.unseen_area:
-        echo(f"{100 * report.unseen_area:.1f} % of the model's area is in no view and stays as it was")
+        became = _UNSEEN[report.geometry]
+        echo(f"{100 * report.unseen_area:.1f} % of the model's area is in no view, and {became}")
     for text in report.notes:
         output.note(text)
