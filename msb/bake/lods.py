@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -70,7 +71,9 @@ def _no_shares(given: str) -> UsageError:
     return UsageError("USAGE", text)
 
 
-def lods(mesh: Mesh, guide: Guide, shares: Sequence[float]) -> list[tuple[Mesh, list[str]]]:
+def lods(
+    mesh: Mesh, guide: Guide, shares: Sequence[float], *, seconds: float = math.inf
+) -> list[tuple[Mesh, list[str]]]:
     """Return levels of detail of `mesh` with these falling shares of its faces, whose colours are rough, and
     what should be known of each.
 
@@ -89,7 +92,7 @@ def lods(mesh: Mesh, guide: Guide, shares: Sequence[float]) -> list[tuple[Mesh, 
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
-    levels = _Levels(mesh, guide, counts)
+    levels = _Levels(mesh, guide, counts, seconds)
     if len(mesh.vertices) == 3 * len(mesh.faces):
         return list(levels.of_soup())
     need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
@@ -103,6 +106,7 @@ class _Levels:
     mesh: Mesh
     guide: Guide
     counts: Sequence[int]
+    seconds: float
 
     def of_soup(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield what is left of a soup when the faces go that are worth least."""
@@ -110,6 +114,7 @@ class _Levels:
         random = self.guide.random()
         soup = Soup.of(self.mesh, shares=False)
         stages = _stages(whole, self.counts)
+        notes: list[str] = []
         for stage, (count, is_level) in enumerate(stages):
             # Larger faces need fewer pixels; at an eighth those are enough by which all were moved.
             pixels = 8 * PIXELS_TO_MOVE * count // whole
@@ -119,7 +124,7 @@ class _Levels:
                 soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
                 hide_least(soup, raster, random, count)
 
-                schedule = Schedule(_STEPS)
+                schedule = Schedule(_STEPS, time.monotonic() + self.seconds)
 
                 def done(step: int, stage: int = stage, schedule: Schedule = schedule) -> float:
                     enough = self._watched(stage, len(stages), step, _STEPS)
@@ -127,8 +132,9 @@ class _Levels:
 
                 soup = moved(soup, raster, judge, random, rates=_RATES, most=count, done=done)
             soup = soup.shown()
+            notes = schedule.lacks("its triangles") or notes  # a level is made of those before it
             if is_level:
-                yield soup.mesh(), schedule.lacks("its triangles")
+                yield soup.mesh(), notes
 
     def of_surface(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
@@ -143,7 +149,7 @@ class _Levels:
             def watch(_: str, done: int, total: int, level: int = level) -> bool:
                 return self._watched(level, len(self.counts), done, total)
 
-            yield taught(*made, count, space, replace(guide, watch=watch))
+            yield taught(*made, count, space, replace(guide, watch=watch), self.seconds)
 
     def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield an open surface with fewer faces, which stay where they are."""

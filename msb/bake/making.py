@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 LEAST_SEEN = 0.8
 """Of the area of a model that nobody has cameras for, what made views must see."""
 _SEARCH, _SURFACE = 2 / 3, 0.4
-"""Of the time that a bake has, what the search of fitted triangles has, and each of a surface's two searches:
-of a soup, whose depths it is made of, and of its vertices."""
+"""Of the time that a bake has, what the search of fitted triangles has, and that of each level of detail; and
+each of a surface's two searches: of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
 PIXELS_A_FACE = 4
 """Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
@@ -201,16 +201,19 @@ class Bake:
         most = options.faces if name == "fitted" else None
         if most not in self._soups:
             usual = max(1, self._pixels // PIXELS_A_FACE)
-            seconds = max((_SEARCH if name == "fitted" else _SURFACE) * options.seconds, _NO_TIME)
+            seconds = self._seconds(_SEARCH if name == "fitted" else _SURFACE)
             self._soups[most] = fitted(
                 self._asset, self._guide, shares, seconds=seconds, faces=most, usual=usual
             )
         soup, notes = self._soups[most]
         if name == "fitted":
             return soup, notes
-        seconds = max(_SURFACE * options.seconds, _NO_TIME)
-        mesh, more = surface(soup, self._guide, faces=options.faces, seconds=seconds)
+        mesh, more = surface(soup, self._guide, faces=options.faces, seconds=self._seconds(_SURFACE))
         return mesh, [*(f"of the soup it is made of: {note}" for note in notes), *more]
+
+    def _seconds(self, share: float) -> float:
+        """Return how long a search may take."""
+        return max(share * self._options.seconds, _NO_TIME)
 
     def levels(self, mesh: Mesh, shares: Sequence[float]) -> tuple[list[tuple[Level, Mesh]], list[str]]:
         """Return the levels of detail of what was made, with a texture as large as its own, and what should
@@ -218,7 +221,8 @@ class Bake:
         if not shares:
             return [], []
         size = mesh.textures[0].shape[0] if mesh.textures else None
-        made = lods(replace(mesh, corner_uvs=None, textures=()), self._guide, shares)
+        seconds = self._seconds(_SEARCH)
+        made = lods(replace(mesh, corner_uvs=None, textures=()), self._guide, shares, seconds=seconds)
         found, said = [], []
         for share, (one, notes) in zip(shares, made, strict=True):
             level = self._colored(one, "vertex" if size is None else "texture", self._taught, size)

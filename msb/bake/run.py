@@ -139,7 +139,7 @@ def bake(
         A shape to bump into: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float
         About how long fitted triangles may take; a surface takes half as long again, and beside these twice
-        as long. 0 leaves out the search. Levels of detail and collision are not counted.
+        as long, and each level of detail as long again. 0 leaves out the searches. Collision is not counted.
     seed : int
         Where the search begins: the same gives the same on one device, if the time suffices.
     up : str, optional
