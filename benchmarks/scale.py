@@ -6,8 +6,8 @@
 Every step is a fresh process, as a command is: export (the checkpoint to a .triasset), audit, one frame of
 the standard and of the dedicated tier at 1237 x 822, the first of the process, with all that comes before,
 repair (orient, pair), weighing faces over 8 views of 640 x 480 as the page does, by OpenCL and by the NumPy
-reference, and the page of the dedicated tier with the 100,000 faces that contribute most, which is tested in 4
-views that OpenCL draws of the whole and of what is kept.
+reference, and the page of the dedicated tier with the 100,000 faces that contribute most, which is tested in
+4 views that OpenCL draws of the whole and of what is kept.
 Memory is the process's peak with everything in it, mapped files and the device's buffers included (those of
 a CPU are in the same memory); `private` is the part that no file backs, which the system cannot drop.
 """
