@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 FACES = 8_000, 20_000
 """Faces of an object and of a scene, where it is not said how many."""
 CELLS = 288, 288
-"""Cells along the longest side of an object, whose thin parts are worth a decibel, and of a scene."""
+"""Cells along the longest side of an object, whose thin parts need as many, and of a scene."""
 _FEWEST = 4
 """Faces of a tetrahedron."""
 _ABOUT = 1.25

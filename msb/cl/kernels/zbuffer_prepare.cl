@@ -127,10 +127,10 @@ __kernel void some_records(__global const float *triangles, __global const uchar
     size_t slot = get_global_id(0);
     if (slot >= slots)
         return;
-    __global const int *record = (__global const int *)triangles + slot * WORDS;
-    int is_shown = shown[record[FACE_WORD]];
-    for (int k = 0; k < WORDS; k++) // as integers, which go through unchanged
-        ((__global int *)copies)[slot * WORDS + k] = record[k < 9 && !is_shown ? k % 3 : k];
+    __global int *from = INTEGERS(triangles + slot * WORDS), *to = INTEGERS(copies + slot * WORDS);
+    int is_shown = shown[from[FACE_WORD]];
+    for (int k = 0; k < WORDS; k++)
+        to[k] = from[k < 9 && !is_shown ? k % 3 : k];
 }
 
 // Centre and half extent of clusters of `size` triangles, six rows of `stride`.
