@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -27,6 +28,12 @@ _APART = 0.002
 """The least distance from the surface that a cell is taken to have, in reaches of a view."""
 _HASTE, _MORE_HASTE = 5, 7
 """How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
+_HARDLY, _LESS = 2.0, 0.1
+"""Pixels of the mean view that are hardly any for what goes together; at most so much of what a vertex has."""
+_COARSEST = 1 / 8
+"""How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
+_FEWEST = 4
+"""Faces of a tetrahedron."""
 _MIDDLE = 0.3
 """Radius inside a scene's space up to which errors count about alike."""
 _FLAT = 1e-3
@@ -75,23 +82,59 @@ def compacted(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
     return points[used], (np.cumsum(used) - 1)[faces]
 
 
-def with_fewer_faces(points: Reals, faces: Faces, count: int, space: Space) -> tuple[Reals, Faces]:
+def with_fewer_faces(
+    points: Reals, faces: Faces, pixels: Reals, count: int, space: Space
+) -> tuple[Reals, Faces]:
     """Return the surface with about `count` faces, by quadric error, and mended to a closed manifold.
 
-    The middle of a scene, which its cameras look at, is given more faces: there errors count as in a space
-    where lengths grow as the logarithm of the distance to it."""
+    What hardly any of the `pixels` (F,) of the mean view show is given hardly any faces. So is what is far in
+    a scene: errors count as in a space where lengths grow as the logarithm of the distance to its middle."""
+    if len(faces) > count:
+        placed = _to_logarithm(points) if space.contracted else points
+        placed, faces = _merged(placed, faces, pixels, count)
+        for haste in (_HASTE, _MORE_HASTE):
+            if len(faces) > count:
+                placed, faces, _ = _collapsed(placed, faces, count, haste)
+        points = _from_logarithm(placed) if space.contracted else placed
+    return mended(points, faces)
+
+
+def _merged(points: Reals, faces: Faces, pixels: Reals, count: int) -> tuple[Reals, Faces]:
+    """Return the surface with one vertex in place of those that hardly any pixels show together.
+
+    They are merged along edges that quadric error would collapse, so that it stays the surface it was, until
+    all is as coarse as it may be."""
+    *_, collapses = _collapsed(points, faces, max(int(count * _COARSEST), _FEWEST), _HASTE)
+    shown = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
+    most = min(_HARDLY, _LESS * shown.sum() / (count / 2))
+    held, into = shown.tolist(), list(range(len(points)))
+    for stays, goes in collapses.tolist():
+        together = held[stays] + held[goes]
+        if together < most:
+            held[stays], into[goes] = together, stays
+        else:  # what is collapsed later counts on this, and stays, too
+            held[stays] = held[goes] = math.inf
+    merged = np.array(into)
+    while (merged != merged[merged]).any():
+        merged = merged[merged]
+    return compacted(points, _without_flaps(merged[faces]))
+
+
+def _collapsed(
+    points: Reals, faces: Faces, count: int, haste: int
+) -> tuple[Reals, Faces, NDArray[np.int32]]:
+    """Return the surface with about `count` faces, and which vertices (n, 2) the edges had that were
+    collapsed, in their order: the one that stayed, and the one that went."""
     import fast_simplification
 
-    if len(faces) > count:
-        seen = _to_logarithm(points) if space.contracted else points
-        fewer, kept = fast_simplification.simplify(
-            seen.astype(np.float32), faces.astype(np.int32), target_count=count, agg=_HASTE
-        )
-        if len(kept) > count:
-            fewer, kept = fast_simplification.simplify(fewer, kept, target_count=count, agg=_MORE_HASTE)
-        points, faces = fewer.astype(np.float64), kept.astype(np.int64)
-        points = _from_logarithm(points) if space.contracted else points
-    return mended(points, faces)
+    fewer, kept, collapses = fast_simplification.simplify(
+        points.astype(np.float32),
+        faces.astype(np.int32),
+        target_count=count,
+        agg=haste,
+        return_collapses=True,
+    )
+    return fewer.astype(np.float64), kept.astype(np.int64), collapses
 
 
 def _to_logarithm(points: Reals) -> Reals:

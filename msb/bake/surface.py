@@ -124,9 +124,20 @@ def _parts_seen(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return the parts of a surface that cameras see enough of, and the largest one."""
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
-    mesh = Mesh(space.outward(places).astype(np.float32), faces)
-    pixels = sum(pixels_shown(mesh, cameras, device), np.zeros(len(faces), np.int64))
+    pixels = _pixels(places, faces, space, cameras, device)
     return compacted(places, faces[that_matter(places, faces, pixels, least)])
+
+
+def _pixels(
+    places: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    space: Space,
+    cameras: Sequence[Camera],
+    device: str | Device | None,
+) -> NDArray[np.int64]:
+    """Return how many pixels (F,) of all cameras show each face."""
+    mesh = Mesh(space.outward(places).astype(np.float32), faces)
+    return sum(pixels_shown(mesh, cameras, device), np.zeros(len(faces), np.int64))
 
 
 def taught(
@@ -136,9 +147,12 @@ def taught(
     space: Space,
     guide: Guide,
     seconds: float = math.inf,
+    patience: float = 1.0,
 ) -> tuple[Mesh, list[str]]:
     """Return a closed surface, with places inside `space`, with about `count` faces that look right, and what
     should be known of it.
+
+    Its vertices take `patience` times as many steps as usual, if there are so many `seconds`.
 
     Raises
     ------
@@ -146,28 +160,30 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    places, made = with_fewer_faces(places, faces, max(count, _FEWEST), space)
+    count = max(count, _FEWEST)
+    cameras = guide.lessons.cameras
+    pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
+    places, made = with_fewer_faces(places, faces, pixels, count, space)
     places, made = uncrossed(places, made, space)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
-    whole = len(made)
     # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
-    places, made = _parts_seen(places, made, space, guide.lessons.cameras, guide.device)
+    places, made = _parts_seen(places, made, space, cameras, guide.device)
     mesh = Mesh(space.outward(places).astype(np.float32), made)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):
         soup.refit(raster)
         best = Best(judge)
         best.look(soup)
-        schedule = Schedule(settle.STEPS, time.monotonic() + seconds)
+        schedule = Schedule(round(patience * settle.STEPS), time.monotonic() + seconds)
         settle.settle(places, soup, raster, best, space, guide, schedule)
         soup = best.soup
     mesh = parted(soup.on(_moved(mesh, soup)))
     notes = schedule.lacks("its vertices")
-    if len(made) > _ABOUT * max(count, _FEWEST):
+    if len(made) > _ABOUT * count:
         notes.append(f"it has {len(made):,} faces, not {count:,}: with fewer it did not stay closed")
-    elif len(made) * _ABOUT < whole:
-        notes.append(f"it has {len(made):,} faces, not {count:,}: the others were of specks that nobody sees")
+    elif len(made) * _ABOUT < min(count, len(faces)):
+        notes.append(f"it has {len(made):,} faces, not {count:,}: the others were of what nobody sees")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes
