@@ -29,7 +29,7 @@ _APART = 0.002
 _HASTE, _MORE_HASTE = 5, 7
 """How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
 _HARDLY, _LESS = 2.0, 0.1
-"""Pixels of the mean view that are hardly any for what goes together; at most so much of what a vertex has."""
+"""Pixels of the mean view that are hardly any, together; at most so much of what a vertex has in the mean."""
 _COARSEST = 1 / 8
 """How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
 _FEWEST = 4
@@ -120,9 +120,7 @@ def _merged(points: Reals, faces: Faces, pixels: Reals, count: int) -> tuple[Rea
     return compacted(points, _without_flaps(merged[faces]))
 
 
-def _collapsed(
-    points: Reals, faces: Faces, count: int, haste: int
-) -> tuple[Reals, Faces, NDArray[np.int32]]:
+def _collapsed(points: Reals, faces: Faces, count: int, haste: int) -> tuple[Reals, Faces, NDArray[np.int32]]:
     """Return the surface with about `count` faces, and which vertices (n, 2) the edges had that were
     collapsed, in their order: the one that stayed, and the one that went."""
     import fast_simplification
