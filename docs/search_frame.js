@@ -25,3 +25,14 @@ if (location.protocol === "file:") {
     set onerror(hear) { this.addEventListener("error", hear); }
   };
 }
+/* The name of an option is searched for without its dashes: for lunr a leading "-" means "without this word", and
+   two of them are no query at all. */
+{
+  const QUERY = 2; // of the messages that the theme's search sends
+  const post = Worker.prototype.postMessage;
+  Worker.prototype.postMessage = function (message, ...rest) {
+    const asked = message?.type === QUERY && typeof message.data === "string";
+    const sent = asked ? { ...message, data: message.data.replace(/(^|\s)-+(?=\w)/g, "$1") } : message;
+    return post.call(this, sent, ...rest);
+  };
+}

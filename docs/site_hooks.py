@@ -1,4 +1,4 @@
-"""What the site needs beside docs/: files of the root as pages, links to them, and tables of the code's own.
+"""What the site needs beside docs/: files of the root as pages, links by titles, the code's own tables.
 
 MkDocs calls these functions by their names (mkdocs.yml, hooks).
 """
@@ -14,6 +14,9 @@ from docs.tables import AT_THE_END
 ROOT = Path(__file__).parent.parent
 PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md", "SECURITY.md": "security.md"}
 """File beside docs/ -> the page that it is."""
+TAGS = re.compile(r"(<[^>]*>)")
+OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
+BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|dB|[kKMGT]i?B|ms|s)(?!\w))")
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -28,13 +31,41 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Add the tables that the code has for a page, and let links to files of the root lead to their pages."""
+    """Add the tables that the code has for a page, and lead links to pages, by their titles."""
     if page.file.src_uri in AT_THE_END:
         markdown = f"{markdown}\n\n{AT_THE_END[page.file.src_uri]()}"
+    folder = (ROOT / "docs" / page.file.src_uri).parent
+    named = r"\[[\w./]+\.md\]\(([\w./]+\.md)(?:#([\w-]+))?\)"
+    markdown = re.sub(named, lambda link: _by_title(folder, *link.group(1, 2)), markdown)
     up = "../" * page.file.src_uri.count("/")
     for name, place in PAGES.items():
         markdown = re.sub(rf"\]\((?:\.\./)*{re.escape(name)}", f"]({up}{place}", markdown)
     return markdown
+
+
+def _by_title(folder: Path, target: str, anchor: str | None) -> str:
+    """Return the link with the title of the section or page as its text, where the text was a file's name."""
+    from markdown.extensions.toc import slugify
+
+    place = folder / target
+    text = (place if place.exists() else ROOT / target).read_text(encoding="utf-8")
+    heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    title = next((head for head in heads if slugify(head, "-") == anchor), heads[0])
+    return f"[{title}]({target}{'#' + anchor if anchor else ''})"
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Keep together what must not part at the end of a line: an option, and a number with its unit."""
+    pieces = TAGS.split(html)
+    in_code = False
+    for number, piece in enumerate(pieces):
+        if number % 2:
+            in_code = piece.startswith("<code") or (in_code and piece != "</code>")
+        elif in_code:
+            pieces[number] = OPTION.sub(r'<span class="option">\g<0></span>', piece)
+        else:
+            pieces[number] = BEFORE_A_UNIT.sub("\N{NO-BREAK SPACE}", piece)
+    return "".join(pieces)
 
 
 def on_post_template(output_content: str, **_: Any) -> str:
@@ -53,4 +84,4 @@ def on_post_page(output: str, **_: Any) -> str:
         from mkdocs.exceptions import PluginError
 
         raise PluginError(f"a page asks the network for {fetched[0]}")
-    return output.replace("<code>path - like</code>", "<code>path-like</code>")
+    return output.replace("path - like</code>", "path-like</code>")
