@@ -171,10 +171,10 @@ def print_table(scene: str, rows: list[dict[str, Any]]) -> None:
 PICTURES: list[tuple[str, str, dict[str, Any]]] = [
     ("MeshSplatBench", "standard", {}),
     ("three.js, set right", "threejs", {}),
-    ("three.js as it comes", "threejs", {"defaults": True}),
+    ("three.js as it comes, sRGB GLB", "threejs", {"defaults": True}),
     ("Blender, set right", "blender_cycles", {}),
     ("Blender as it comes, PLY", "blender_cycles", {"defaults": True}),
-    ("Blender as it comes, GLB", "blender_cycles", {"defaults": True, "source": "glb"}),
+    ("Blender as it comes, sRGB GLB", "blender_cycles", {"defaults": True, "source": "glb"}),
 ]
 
 

@@ -84,15 +84,19 @@ def cells(row: dict[str, Any], kind: str) -> str:
 
 
 def print_scene(title: str, rows: list[dict[str, Any]], interior_pixels: int) -> None:
-    """Print the rows of a scene in Markdown."""
+    """Print the rows of a scene in Markdown, and below them what was not run, and why."""
     print(f"\n**{title}** ({interior_pixels:,} interior pixels)\n")
     print("| engine | median | within 1 | 99.9 % | dB | set right: median | within 1 | 99.9 % | dB |")
     print("|---|---|---|---|---|---|---|---|---|")
+    missing: dict[str, list[str]] = {}
     for row in rows:
         if "not_run" in row:
-            print(f"| {row['engine']} | not run: {row['not_run']} | | | | | | | |")
+            missing.setdefault(row["not_run"], []).append(row["engine"])
         else:
             print(f"| {row['engine']} {cells(row, 'as_it_comes')}{cells(row, 'mended')[1:]}")
+    if missing:
+        said = "; ".join(f"{', '.join(engines)} ({why})" for why, engines in missing.items())
+        print(f"\nNot run: {said}.")
     sys.stdout.flush()
 
 
