@@ -40,9 +40,11 @@ def test_docstring_examples_give_what_they_show(module: str, monkeypatch: pytest
 
 
 def anchors(path: Path) -> set[str]:
-    """Return what a link to a heading of the Markdown file can name, as GitHub forms it."""
-    headings = re.findall(r"^#+ (.*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+    """Return what a link into the Markdown file can name: headings, as GitHub forms it, and anchors."""
+    text = path.read_text(encoding="utf-8")
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    named = {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+    return named | set(re.findall(r'<a id="([\w-]+)"', text))
 
 
 def test_links_lead_somewhere() -> None:
