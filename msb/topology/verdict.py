@@ -46,7 +46,8 @@ class Verdict:
 def judge(audit: Audit) -> Verdict:
     """Return the verdict on an audited mesh: all that stands in the way, the gravest first.
 
-    Any mesh with a face renders on the standard tier. The gravest reason decides what else it is good for.
+    Any mesh with a face that has an area renders on the standard tier, if all areas are finite: of others
+    nothing is said but that. The gravest reason decides what else a mesh is good for.
     Seams stand in nobody's way: what is judged is the mesh without them.
     """
     counts = audit.counts
@@ -56,8 +57,8 @@ def judge(audit: Audit) -> Verdict:
         kind = "texture" if audit.seams == "texture" else "colour"
         text = f"{verdict.sentence}; {counts.seam_vertices:,} {doubled} doubled at {kind} seams"
         return replace(verdict, sentence=text)
-    if counts.faces == counts.repeated_index_faces:
-        return Verdict("bad", "does not render: it has no proper face", "no proper face")
+    if reason := _invisible(audit):
+        return Verdict("bad", f"does not render: {reason}", reason.removeprefix("it has "))
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
         return Verdict("bad", f"renders; {_soup(audit)}", f"triangle soup{merged}")
@@ -69,6 +70,19 @@ def judge(audit: Audit) -> Verdict:
     reasons = f"{', '.join(most)}, and {last}" if most else last
     sentence = f"renders; {gravest.uses(audit)}, because {reasons}{merged}"
     return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("its ") + merged)
+
+
+def _invisible(audit: Audit) -> str:
+    """Say why nothing draws the mesh, "" if something does; some faces without area are in nobody's way."""
+    counts = audit.counts
+    if counts.faces == counts.repeated_index_faces:
+        return "it has no proper face"
+    if counts.nonfinite_faces:
+        share = percent(counts.nonfinite_faces, counts.faces)
+        return f"{share} of its faces have no finite area, for coordinates are NaN, infinite or too large"
+    if counts.faces == counts.repeated_index_faces + counts.zero_area_faces:
+        return "none of its faces has an area"
+    return ""
 
 
 def _soup(audit: Audit) -> str:

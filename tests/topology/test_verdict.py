@@ -15,6 +15,13 @@ TWO_TETRAHEDRA = (
     np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5]),
     np.concatenate([TETRAHEDRON[1], TETRAHEDRON[1] + 4]),
 )
+LOST = np.where(np.arange(4)[:, None] == 2, np.nan, TETRAHEDRON[0])
+"""Corners of the tetrahedron, one of them NaN: in three of the four faces."""
+FLAT_FACE = (
+    np.vstack([TETRAHEDRON[0], [0.5, 0, 0]]),
+    np.array([[0, 2, 4], [4, 2, 1], [0, 4, 1], *TETRAHEDRON[1][1:]]),
+)
+"""The tetrahedron, an edge of it divided on one side only: a face without area closes the slit."""
 
 
 def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -26,6 +33,11 @@ def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
     [
         ((POINTS, []), "bad", "no proper face"),
         ((POINTS, [[0, 1, 1]]), "bad", "no proper face"),
+        ((LOST, TETRAHEDRON[1]), "bad", "does not render: 75 % of its faces have no finite area"),
+        ((np.full((3, 3), np.inf), [[0, 1, 2]]), "bad", "does not render: 100 % of its faces have no finite"),
+        ((np.zeros((4, 3)), TETRAHEDRON[1]), "bad", "does not render: none of its faces has an area"),
+        ((np.zeros((3, 3)), [[0, 1, 2], [0, 1, 1]]), "bad", "none of its faces has an area"),
+        (FLAT_FACE, "ok", "structurally usable throughout"),
         ((POINTS[:3], [[0, 1, 2]]), "bad", "triangle soup"),
         ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5]]), "bad", "triangle soup"),
         (BOOK, "bad", "because 14 % of its edges and 40 % of its vertices are non-manifold"),
