@@ -42,6 +42,7 @@ def read(source: Source) -> Mesh:
     refused: only images are looked for beside it.
     """
     need_extra("usd", "pxr", what="a file of USD")
+    _check_whole(source)
     memory = _EXTRA_MEMORY + _MEMORY_PER_BYTE * len(source.data) / 2**30
     # The process has another working directory.
     reply = run_apart(stage_parts, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
@@ -72,6 +73,13 @@ def read(source: Source) -> Mesh:
 
         mesh = with_corner_colors(mesh, colors["corner"])
     return _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
+
+
+def _check_whole(source: Source) -> None:
+    """Refuse a package that is cut off: usd-core takes what it finds from the front, without its end record."""
+    is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
+    if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
+        raise source.error("MESH_FILE_TRUNCATED", "the package's end record is missing: the file is cut off")
 
 
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:

@@ -159,6 +159,17 @@ def test_a_package_is_stored_and_aligned(tmp_path: Path) -> None:
         assert (member.compress_type, start % 64) == (zipfile.ZIP_STORED, 0)
 
 
+def test_a_package_that_is_cut_off_is_refused_wherever(tmp_path: Path) -> None:
+    path = tmp_path / "a.usdz"
+    write_whole(textured(), path)
+    whole = path.read_bytes()
+    for size in (1, 4, 40, len(whole) // 2, *range(len(whole) - 100, len(whole))):
+        path.write_bytes(whole[:size])
+        with pytest.raises(MeshFileError, match="the file is cut off") as caught:
+            read_mesh(path)
+        assert caught.value.code == "MESH_FILE_TRUNCATED"
+
+
 def test_what_cannot_be_written_is_refused() -> None:
     check_refusals(FORMATS[1])
 
