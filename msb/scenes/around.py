@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import up_axis
+from msb.errors import SceneError
 from msb.scenes.camera import Camera
 from msb.scenes.paths import turntable, unit_at
-from msb.scenes.poses import look_at_pose
+from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -42,12 +43,14 @@ def around(
 ) -> list[Camera]:
     """Return a turntable of `count` cameras that see all of the asset, so many degrees above the horizon.
 
-    Its axis `up`, such as "+y", is the asset's own if not given (`up_axis`).
+    Its axis `up`, such as "+y", is the asset's own if not given (`up_axis`). `CAMERA_PATH` names the asset's
+    file where it is too large or too far away for cameras.
     """
     sphere = asset.manifest.bounding_sphere
     vector = _vector(up or up_axis(asset))
     narrow = min(_FOV_Y, 2 * math.atan(math.tan(_FOV_Y / 2) * width / height))
     distance = _MARGIN * (sphere.radius or 1e-6) / math.sin(narrow / 2)
+    _check_reach(asset, distance)
     cameras = turntable(
         sphere.center,
         distance,
@@ -59,6 +62,17 @@ def around(
         elevation=math.radians(elevation),
     )
     return [replace(camera, name=f"{index:05d}") for index, camera in enumerate(cameras)]
+
+
+def _check_reach(asset: Asset, distance: float) -> None:
+    """Refuse an asset around which no camera can stand `distance` from its middle: nobody gave that camera."""
+    bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
+    far = max(map(abs, sphere.center)) + distance
+    if far > MAX_COORDINATE:
+        reach = max(map(abs, (*bounds.min, *bounds.max)))
+        text = f"its coordinates reach {reach:g}, cameras around it {far:.3g}"
+        text = f"{text}; views can be made up to {MAX_COORDINATE:g}"
+        raise SceneError("CAMERA_PATH", text, file=asset.opened_from)
 
 
 class Bulk(NamedTuple):

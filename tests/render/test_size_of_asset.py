@@ -43,6 +43,15 @@ def test_a_ball_looks_alike_at_every_size(radius: float) -> None:
     np.testing.assert_allclose(other.depth / radius, one.depth, atol=1e-3)
 
 
+@pytest.mark.parametrize(("radius", "far"), [(1e30, "3.07e+30"), (9e17, "2.76e+18")])
+def test_a_ball_too_large_for_cameras_is_named(radius: float, far: str) -> None:
+    asset = replace(ball(radius), opened_from=Path("huge.ply"))
+    with pytest.raises(SceneError) as caught:
+        around(asset, 2, 96, 72)
+    text = f"its coordinates reach {radius:g}, cameras around it {far}; views can be made up to 1e+18"
+    assert str(caught.value) == f"CAMERA_PATH: huge.ply: {text}"
+
+
 @pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
 def test_a_method_draws_a_small_model_as_it_does_a_large_one(method: str) -> None:
     asset = msb.open(ROOT / "data_stubs" / "models" / "pebble" / method)
