@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from msb.asset import is_asset
+from msb.asset import ASSET_SUFFIX, is_asset
 from msb.base.files import is_file, is_folder, open_error
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, MsbError
@@ -61,6 +61,9 @@ def is_checkpoint(path: Path) -> bool:
 def locate(path: str | os.PathLike[str]) -> Place:
     """Return where the model below `path` is, the latest iteration if there are several."""
     given = given_path(path)
+    if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
+        text = "it is a .triasset already; msb convert makes other files of it"
+        raise CheckpointError("CHECKPOINT_NOT_RECOGNISED", text, file=given)
     file = _model_file(given)
     suffix = file.suffix.lower()
     if any(in_bundle(file, method.bundle) for method in METHODS.values()):

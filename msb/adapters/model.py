@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.checkpoint import read_checkpoint
+from msb.adapters.checkpoint.reader import STRANGE
+from msb.adapters.locate import TORCH_SUFFIXES
 from msb.errors import CheckpointError
+from msb.meshes.files import unknown_suffix
 from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
 
 if TYPE_CHECKING:
@@ -43,7 +46,15 @@ class Content:
     @cached_property
     def value(self) -> Any:
         """The value that torch saved; None for other kinds of files."""
-        return read_checkpoint(self.place.file) if self.place.kind == "torch" else None
+        if self.place.kind != "torch":
+            return None
+        file = self.place.file
+        try:
+            return read_checkpoint(file)
+        except CheckpointError as error:
+            if error.message != STRANGE or file.suffix.lower() in TORCH_SUFFIXES:
+                raise
+        raise unknown_suffix(str(file), file.suffix)  # neither its name nor its content says what it is
 
     @cached_property
     def ply_names(self) -> tuple[str, ...]:

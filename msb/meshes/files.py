@@ -157,6 +157,11 @@ def _known(name: str, suffix: str) -> Format:
     """Return the format of `suffix`."""
     format_ = FORMATS.get(suffix.lower())
     if format_ is None:
-        message = f"'{suffix}' is not the suffix of a mesh file; {' '.join(MESH_SUFFIXES)} are read"
-        raise InputError("FILE_NOT_RECOGNISED", message, file=name)
+        raise unknown_suffix(name, suffix)
     return format_
+
+
+def unknown_suffix(name: str, suffix: str) -> InputError:
+    """Return the error that the file `name`, which nothing else recognises, has no suffix of a mesh file."""
+    what = f"'{suffix}' is not the suffix of a mesh file" if suffix else "it has no suffix"
+    return InputError("FILE_NOT_RECOGNISED", f"{what}; {' '.join(MESH_SUFFIXES)} are read", file=name)

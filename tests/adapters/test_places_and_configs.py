@@ -16,6 +16,7 @@ from msb.errors import CheckpointError, InputError
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
+from tests.conftest import ROOT
 
 TORUS = GOLDEN / "triangle_splatting" / "torus_sh0_white" / "checkpoint"
 
@@ -73,6 +74,11 @@ def test_paths_that_hold_nothing(tmp_path: Path) -> None:
         msb.export("a\0b")
     with pytest.raises(CheckpointError, match="it is not the output folder of a method we know"):
         msb.export(tmp_path)
+
+
+def test_an_asset_is_no_checkpoint_and_is_said_to_be_one() -> None:
+    with pytest.raises(CheckpointError, match=r"it is a \.triasset already; msb convert"):
+        msb.export(ROOT / "data_stubs" / "splat_like.triasset")
 
 
 def test_a_folder_with_one_bare_model_is_that_model_and_of_several_one_is_to_be_given(tmp_path: Path) -> None:

@@ -29,6 +29,9 @@ A list may hold a second list twice, that list a third one twice, and so on: 30 
 values in 200 bytes ("billion laughs"). No file that we read shares lists or dictionaries at all.
 """
 
+STRANGE = "it does not start like a file of torch.save"
+"""What is said of a file of which nothing else is known."""
+
 _LEAVES = (str, bytes, int, float, bool, type(None), np.ndarray, BFloat16Array)
 _CONTAINERS = (dict, list, tuple)
 
@@ -78,7 +81,7 @@ def _stranger(view: memoryview, head: bytes) -> Refusal:
     what = (
         "it is a Git LFS pointer, not the file itself" if head.startswith(b"version https://git-lfs") else ""
     )
-    return Refusal("CHECKPOINT_NOT_RECOGNISED", what or "it does not start like a file of torch.save")
+    return Refusal("CHECKPOINT_NOT_RECOGNISED", what or STRANGE)
 
 
 def _is_safetensors(view: memoryview, head: bytes) -> bool:
