@@ -41,7 +41,8 @@ class Place:
     kind: Kind
     """How it is read: a "bundle" with the files beside it, "other" by its method's own code."""
     given: Path
-    """What the user named: the file, the folder, or one above it."""
+    """What the user named: the file, the folder, or one above it; of a folder that only holds a checkpoint's
+    folder, that one."""
 
     @property
     def name(self) -> str:
@@ -64,7 +65,7 @@ def locate(path: str | os.PathLike[str]) -> Place:
     if given.suffix.lower() == ASSET_SUFFIX and os.path.lexists(given):
         text = "it is a .triasset already; msb convert makes other files of it"
         raise CheckpointError("CHECKPOINT_NOT_RECOGNISED", text, file=given)
-    file = _model_file(given)
+    file, given = _model_file(given)
     suffix = file.suffix.lower()
     if any(in_bundle(file, method.bundle) for method in METHODS.values()):
         return Place(file, file.parent, "bundle", given)
@@ -74,7 +75,8 @@ def locate(path: str | os.PathLike[str]) -> Place:
     return Place(file, _root(file), kind, given)
 
 
-def _model_file(path: Path) -> Path:
+def _model_file(path: Path) -> tuple[Path, Path]:
+    """Return the file of the model, and `path` or the checkpoint's folder in it that is taken for it."""
     try:
         folder = path.is_dir()
     except (OSError, ValueError) as error:
@@ -82,7 +84,7 @@ def _model_file(path: Path) -> Path:
     if not folder:
         if not os.path.lexists(path):
             raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
-        return path
+        return path, path
     file = _pick(path)
     if file is None:
         below = [folder for folder in _folders(path) if _pick(folder) is not None]
@@ -90,7 +92,7 @@ def _model_file(path: Path) -> Path:
             return _model_file(below[0])
         bare = [] if below else bare_models(path) or _named_meshes(path)
         if len(bare) == 1:
-            return bare[0]
+            return bare[0], path
         text = "it is not the output folder of a method we know; docs/export.md shows how these look"
         if several := below or bare:
             names = ", ".join(each.name for each in several[:8])
@@ -99,7 +101,7 @@ def _model_file(path: Path) -> Path:
     if not file.exists():
         text = f"{file.relative_to(path)} is missing: the latest iteration has no model"
         raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=path, pointer=file.name)
-    return file
+    return file, path
 
 
 def bare_models(folder: Path) -> list[Path]:

@@ -96,7 +96,7 @@ class Model:
     warnings : tuple of Finding
         What was missing or odd, and what was done instead.
     opened_from : Path or None
-        What was given to find the model; `read_model` fills it in.
+        `Place.given`: what was given to find the model; `read_model` fills it in.
     """
 
     buffers: dict[str, NDArray[Any]]

@@ -58,6 +58,7 @@ def export(
     from msb.adapters.exporter import finish, read_model
     from msb.adapters.locate import locate
     from msb.asset import ASSET_SUFFIX, write_asset
+    from msb.cli.inputs import note_taken, note_warnings
 
     place = locate(source)
     target = target or Path(place.name + ASSET_SUFFIX)
@@ -67,8 +68,8 @@ def export(
     with output.bars() as progress:
         asset = finish(model, progress=progress)
         write_asset(asset, target, options.form, progress=progress)
-    for warning in asset.warnings:
-        output.note(warning.to_line(source))
+    note_taken(source, asset.opened_from, output)
+    note_warnings(asset.warnings, source, output)
     warnings = [warning.to_dict() for warning in asset.warnings]
     head = {"schema": "msb.export/1", "path": str(target), "warnings": warnings}
     output.write_json({**head, "manifest": asset.manifest.to_dict()})

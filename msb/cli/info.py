@@ -48,7 +48,12 @@ def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
     look = {name: value for name, value in m.appearance.items() if name not in apart}
     axis = frame.up if frame.up != "unknown" else f"unknown, drawn as {up_axis(asset)}"
     rows: list[tuple[str, str]] = [
-        ("asset", f"{path} (triasset {m.version}, {m.generator})" if asset.path else f"{path}, not yet one"),
+        (
+            "asset",
+            f"{path} (triasset {m.version}, {m.generator})"
+            if asset.path
+            else f"{asset.opened_from or path}, not yet one",
+        ),
         ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
         ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
         ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),

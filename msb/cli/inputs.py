@@ -23,8 +23,15 @@ def open_asset(path: Path, output: Output) -> Asset:
 
     with output.progress(f"reading {path.name}"):
         asset = open(path)
+    note_taken(path, asset.opened_from, output)
     note_warnings(asset.warnings, path, output)
     return asset
+
+
+def note_taken(path: Path, taken: Path | None, output: Output) -> None:
+    """Say which checkpoint was taken for the folder at `path`, if it is not that one itself."""
+    if taken is not None and taken != path:
+        output.note(f"{path}: the checkpoint in it is taken, {taken}")
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:

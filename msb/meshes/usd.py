@@ -76,7 +76,7 @@ def read(source: Source) -> Mesh:
 
 
 def _check_whole(source: Source) -> None:
-    """Refuse a package that is cut off: usd-core takes what it finds from the front, without its end record."""
+    """Refuse a package that is cut off: usd-core takes what it finds, without the end record."""
     is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
     if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
         raise source.error("MESH_FILE_TRUNCATED", "the package's end record is missing: the file is cut off")

@@ -65,7 +65,7 @@ def around(
 
 
 def _check_reach(asset: Asset, distance: float) -> None:
-    """Refuse an asset around which no camera can stand `distance` from its middle: nobody gave that camera."""
+    """Refuse an asset around which no camera can stand `distance` from its middle."""
     bounds, sphere = asset.manifest.bounds, asset.manifest.bounding_sphere
     far = max(map(abs, sphere.center)) + distance
     if far > MAX_COORDINATE:

@@ -54,7 +54,8 @@ def test_two_dts_at_any_level(inside: str) -> None:
 
 def test_a_folder_around_one_checkpoint_stands_for_it(tmp_path: Path) -> None:
     write_model(tmp_path / "a" / "run", "diffsoup", models.diffsoup())
-    assert msb.export(tmp_path / "a").manifest.method == "diffsoup"
+    asset = msb.export(tmp_path / "a")
+    assert (asset.manifest.method, asset.opened_from) == ("diffsoup", tmp_path / "a" / "run")
     write_model(tmp_path / "a" / "other", "two_dts", models.two_dts())
     with pytest.raises(CheckpointError, match=r"it holds 2 checkpoints \(other, run\); give one of them"):
         msb.export(tmp_path / "a")

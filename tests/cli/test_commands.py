@@ -263,6 +263,17 @@ def test_info_reads_meshes_and_checkpoints(msb: Msb) -> None:
         assert "not yet one" in " ".join(msb("info", path).out.split())  # wherever the line breaks
 
 
+def test_which_checkpoint_in_a_folder_is_taken_is_said(msb: Msb, tmp_path: Path) -> None:
+    place = ROOT / "data_stubs"
+    note = f"note: {place}: the checkpoint in it is taken, {place / 'checkpoint'}"
+    for command in ("info", "export"):
+        result = msb(command, place, cwd=tmp_path)
+        assert result.err.splitlines() == [note]
+        assert "checkpoint" in result.out.splitlines()[0]
+    assert (tmp_path / "checkpoint.triasset").exists()
+    assert msb("info", place / "checkpoint").err == ""
+
+
 @pytest.mark.slow
 def test_convert_round_trip_through_ply_and_both_forms(msb: Msb, tmp_path: Path) -> None:
     source = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
