@@ -28,6 +28,7 @@ def refusal(manifest: Manifest, tier: Tier) -> str | None:
     why = why_not(manifest, tier)
     if why is None:
         return None
-    can_teach = tier == "standard" and why_not(manifest, "dedicated") is None
-    way_out = "; msb bake makes a plain mesh of it" if can_teach else ""
+    other: Tier = "dedicated" if tier == "standard" else "standard"
+    way_out = "msb bake makes a plain mesh of it" if tier == "standard" else "tier standard shows it"
+    way_out = f"; {way_out}" if why_not(manifest, other) is None else ""
     return f"{manifest.method} on tier {tier}: {why}{way_out}"

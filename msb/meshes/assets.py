@@ -87,7 +87,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
     """
     text = refusal(asset.manifest, "standard")
     if text is not None:
-        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     vertices, up = asset.buffers["positions"], written_up(asset)
     faces = asset.buffers["indices"].astype(np.int64)
     mesh, colors = Mesh(vertices, faces, up=up), tint_of(asset)

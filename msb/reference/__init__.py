@@ -84,7 +84,7 @@ def render_reference(
     if own is None:
         reason = lookup(method).unsupported.get("reference", "there is no reference renderer of it")
         text = f"{method} has no reference tier: {reason}"
-        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     real = precision(dtype)
     values = effective_settings(asset.manifest, settings)
     check_modes(order, sampling)

@@ -185,7 +185,7 @@ def check_supported(asset: Asset, tier: str) -> None:
         raise UsageError("USAGE", text)
     refused = refusal(asset.manifest, tier)
     if refused is not None:
-        raise Unsupported("UNSUPPORTED_TIER", refused, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", refused, file=asset.opened_from)
 
 
 def class_for(asset: Asset, tier: str, name: str | None, options: Mapping[str, Any]) -> Factory:
@@ -221,7 +221,7 @@ def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name
             text = f'{asset.manifest.method} on {name}: there is no option "{shorten(option, 40)}"; '
             text += f"there are {', '.join(sorted(known))}" if known else "there are none"
             text += _ELSEWHERE.get(option, "")
-            raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.path)
+            raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.opened_from)
 
 
 _ELSEWHERE = {

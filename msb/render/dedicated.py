@@ -26,7 +26,7 @@ def pipeline_of(asset: Asset) -> Factory:
     look: Any = role(asset.manifest.method, "look")
     if look is None:
         text = f"{asset.manifest.method} on tier dedicated: its package brings nothing that draws it"
-        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     if hasattr(look, "Pipeline"):
         own: Factory = look.Pipeline
         return own

@@ -26,7 +26,7 @@ def seen_pixels(
     """Return the number of pixels (F,) that each face covers on the standard tier, over all cameras."""
     if why := refusal(asset.manifest, "standard"):
         text = f"faces are weighted by what the standard tier shows; {why}"
-        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
+        raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     pixels = np.zeros(asset.manifest.face_count)
     with Renderer(asset, tier="standard", device=device) as renderer:
         for camera in cameras:

@@ -138,9 +138,9 @@ def test_turntable_of_a_checkpoint_and_other_tiers(msb: Msb, tmp_path: Path) -> 
         with Image.open(tmp_path / tier / "00000.png") as image:
             assert image.getpixel((0, 0)) == (255, 128, 0)
             assert len(set(np.asarray(image).reshape(-1, 3).sum(axis=1).tolist())) > 50
-    msb("render", *size, "-o", tmp_path / "no", GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint").ends(
-        4, "UNSUPPORTED_TIER: "
-    )
+    soup = GOLDEN / "diffsoup" / "ico_l2_white" / "checkpoint"
+    refused = msb("render", *size, "-o", tmp_path / "no", soup)
+    refused.ends(4, f"UNSUPPORTED_TIER: {soup}: diffsoup on tier standard: ")
     assert not (tmp_path / "no").exists()
 
 

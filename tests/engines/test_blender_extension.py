@@ -103,7 +103,7 @@ def test_models_look_as_on_the_standard_tier_and_come_back(tmp_path: Path) -> No
         assets.append(asset)
         msb.save(asset, jobs[-1][0])
     *found, refused = in_blender([*jobs, (soup.folder / "checkpoint", soup.camera)], tmp_path)
-    assert "UNSUPPORTED_TIER: diffsoup" in refused["error"]
+    assert f"UNSUPPORTED_TIER: {soup.folder / 'checkpoint'}: diffsoup" in refused["error"]
     for asset, (_, camera), one in zip(assets, jobs, found, strict=True):
         own = ours(asset, camera)
         drawn = agreement([one["frame"]], [own])

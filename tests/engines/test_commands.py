@@ -107,5 +107,15 @@ def test_a_page_of_what_has_no_static_colour_is_refused(msb: Msb, tmp_path: Path
     model = ROOT / "data_stubs" / "models" / "pebble" / "diffsoup"
     result = msb("web", "--tier", "standard", "-o", tmp_path / "page.html", model)
     assert result.status == 4
-    assert "UNSUPPORTED_TIER: diffsoup on tier standard" in result.err
+    assert f"UNSUPPORTED_TIER: {model}: diffsoup on tier standard" in result.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_of_the_own_look_of_a_plain_mesh_is_refused_with_a_way_out(msb: Msb, tmp_path: Path) -> None:
+    mesh = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
+    why = "it has static colours only, no appearance of its own to draw; tier standard shows it"
+    said = f"UNSUPPORTED_TIER: {mesh}: mesh on tier dedicated: {why}"
+    for command in (("web",), ("render", "--turntable", "1")):
+        result = msb(*command, "--tier", "dedicated", "-o", tmp_path / "page.html", mesh)
+        assert (result.status, result.err.splitlines()[-1]) == (4, said)
     assert not list(tmp_path.iterdir())

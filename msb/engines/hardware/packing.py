@@ -14,6 +14,7 @@ from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.errors import Unsupported
 from msb.registry import role
+from msb.render.backend import check_supported
 from msb.render.splat.model import CLIPPED, Model, make_model, sh_buffers
 from msb.render.splat.view import make_view
 
@@ -102,6 +103,7 @@ class Packed:
 
 def pack(asset: Asset, settings: Mapping[str, Any] | None) -> Packed:
     """Return `asset` as the WGSL of its method reads it."""
+    check_supported(asset, "dedicated")
     values = effective_settings(asset.manifest, settings)
     look: Any = role(asset.manifest.method, "look")
     if not hasattr(look, "splat_model") and not hasattr(look, "surface_model"):
@@ -154,4 +156,4 @@ def _pack_surface(asset: Asset, values: Mapping[str, Any]) -> Packed:
 
 def _unsupported(asset: Asset) -> Unsupported:
     text = f"{asset.manifest.method} on tier dedicated by renderer wgpu: its package brings no WGSL"
-    return Unsupported("UNSUPPORTED_TIER", text, file=asset.path)
+    return Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
