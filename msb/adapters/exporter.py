@@ -16,10 +16,10 @@ from msb.asset.arguments import check_type
 from msb.asset.manifest import Source, SourceFile
 from msb.asset.progress import Meter
 from msb.asset.settings import parse_overrides
-from msb.base.files import file_sha256
+from msb.base.files import file_sha256, is_file
 from msb.base.packages import warn
 from msb.base.paths import given_path
-from msb.errors import CheckpointError, Unsupported, UsageError, about, shorten
+from msb.errors import CheckpointError, InputError, Unsupported, UsageError, about, shorten
 from msb.registry import BUILT_IN, METHODS, role, with_role
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def export(
     Unsupported
         `UNSUPPORTED_METHOD`: models of this method are not made of triangles.
     UsageError
-        An unknown method or setting.
+        An unknown method or setting, or a config for a method whose trainings have none.
     """
     if settings is not None:
         check_type("settings", settings, Mapping, "a mapping from names to values")
@@ -134,8 +134,14 @@ def read_model(
     else:
         _refuse_other(content, method)
     values = settings if isinstance(settings, Mapping) else parse_overrides(method, settings)
-    options = Options(values, None if config is None else given_path(config), check_values)
-    return replace(_adapter(method).read(place, content, options), opened_from=place.given)
+    given = None if config is None else given_path(config)
+    if given is not None and not is_file(given):
+        raise InputError("FILE_NOT_FOUND", "there is no such file", file=given)
+    model = _adapter(method).read(place, content, Options(values, given, check_values))
+    if given is not None and given not in model.files:  # an adapter names all that it has read
+        text = f"--config goes with 2DTS; this is a model of {METHODS[method].title}, which has none"
+        raise UsageError("USAGE", text, file=given)
+    return replace(model, opened_from=place.given)
 
 
 def detect(path: str | os.PathLike[str]) -> str:

@@ -83,7 +83,8 @@ class _Declared(NamedTuple):
         """What it is called in the help."""
         if isinstance(self.option, Argument):
             return str(self.option.metavar).rstrip(".")
-        return next((flag for flag in self.flags if flag.startswith("--")), self.flags[0])
+        flag = next((flag for flag in self.flags if flag.startswith("--")), self.flags[0])
+        return flag.partition("/")[0]  # --paper of --paper/--no-paper
 
     @property
     def flags(self) -> tuple[str, ...]:

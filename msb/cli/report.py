@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 from msb.base.extras import need_extra
 from msb.base.option import Argument, Option
-from msb.cli.command import command
+from msb.cli.command import Rule, command
 from msb.cli.output import JsonOutput, Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
 
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from msb.report.results import Place
     from msb.report.writers import Format, Printed
 
+RULES = (
+    Rule("paper", "is instead of folders of results, and both are given", excludes="folders"),
+    Rule("", "give folders of results, or --paper", needs="folders paper"),
+    Rule("views published against allow_mixed", "goes with results, not with --paper", excludes="paper"),
+)
 _FOLDER = "report"
 _MOST_FACES = 300_000
 """The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it."""
@@ -94,6 +99,7 @@ class ReportOptions:
     "msb report --paper --table mip360_renderer_comparison --format tex",
     "msb report --paper -o out/paper --format html,tex",
     "msb report -o out/board out/ours.zip",
+    rules=RULES,
 )
 def report(
     folders: Annotated[
@@ -120,13 +126,9 @@ def report(
     from msb.report.results import check_folder
 
     wanted = options.wanted()
-    if (options.paper is True) == bool(folders):
-        raise UsageError("USAGE", "give folders of results, or --paper")
     board = any(is_submission(path) for path in folders)
     if board:
         _check_board(folders, options)
-    if not folders and options.against is not None:
-        raise UsageError("USAGE", "--against compares results; the paper's tables have no single views")
     target = options.out if options.out is not None or not folders else folders[0] / _FOLDER
     if options.table is not None or target is None:
         form = options.printed()

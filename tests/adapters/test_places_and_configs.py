@@ -12,7 +12,7 @@ import pytest
 import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.api.inputs import expand
-from msb.errors import CheckpointError, InputError
+from msb.errors import CheckpointError, InputError, UsageError
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
@@ -232,6 +232,16 @@ def test_a_hostile_config_is_ignored_with_a_warning_and_refused_if_given(case: s
         assert caught.value.code == "CHECKPOINT_CONFIG"
     with pytest.raises(InputError, match="there is no such file"):
         msb.export(folder, config=folder / "nothing.yaml")
+
+
+@pytest.mark.parametrize(("config", "code"), [("nothing.yaml", "FILE_NOT_FOUND"), ("there.yaml", "USAGE")])
+def test_a_config_that_no_training_of_the_method_has_is_not_ignored(
+    config: str, code: str, tmp_path: Path
+) -> None:
+    (tmp_path / "there.yaml").write_text("model:\n  rasterizer_type: 3D\n")
+    with pytest.raises((InputError, UsageError)) as caught:
+        msb.export("data_stubs/checkpoint", config=tmp_path / config)
+    assert caught.value.code == code
 
 
 CFG_ARGS = {

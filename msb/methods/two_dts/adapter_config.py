@@ -9,8 +9,7 @@ from typing import Any
 import yaml
 
 from msb.adapters.training_config import missing, read_text, unusable
-from msb.base.files import is_file
-from msb.errors import CheckpointError, Finding, InputError, finding
+from msb.errors import CheckpointError, Finding, finding
 
 MAX_DEPTH = 32
 """Deepest nesting of a config; real ones nest 3 deep."""
@@ -42,8 +41,6 @@ def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[P
     log in ``root/log``. The result has the file's own nesting, ``{"model": {...}, "trainer": {...}}``.
     """
     if given is not None:
-        if not is_file(given):
-            raise InputError("FILE_NOT_FOUND", "there is no such file", file=given)
         return _config_of(given), (given,), []
     ignored: list[Finding] = []
     logs = sorted((root / "log").glob("*_outputs.log"), reverse=True) or sorted((root / "log").glob("*.log"))
