@@ -142,6 +142,13 @@ class Drawing:
 
         return dict(parse_overrides(asset.manifest.method, self.assignments))
 
+    def check_device(self) -> None:
+        """Refuse a device that is asked for and not there, also where nothing has to be drawn in the end."""
+        if self.device is not None:
+            from msb.cl.devices import choose_device
+
+            choose_device(self.device)
+
     @property
     def modes(self) -> dict[str, str]:
         """Only the modes that were given, because some renderers refuse even the official ones."""

@@ -104,6 +104,7 @@ def repair(
 
     target = target or options.out
     plan = parse_plan(options.plan, peer=options.peer, limits=limits)
+    drawing.check_device()
     if options.compare:
         compare_strategies(source, target, plan, views, options.tasks, drawing.device, output)
         return 0

@@ -92,7 +92,7 @@ def trial(
     from msb.cli.inputs import for_each
     from msb.trial.run import SCHEMA
 
-    run = _Run(options, views, limits, drawing.device, output)
+    run = _Run(options, views, limits, drawing, output)
     return for_each(paths, SCHEMA, output, run.one, ["--save"] if options.save else [])[0]
 
 
@@ -100,7 +100,7 @@ class _Run:
     """One run of the command: what is wrong with its options is said before any mesh is read."""
 
     def __init__(
-        self, options: TrialOptions, views: Views, limits: Limits, device: str | None, output: Output
+        self, options: TrialOptions, views: Views, limits: Limits, drawing: Drawing, output: Output
     ) -> None:
         from msb.repair.plan import parse_plan
         from msb.scenes import read_cameras
@@ -120,9 +120,10 @@ class _Run:
             "repair": options.plan,
             "cameras": None if views.cameras is None else views.of(read_cameras(str(views.cameras))),
             "limits": limits,
-            "device": device,
+            "device": drawing.device,
         }
         output.check_free(options.save, folder=True)
+        drawing.check_device()  # without any device it is tried what needs no pictures
         if not limits.limits_memory:
             output.note("warning: this system has no limit of memory for a process; only --seconds holds")
         self.printed = False

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from msb.scenes import write_cameras
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT
 from tests.test_views import CAPTURE, MODELS, elsewhere
 
@@ -64,3 +64,24 @@ def test_a_page_has_the_cameras_of_the_training(msb: Msb, tmp_path: Path, tier: 
     result = msb("web -o", page, "--tier", tier, *(["--no-verify"] if tier == "dedicated" else []), CAPTURE)
     assert "note: views: 12 of 57 cameras of the training (pebble)" in result.err
     assert page.read_text("utf-8").count('"world_to_camera"') >= 12
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "trial --task uv data_stubs/splat_like.triasset",
+        "repair data_stubs/checkpoint NEW.ply",
+        "repair --compare --task none data_stubs/checkpoint",
+        "render --turntable 1 -o NEW data_stubs/checkpoint",
+    ],
+)
+@pytest.mark.parametrize(
+    ("device", "status", "code"),
+    [("foo", 5, "DEVICE_NOT_FOUND"), ("nan", 5, "DEVICE_NOT_FOUND"), (":", 2, "DEVICE_SELECTOR")],
+)
+def test_a_device_that_is_not_there_is_refused(
+    here: Here, tmp_path: Path, command: str, device: str, status: int, code: str
+) -> None:
+    result = here(*command.replace("NEW", str(tmp_path / "new")).split(), "--device", device)
+    result.ends(status, f"{code}: ")
+    assert list(tmp_path.iterdir()) == []
