@@ -169,7 +169,7 @@ def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None
     views = photographs(tmp_path, [(0, 0, 0)])
     assert choose_tiers(asset, views, None, headless=True)[0][0] == "truth"
     assert choose_tiers(asset, views, ["standard, truth"], headless=True)[0] == ("truth", "standard")
-    for wanted in (["truth"], ["fast"]):
+    for wanted in (["truth"], ["fast"], [""], [","], ["standard,"]):
         with pytest.raises(UsageError, match="NAME_UNKNOWN"):
             choose_tiers(asset, [], wanted, headless=True)
 

@@ -114,7 +114,7 @@ def choose_tiers(
         left_out |= {BAKED} if baked is None else set()
         chosen = tuple(tier for tier in LABELS if tier not in left_out)
     else:
-        names = [name for text in wanted for name in text.replace(" ", "").split(",") if name]
+        names = [name for text in wanted for name in text.replace(" ", "").split(",")]
         for name in names:
             if name not in LABELS:
                 text = f'there is no tier "{shorten(name, 40)}"; there are {", ".join(LABELS)}'
