@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import signal
 import sys
 import threading
@@ -194,6 +195,14 @@ def _begin(leash: Connection) -> None:
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
+
+
+def check_address(address: str) -> None:
+    """Refuse what is no address of a scheduler: Dask would wait for it, and give up with a traceback."""
+    match = re.fullmatch(r"(?:[a-z]+://)?[^\s/:][^\s/]*:(\d{1,5})", address)
+    if match is None or not 0 < int(match[1]) < 1 << 16:
+        text = f'--scheduler is "{shorten(address, 60)}"; it must look like tcp://HOST:8786'
+        raise UsageError("USAGE", text)
 
 
 class DaskWorkers(Workers):

@@ -26,7 +26,7 @@ from msb.bench.missing import Missing, find_missing, find_unknown, start_errors
 from msb.bench.models import Model, ModelTask, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Pair, Planned, Planner, pairs_of
-from msb.bench.pool import DaskWorkers, LocalWorkers, Workers, run_all
+from msb.bench.pool import DaskWorkers, LocalWorkers, Workers, check_address, run_all
 from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME, ProtocolFile
 from msb.bench.protocol_tables import AUTO
@@ -115,6 +115,8 @@ def run_protocol(
     """
     start = time.perf_counter()
     watch = watch or _Nobody()
+    if scheduler is not None:
+        check_address(scheduler)
     if dry:
         return _dry(file, scheduler, only, redo, start, watch)
     for error in start_errors(file, watch.note):

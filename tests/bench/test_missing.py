@@ -183,8 +183,19 @@ def test_an_engine_that_is_not_installed_blocks_its_cells_alone(
     assert blocked == {"standard/wgpu"}
 
 
+@pytest.mark.parametrize("dry", [True, False])
+@pytest.mark.parametrize(
+    "address", ["", "x", "tcp://x", "tcp://x:", "tcp://x:0", "tcp://x:99999", "tcp://:1"]
+)
+def test_what_is_no_address_of_a_scheduler_is_refused_at_once(
+    tmp_path: Path, address: str, dry: bool
+) -> None:
+    with pytest.raises(UsageError, match="must look like tcp://HOST:8786"):
+        run_protocol(protocol(tmp_path, ("two_dts",)), dry=dry, scheduler=address)
+
+
 def test_a_scheduler_that_does_not_answer_is_missing(tmp_path: Path) -> None:
-    report = run_protocol(protocol(tmp_path, ("two_dts",)), dry=True, scheduler="nonsense")
+    report = run_protocol(protocol(tmp_path, ("two_dts",)), dry=True, scheduler="nonsense://x:1")
     (found,) = report.missing
     assert found.code in ("RUN_SCHEDULER", "EXTRA_MISSING")
     assert report.exit_status == 3
