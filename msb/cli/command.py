@@ -28,7 +28,7 @@ from typer.core import TyperCommand
 from msb.base.atomic import is_stream
 from msb.base.option import Argument, Option
 from msb.cli.output import Output, is_stdout, open_log
-from msb.errors import UsageError
+from msb.errors import UsageError, shorten
 
 
 @dataclass(frozen=True)
@@ -133,6 +133,19 @@ class _Group(NamedTuple):
     def made(self, values: Mapping[str, Any]) -> Any:
         """Return the object with its values of all `values`."""
         return self.kind(**{each.name: values[each.name] for each in self.declared})
+
+
+def plain_words(text: str, error: Any) -> str:
+    """Return `text` of an error of the command-line library as one line without the words of its validator.
+
+    These leave out the value, which then stands before what it must be.
+    """
+    text = " ".join(text.split()).rstrip(".").replace("Value error, ", "")
+    before, said, wanted = text.partition("Input should be ")
+    if not said:
+        return text
+    given = shorten(str(error.__cause__.errors()[0]["input"]), 40)
+    return f'{before}it is "{given}"; it must be {wanted.partition(", unable")[0]}'
 
 
 _LIBRARY: Any = TyperCommand.context_class

@@ -176,7 +176,9 @@ def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError |
 
 def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
     """Return what is wrong, the option that was meant or the file that set it, and the usage."""
-    text = str(error.format_message()).rstrip(".")
+    from msb.cli.command import plain_words
+
+    text = plain_words(str(error.format_message()), error)
     if hasattr(error, "option_name") and getattr(error, "possibilities", None):
         import difflib
 

@@ -70,6 +70,10 @@ def test_version_is_one_line(msb: Msb) -> None:
         ("nonsense", "usage: msb "),
         ("audit --jsn x", "did you mean --json?"),
         ("rendr", "Did you mean 'render'?"),
+        ("audit --profile foo x", "Invalid value for '--profile': 'foo' is not one of 'game', 'print'"),
+        ("compare --scale x y", "Invalid value for '--scale': it is \"x\"; it must be a valid number (usage"),
+        ("run -j 0 y", 'it is "0"; it must be greater than or equal to 1 (usage'),
+        ("completion", "Missing argument 'SHELL'. Choose from: bash, zsh, fish, powershell (usage"),
     ],
 )
 def test_wrong_usage_is_one_line_that_says_what_was_meant(msb: Msb, line: str, said: str) -> None:
