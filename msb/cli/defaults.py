@@ -152,8 +152,26 @@ def _add(defaults: Defaults, commands: Commands, key: str, value: Any, path: Pat
     wanted = {name: option for (name, flag), option in known.items() if flag == key}
     if not wanted:
         raise _unknown(path, shown, {flag: None for _, flag in known}, "option")
+    given = {name: _from_toml(path, shown, option, value) for name, option in wanted.items()}
+    wrong = [_refusal(name, commands[name], option, given[name]) for name, option in wanted.items()]
+    if all(wrong):  # at the top level it may be for some of the commands only
+        raise UsageError("CONFIG_INVALID", f'"{shorten(shown)}": {wrong[0]}', file=path)
     for name, option in wanted.items():
-        defaults[name][option.name] = Default(_from_toml(path, shown, option, value), str(path))
+        defaults[name][option.name] = Default(given[name], str(path))
+
+
+def _refusal(name: str, command: Any, option: Any, value: Any) -> str | None:
+    """Return why the command-line library refuses a value, as it would if it were typed; else None."""
+    from msb.cli.command import plain_words
+
+    context = command.context_class(command, info_name=name)
+    try:
+        option.process_value(context, value)
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        return plain_words(str(getattr(error, "message", error)), error)
+    return None
 
 
 def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> UsageError:
