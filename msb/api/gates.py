@@ -143,10 +143,13 @@ def parse_gate(text: str) -> Gate:
     key, sign, number = match.groups()
     keys = [field.name for kind in (Counts, Metrics) for field in fields(kind)]
     if key not in keys:
-        near = difflib.get_close_matches(key, keys, 3, 0.4) or keys
-        raise UsageError(
-            "USAGE", f'--fail-on: there is no key "{shorten(key)}"; did you mean {", ".join(near)}?'
+        near = difflib.get_close_matches(key, keys, 3, 0.6)
+        hint = (
+            f"did you mean {' or '.join(near)}?"
+            if near
+            else "msb audit --json has them in counts and metrics"
         )
+        raise UsageError("USAGE", f'--fail-on: there is no key "{shorten(key)}"; {hint}')
     try:
         limit = float(number)
     except ValueError:

@@ -151,7 +151,8 @@ def _add(defaults: Defaults, commands: Commands, key: str, value: Any, path: Pat
     }
     wanted = {name: option for (name, flag), option in known.items() if flag == key}
     if not wanted:
-        raise _unknown(path, shown, {flag: None for _, flag in known}, "option")
+        every = {flag for command in commands.values() for option in command.params for flag in option.opts}
+        raise _unknown(path, shown, {} if f"--{key}" in every else dict.fromkeys(flag for _, flag in known))
     given = {name: _from_toml(path, shown, option, value) for name, option in wanted.items()}
     wrong = [_refusal(name, commands[name], option, given[name]) for name, option in wanted.items()]
     if all(wrong):  # at the top level it may be for some of the commands only
@@ -174,11 +175,13 @@ def _refusal(name: str, command: Any, option: Any, value: Any) -> str | None:
     return None
 
 
-def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str) -> UsageError:
+def _unknown(path: Path, name: str, known: Mapping[str, Any], what: str = "option") -> UsageError:
+    """Return the error about a name that is none of those `known`; without any it is only for typing."""
     import difflib
 
     near = difflib.get_close_matches(name.rpartition(".")[2], known, 3, 0.65)
     hint = f"did you mean {' or '.join(near)}?" if near else "msb config show --all lists all"
+    hint = hint if known else "it has to be typed, lest a project from elsewhere sets it"
     text = f'"{shorten(name, 60)}" is no {what} that a file can set; {hint}'
     return UsageError("CONFIG_INVALID", text, file=path)
 

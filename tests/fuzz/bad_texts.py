@@ -198,6 +198,7 @@ _GATES: dict[str, tuple[bytes, str]] = {
     "infinity": (b"components>inf", "not a finite number"),
     "no number": (b"components>x", "not a finite number"),
     "unknown key": (b"componets>1", "did you mean components"),
+    "strange key": (b"nosuch>1", 'no key "nosuch"; msb audit --json has them'),
     "long key": (b"a" * 9000 + b">1", "there is no key"),
     "code": (b"__import__('os')", "not KEY OPERATOR NUMBER"),
 }
