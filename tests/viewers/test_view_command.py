@@ -87,7 +87,7 @@ def test_without_a_display_the_message_says_what_works(command: list[str], book:
     result = view(*command[1:], book, command=command[0])
     assert result.returncode == 2
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
-    assert "--screenshot" in result.stderr
+    assert "msb view and msb compare draw without one, given --screenshot FILE.png or --html" in result.stderr
     assert result.stderr.count("\n") == 1
 
 

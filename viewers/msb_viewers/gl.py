@@ -34,8 +34,8 @@ NO_GL = (
     "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html needs none of this"
 )
 NO_DISPLAY = (
-    "there is no display to open a window on; --screenshot FILE.png, --html FILE.html and "
-    "--figure FILE.png draw without one"
+    "there is no display to open a window on; msb view and msb compare draw without one, given "
+    "--screenshot FILE.png or --html FILE.html"
 )
 _SECONDS = 60
 """Seconds to wait. A software GL on a loaded machine takes a few; a hanging driver must not hang us."""
