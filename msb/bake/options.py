@@ -62,7 +62,7 @@ class Options:
         if self.faces is not None and self.geometry == "kept":
             raise _refused("faces limits fitted ones; kept ones are the model's own")
         if not 0 <= self.seconds < float("inf"):
-            raise _refused(f"seconds is {self.seconds}; it must be 0 or more")
+            raise _refused(f"seconds is {self.seconds}; it must be a finite number, 0 or more")
         if self.seed < 0:
             raise _refused(f"seed is {self.seed}; it must be 0 or more")
 

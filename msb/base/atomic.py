@@ -229,8 +229,10 @@ def remove_leftovers(folder: str | os.PathLike[str]) -> None:
 def _target(path: str | os.PathLike[str]) -> Path:
     """Return `path` if a file system could hold something of that name."""
     target = Path(path)
+    if target.name in ("", ".."):
+        raise OutputError("OUTPUT_UNWRITABLE", "it is a folder that stays; give a name in it", file=path)
     try:
-        possible = target.name not in ("", "..") and b"\0" not in os.fsencode(target)
+        possible = b"\0" not in os.fsencode(target)
     except UnicodeEncodeError:  # half of a surrogate pair
         possible = False
     if not possible:

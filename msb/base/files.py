@@ -108,6 +108,14 @@ def open_error(error: OSError | ValueError, path: object, what: str = "file") ->
     return InputError("FILE_UNREADABLE", f"it cannot be read: {system_reason(error)}", file=path)
 
 
+def check_folder(path: Path, what: str = "folder") -> None:
+    """Refuse what is no folder, or not there."""
+    if not is_folder(path):
+        if os.path.lexists(path):
+            raise InputError("FILE_UNREADABLE", f"it is no {what}", file=path)
+        raise InputError("FILE_NOT_FOUND", f"there is no such {what}", file=path)
+
+
 def is_missing(error: OSError | ValueError) -> bool:
     """Return whether an error says that nothing is there.
 

@@ -100,8 +100,10 @@ def exclusive(root: Path) -> Iterator[str]:
         text = f"another msb run writes here{_holder(root)}; wait for it or stop it"
         raise UsageError("RESULTS_BUSY", text, file=root) from None
     except (OSError, NotImplementedError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be locked: {reason}", file=root) from error
+        reason = f"it cannot be locked: {getattr(error, 'strerror', None) or error}"
+        if isinstance(error, FileExistsError | NotADirectoryError):
+            reason = "it is a file, or lies in one; results need a folder"
+        raise OutputError("OUTPUT_UNWRITABLE", reason, file=root) from error
     try:
         remove_leftovers(root)
         run = secrets.token_hex(8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,9 +86,8 @@ class Views:
         try:
             factor = float(str(self.size))
         except ValueError:
-            factor = math.nan
-        if not 0 < factor <= MOST_PIXELS:
-            raise not_a_size(str(self.size), ", or be a factor above 0")
+            raise not_a_size(str(self.size), ", or be a factor above 0") from None
+        check_factor(factor)
         return factor
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
@@ -196,6 +194,13 @@ def pixels_of(text: str) -> tuple[int, int] | None:
     """Return the width and height that a text like 1237x822 names, else None."""
     match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
     return None if match is None else (int(match[1]), int(match[2]))
+
+
+def check_factor(factor: float) -> None:
+    """Refuse what no picture can be scaled by."""
+    if not 0 < factor <= MOST_PIXELS:
+        text = f"the factor of --scale is {factor:g}; it must be above 0 and at most {MOST_PIXELS}"
+        raise UsageError("USAGE", text)
 
 
 def not_a_size(text: str, more: str = "") -> UsageError:

@@ -172,15 +172,20 @@ def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output)
     """Return the cameras of --cameras, or of a path through them, or of a turntable."""
     from msb.scenes import interpolated
     from msb.scenes.around import ELEVATION, around
+    from msb.scenes.paths import MAX_FRAMES
 
     if options.turntable is not None:
-        match = re.fullmatch(r"(\d{1,6})(?:,(-?\d{1,2}(?:\.\d{1,6})?))?", options.turntable)
+        match = re.fullmatch(r"(\d{1,20})(?:,(-?\d{1,2}(?:\.\d{1,6})?))?", options.turntable)
         if match is None:
             raise UsageError(
                 "USAGE", f'--turntable is "{shorten(options.turntable, 40)}"; it must look like 8 or 8,45'
             )
+        count, degrees = int(match[1]), float(match[2] or ELEVATION)
+        if not (1 <= count <= MAX_FRAMES and abs(degrees) < 90):
+            text = f"from 1 to {MAX_FRAMES} cameras, less than 90 degrees above or below the horizon"
+            raise UsageError("USAGE", f"--turntable is {options.turntable}; it takes {text}")
         width, height = views.pixels(960, 720)
-        return around(asset, int(match[1]), width, height, options.up, float(match[2] or ELEVATION))
+        return around(asset, count, width, height, options.up, degrees)
     cameras = views.read(output)
     if options.flight is None:
         return cameras

@@ -121,9 +121,9 @@ def report(
     one page with the rows of all, whose each is, and what does not verify is refused.
     """
     from msb.base.atomic import new_folder
+    from msb.base.files import check_folder
     from msb.bench.submission import is_submission
     from msb.report.pages import report_files
-    from msb.report.results import check_folder
 
     wanted = options.wanted()
     board = any(is_submission(path) for path in folders)
@@ -135,7 +135,7 @@ def report(
         _print(_make(folders, options, output, pictures=False), options.table, form, output)
         return
     if not board and folders:
-        check_folder(folders[0])
+        check_folder(folders[0], "folder of results")
     _check_target(target, folders, output)
     if not {"md", "tex", "html"}.isdisjoint(wanted):
         # Before anything else is missed that a report can do without.

@@ -36,6 +36,7 @@ def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
     """Return `vertices` (V, 3) as float32, the precision of format `name`."""
     with np.errstate(over="ignore"):
         narrow = vertices.astype(np.float32, copy=False)
+    _require_finite(vertices, "is not finite")
     _require_finite(narrow, f"does not fit float32, which is what {name} holds")
     return narrow
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from msb.base.files import file_sha256, is_folder
+from msb.base.files import check_folder, file_sha256
 from msb.base.paths import given_path
 from msb.bench.folder import Results
 from msb.bench.records import ImageQuality, Result, read_result
@@ -125,15 +125,8 @@ def _not_installed(found: Iterable[Loaded]) -> Iterator[str]:
         yield f"{records} a metric {key}, whose package is not installed here: its values are left out"
 
 
-def check_folder(root: Path) -> None:
-    """Refuse what is no folder."""
-    if not is_folder(root):
-        text = "it is no folder of results" if root.exists() else "there is no such folder of results"
-        raise InputError("FILE_NOT_FOUND", text, file=root)
-
-
 def _read_folder(root: Path) -> list[Loaded]:
-    check_folder(root)
+    check_folder(root, "folder of results")
     files = Results(root).records()
     if not files:
         text = "there is no result in it: no cells/DATASET/SCENE/METHOD/COLUMN/result.json, as msb run writes"

@@ -16,7 +16,7 @@ from msb.cli.app import GROUPS
 from msb.errors import explained_codes
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT
 
 COMMANDS = (*(name for entries in GROUPS.values() for name in entries), "config show")
@@ -80,6 +80,37 @@ def test_wrong_usage_is_one_line_that_says_what_was_meant(msb: Msb, line: str, s
     result = msb(line)
     result.ends(2, "USAGE: ")
     assert said in result.err
+
+
+@pytest.mark.parametrize(
+    ("line", "status", "said"),
+    [
+        ("scenes README.md", 3, "FILE_UNREADABLE: README.md: it is no folder"),
+        ("convert NEW.obj NEW.glb", 3, "vertex 1 is not finite"),
+        (
+            "run -o README.md data_stubs/protocol.toml",
+            3,
+            "README.md: it is a file, or lies in one; results need",
+        ),
+        (
+            "trial --task solid --force --save . NEW.triasset",
+            3,
+            ".: it is a folder that stays; give a name in it",
+        ),
+        (
+            "bake --seconds inf -o NEW.glb data_stubs/checkpoint",
+            2,
+            "seconds is inf; it must be a finite number, 0 or more",
+        ),
+    ],
+)
+def test_the_reason_that_is_said_is_the_true_one(
+    here: Here, tmp_path: Path, line: str, status: int, said: str
+) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
+    line = line.replace("NEW.triasset", "data_stubs/splat_like.triasset").replace("NEW", str(tmp_path / "a"))
+    result = here(*line.split())
+    assert (result.status, said in result.err) == (status, True), result
 
 
 @pytest.mark.slow

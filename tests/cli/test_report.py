@@ -99,7 +99,7 @@ def test_papers_tables_are_printed_or_written(msb: Msb, tmp_path: Path) -> None:
         ([], "USAGE"),
         (["--format", "pdf", "--paper"], "USAGE"),
         (["nowhere"], "FILE_NOT_FOUND"),
-        (["README.md"], "FILE_NOT_FOUND"),
+        (["README.md"], "FILE_UNREADABLE: README.md: it is no folder of results"),
         (["docs"], "RESULTS_EMPTY"),
     ],
 )

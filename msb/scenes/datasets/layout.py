@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msb.base.files import is_file, is_folder
-from msb.errors import InputError, SceneError
+from msb.base.files import check_folder, is_file, is_folder
+from msb.errors import SceneError
 from msb.scenes.colmap import find_model
 from msb.scenes.datasets.neus import MATRICES, read_neus
 from msb.scenes.image_size import IMAGE_SUFFIXES
@@ -43,8 +43,7 @@ def find_layout(folder: Path) -> Layout | None:
 
 def find_scenes(path: Path) -> list[Path]:
     """Return the scenes at `path`: the folder itself, or the scenes at most two levels below it."""
-    if not is_folder(path):
-        raise InputError("FILE_NOT_FOUND", "there is no such folder", file=path)
+    check_folder(path)
     if find_layout(path) is not None:
         return [path]
     scenes = [scene for child in folders(path) for scene in _scenes_below(child)]

@@ -9,9 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from msb.base.files import is_folder
+from msb.base.files import check_folder
 from msb.base.paths import SpelledFiles, given_path
-from msb.errors import InputError, SceneError, finding, shorten
+from msb.errors import SceneError, finding, shorten
 from msb.scenes.datasets.catalog import guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.photographs import choose_photographs, find_masks, photograph_sizes
@@ -139,8 +139,7 @@ def _place(root: Path) -> Path:
 
 def _layout(root: Path) -> Layout:
     """Return how the scene at `root` is laid out; refuse what is none."""
-    if not is_folder(root):
-        raise InputError("FILE_NOT_FOUND", "there is no such folder", file=root)
+    check_folder(root)
     layout = find_layout(root)
     if layout is None:
         scenes = find_scenes(root)  # refuses a folder without any
