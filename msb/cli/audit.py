@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from msb.api.gates import GateOptions
 from msb.base.option import Argument, Option
-from msb.cli.command import Rule, command
+from msb.cli.command import Rule, command, option_value
 from msb.cli.output import Output, echo, file_option, report_error
 from msb.errors import GateFailed
 
@@ -97,7 +97,8 @@ class _Task:
 
         self.options, self.output = options, output
         self.gates = conditions.gates()
-        self.weld = None if options.weld is None else parse_weld(options.weld)
+        with option_value("--weld"):
+            self.weld = None if options.weld is None else parse_weld(options.weld)
         self.probe = open_probe(Window()) if options.view else None
         self.audits: dict[str, Audit] = {}
         self.failed_gates = 0

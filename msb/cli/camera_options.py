@@ -69,7 +69,7 @@ class Views:
         chosen = cameras if everything else [_find(cameras, name) for name in self.camera]
         if self.size is None:
             return chosen
-        if (size := pixels_of(self.size)) is not None:
+        if (size := self._sides) is not None:
             return [camera.resized(*size) for camera in chosen]
         return [camera.scaled(self._factor) for camera in chosen]
 
@@ -77,9 +77,20 @@ class Views:
         """Return the size of pictures without cameras, which is `width` times `height` by default."""
         if self.size is None:
             return width, height
-        if (size := pixels_of(self.size)) is not None:
+        if (size := self._sides) is not None:
             return size
         return max(1, round(width * self._factor)), max(1, round(height * self._factor))
+
+    @property
+    def _sides(self) -> tuple[int, int] | None:
+        """The width and height that are asked for; None if it is a factor."""
+        from msb.scenes.checks import MAX_SIDE
+
+        size = pixels_of(str(self.size))
+        if size is not None and max(size) > MAX_SIDE:
+            text = f"--size is {size[0]}x{size[1]}; it must be from 1 to {MAX_SIDE} each way"
+            raise UsageError("USAGE", text)
+        return size
 
     @property
     def _factor(self) -> float:

@@ -13,6 +13,7 @@ A parameter of the type Path is a path, and the `output` of its `Option` says wh
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import os
@@ -28,7 +29,7 @@ from typer.core import TyperCommand
 from msb.base.atomic import is_stream
 from msb.base.option import Argument, Option
 from msb.cli.output import Output, is_stdout, open_log
-from msb.errors import UsageError, shorten
+from msb.errors import MsbError, UsageError, shorten
 
 
 @dataclass(frozen=True)
@@ -218,6 +219,15 @@ class Command(TyperCommand):
 
     def _arguments(self, ctx: Any) -> list[Any]:
         return [param for param in self.get_params(ctx) if param.param_type_name == "argument"]
+
+
+@contextlib.contextmanager
+def option_value(label: str) -> Iterator[None]:
+    """Make of an error about a value one of wrong usage that names the option."""
+    try:
+        yield
+    except MsbError as error:
+        raise UsageError("USAGE", f"{label}: {error.message}") from error
 
 
 def command(

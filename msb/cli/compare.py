@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msb.base.option import Option
-from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Views
+from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Views, check_factor
 from msb.cli.command import Rule, command
 from msb.cli.output import Output, PlainOutput, echo
 from msb.cli.window import Window, open_probe
@@ -53,6 +53,10 @@ class CompareOptions:
         Path | None, Option("Also show this plain asset, which msb bake made of it.", metavar="FILE")
     ] = None
     pair: Annotated[str | None, Option("Tiers that wipe and difference show at first.", metavar="A,B")] = None
+
+    def __post_init__(self) -> None:
+        if self.scale is not None:
+            check_factor(self.scale)
 
 
 @dataclass(frozen=True)

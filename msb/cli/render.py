@@ -68,7 +68,9 @@ class RenderOptions:
         ),
     ] = None
     up: Annotated[Up | None, Option("Axis of the turntable that points up. Default: the asset's.")] = None
-    flight: Annotated[int | None, Option("N cameras on a smooth path through the chosen ones.")] = None
+    flight: Annotated[int | None, Option("N cameras on a smooth path through the chosen ones.", least=1)] = (
+        None
+    )
     format: Annotated[Literal["png", "npy", "exr"], Option("Format of the images.")] = "png"
     name: Annotated[
         str | None,

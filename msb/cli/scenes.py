@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from msb.base.option import Argument, Option
-from msb.cli.command import command
+from msb.cli.command import command, option_value
 from msb.cli.output import ManyOutput, Output, echo, report_error
 from msb.errors import MsbError, shorten
 
@@ -55,7 +55,13 @@ def scenes(
     docs/datasets.md shows the layouts and the rules.
     """
     from msb.scenes.datasets import describe_scene, find_scenes
+    from msb.scenes.datasets.read import rules_of
+    from msb.scenes.datasets.rules import check_resolution
 
+    with option_value("--rules"):
+        rules_of(options.rules)
+    with option_value("--resolution"):
+        check_resolution(1 if options.resolution is None else options.resolution)
     status = 0
     reports: list[SceneReport] = []
     for path in paths:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from msb.base.limits import Limits
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Views
-from msb.cli.command import Rule, command
+from msb.cli.command import Rule, command, option_value
 from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import GateFailed, UsageError, one_line
 
@@ -115,8 +115,10 @@ class _Run:
         self.output, self.save, self.gated = output, options.save, gated
         self.tasks = [task.name for task in tasks]
         self.plan = None if options.plan is None else parse_plan(options.plan)
+        with option_value("--weld"):
+            weld = None if options.weld is None else parse_weld(options.weld)
         self.asked: dict[str, Any] = {
-            "weld": None if options.weld is None else parse_weld(options.weld),
+            "weld": weld,
             "repair": options.plan,
             "cameras": None if views.cameras is None else views.of(read_cameras(str(views.cameras))),
             "limits": limits,

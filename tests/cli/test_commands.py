@@ -73,6 +73,16 @@ def test_version_is_one_line(msb: Msb) -> None:
         ("audit --profile foo x", "Invalid value for '--profile': 'foo' is not one of 'game', 'print'"),
         ("compare --scale x y", "Invalid value for '--scale': it is \"x\"; it must be a valid number (usage"),
         ("run -j 0 y", 'it is "0"; it must be greater than or equal to 1 (usage'),
+        ("render --flight 0 --cameras v -o o y", "'--flight': it is \"0\"; it must be greater than"),
+        ("compare --scale 0 --cameras v y", "the factor of --scale is 0; it must be above 0"),
+        ("scenes --rules x y", "--rules: there are no rules 'x'; there are ours"),
+        ("scenes -r 0 y", "--resolution: the resolution is 0; it must be 1, 2, 4 or 8"),
+        (
+            "bench --size 100000x100000 data_stubs/splat_like.triasset",
+            "--size is 100000x100000; it must be from 1 to 65535 each way",
+        ),
+        ("audit --weld -1 y", '--weld: the weld is "-1"; it must be exact or a positive length'),
+        ("trial --weld -1 y", '--weld: the weld is "-1"'),
         ("completion", "Missing argument 'SHELL'. Choose from: bash, zsh, fish, powershell (usage"),
     ],
 )

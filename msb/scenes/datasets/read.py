@@ -81,7 +81,7 @@ def read_scene(
     """
     root = given_path(path)
     layout = _layout(root)
-    by = _rules(rules)
+    by = rules_of(rules)
     place = _place(root)
     key = dataset or guess_dataset(layout, place.name, place.parent.name)
     convention = _convention(camera_convention or by.convention)
@@ -149,7 +149,8 @@ def _layout(root: Path) -> Layout:
     return layout
 
 
-def _rules(name: str) -> Rules:
+def rules_of(name: str) -> Rules:
+    """Return the rules of this name."""
     if name not in RULES:
         text = f"there are no rules {shorten(repr(name), 40)}; there are {', '.join(RULES)}"
         raise SceneError("SCENE_ARGUMENT", text)
