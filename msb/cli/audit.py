@@ -53,6 +53,7 @@ class AuditOptions:
             "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these",
             needs="paths explain version",
         ),
+        Rule("explain", "stands alone, without PATH", excludes="paths"),
     ),
 )
 def audit(

@@ -176,14 +176,14 @@ class Context(_LIBRARY):  # type: ignore[misc]
 class Command(TyperCommand):
     """A command of ours: it refuses what the library takes in silence, before anything is opened or read.
 
-    These are an option of one value that is given twice, of which the last would count; and an empty path,
-    which would be the current folder.
+    These are an option of one value that is given twice, of which the last would count; an empty path, which
+    would be the current folder; and an empty name, which would count as none.
     """
 
     context_class = Context
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse, and refuse repeated options and empty paths."""
+        """Parse, and refuse repeated options and empty paths and names."""
         if not ctx.resilient_parsing:  # at the Tab key nothing is complete
             values, _, order = self.make_parser(ctx).parse_args(args=list(args))
             param: Any
@@ -195,6 +195,8 @@ class Command(TyperCommand):
                 given: Any = values.get(param.name)
                 if declared.is_path and "" in (given if isinstance(given, list | tuple) else [given]):
                     ctx.fail(f"{declared.label} is empty, which names no file; . is the current folder")
+                if given == "" and declared.option.metavar in ("NAME", "TEMPLATE"):
+                    ctx.fail(f"{declared.label} is empty, which names nothing")
         return super().parse_args(ctx, args)
 
     def get_help(self, ctx: Any) -> str:
@@ -342,7 +344,9 @@ def _check_rules(
     def holds(conditions: str) -> bool:
         for condition in conditions.split():
             key, equals, wanted = condition.partition("=")
-            if values[key] == wanted if equals else values[key] not in (None, False, ()):
+            value = values[key]
+            # 0 is a value, though it equals False.
+            if value == wanted if equals else value is not None and value is not False and value != ():
                 return True
         return False
 

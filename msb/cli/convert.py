@@ -96,9 +96,12 @@ def convert(
     if inputs == [source]:
         if "to" in typed:
             raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
+        _check_held(target, typed)
         _convert(source, target, options, output)
         return
     places = _places(source, inputs, target, options.to or "glb")
+    for place in places.values():
+        _check_held(place, typed)
     status = EXIT_OK
     for path, place in places.items():
         try:
@@ -132,6 +135,18 @@ def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Pat
             raise UsageError("USAGE", text, file=path)
         taken[place] = path
     return places
+
+
+def _check_held(target: Path, typed: Typed) -> None:
+    """Refuse to choose how textures or colours are written where the format holds none."""
+    from msb.meshes.formats import FORMATS
+
+    suffix = target.suffix.lower()
+    keeps = FORMATS[suffix].keeps if suffix in FORMATS else ("textures",)
+    if "texture" in typed and "textures" not in keeps:
+        raise UsageError("USAGE", f"--texture is for formats with textures; {suffix} holds none")
+    if "color" in typed and not keeps:
+        raise UsageError("USAGE", f"--color is for formats with colours; {suffix} holds none")
 
 
 def _convert(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:

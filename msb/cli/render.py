@@ -33,6 +33,7 @@ RULES = (
     Rule("cameras", "does not go with --turntable, which makes its own", excludes="turntable"),
     Rule("", "give one of --cameras PATH, --scene DIR and --turntable N", needs="cameras scene turntable"),
     Rule("camera flight", "does not go with --turntable, which makes its own cameras", excludes="turntable"),
+    Rule("fps", "goes with --film FILE", needs="film"),
     Rule("up", "goes with --turntable N", needs="turntable"),
     Rule("film renderer", "goes with one tier, not with --tier both", excludes="tier=both"),
 )

@@ -30,6 +30,7 @@ MAX_FINDINGS = 1000
             "PATH is missing; give a .triasset, a mesh file or a folder of these",
             needs="paths explain",
         ),
+        Rule("explain", "stands alone, without PATH", excludes="paths"),
     ),
 )
 def validate(
