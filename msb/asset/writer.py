@@ -6,15 +6,18 @@ import os
 import struct
 import zipfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal, get_args
 
 from msb.asset.build import CHUNK_BYTES, as_bytes
 from msb.asset.check import check_manifest
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
 from msb.asset.progress import Meter
+from msb.asset.reader import load
 from msb.asset.strict_json import MAX_BYTES
 from msb.base.atomic import new_file, new_folder
-from msb.errors import AssetError
+from msb.base.own_folder import check_own_folder
+from msb.errors import AssetError, MsbError
 
 if TYPE_CHECKING:
     from msb.asset.asset import Asset
@@ -42,12 +45,14 @@ def write_asset(
     """Write a `.triasset` to `path`, replacing what is there only once the new one is complete.
 
     "packed" is a single file (ZIP of stored, 64-byte aligned members). `progress` is called as
-    ``progress("writing", done, total)``, in bytes.
+    ``progress("writing", done, total)``, in bytes. Of a folder that is there only an asset is replaced.
     """
     _refuse_unreadable(asset, path)
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     meter = Meter("writing", size, progress)
     if form == "folder":
+        if overwrite and Path(path).is_dir():
+            check_asset_folder(Path(path))
         with new_folder(path, size=size, overwrite=overwrite) as folder:
             for name, chunks in _members(asset):
                 target = folder / name
@@ -59,6 +64,19 @@ def write_asset(
     else:
         with new_file(path, size=size, overwrite=overwrite) as file:
             _write_packed(asset, file, meter)
+
+
+def check_asset_folder(folder: Path) -> bool:
+    """Return whether a folder is empty or not there; refuse one that holds more than an asset."""
+
+    def others(names: list[str]) -> list[str]:
+        try:
+            strays = [each.file for each in load(folder).warnings if each.code == "TRIASSET_FILE_UNDECLARED"]
+        except MsbError:
+            return names
+        return [str(name) for name in strays]
+
+    return check_own_folder(folder, "export or convert", others)
 
 
 def write_packed(asset: Asset, file: IO[bytes]) -> None:

@@ -14,11 +14,12 @@ from msb.asset import ASSET_SUFFIX
 from msb.asset.look import up_axis
 from msb.bake.report import SCHEMA
 from msb.bake.written import write_all
-from msb.base.atomic import is_stream, new_folder
+from msb.base.atomic import new_folder
+from msb.base.own_folder import check_own_folder
 from msb.base.version import __version__
 from msb.engines.engine import engine_mesh
 from msb.engines.webpage import filled, scene_data
-from msb.errors import OutputError, UsageError, shorten
+from msb.errors import UsageError
 from msb.meshes.formats import written_suffixes
 from msb.render.images import write_image
 
@@ -66,19 +67,10 @@ def check_folder(folder: Path) -> bool:
     OutputError
         OUTPUT_UNWRITABLE: it cannot be read.
     """
-    if not os.path.lexists(folder) or is_stream(folder):
-        return True
-    if not folder.is_dir():
-        raise UsageError("OUTPUT_EXISTS", "it is a file; give a folder, or the name of a .glb", file=folder)
-    try:
-        names = sorted(path.name for path in folder.iterdir())
-    except OSError as error:
-        raise OutputError("OUTPUT_UNWRITABLE", f"it cannot be read: {error.strerror}", file=folder) from error
     own = _is_bake(folder)
-    if others := [name for name in names if not (own and _OURS.fullmatch(name))]:
-        text = f"it holds {shorten(others[0], 60)}, which no bake wrote and which would be lost"
-        raise UsageError("OUTPUT_EXISTS", f"{text}; give another folder", file=folder)
-    return not names
+    return check_own_folder(
+        folder, "bake", lambda names: [name for name in names if not (own and _OURS.fullmatch(name))]
+    )
 
 
 def _is_bake(folder: Path) -> bool:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from msb.base.atomic import check_place
 from msb.base.option import Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Source, Up, Views
 from msb.cli.command import Rule, Typed, command
 from msb.cli.output import JsonOutput, Output, echo, is_stdout
-from msb.errors import UsageError, one_line
+from msb.errors import one_line
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -148,7 +147,7 @@ def bake(
     what a bake wrote is replaced.
     """
     from msb.bake import bake as make
-    from msb.bake.folder import PAGE, only_folder
+    from msb.bake.folder import PAGE, check_folder, only_folder
     from msb.bake.lods import shares_of
     from msb.bake.written import endings, places
     from msb.cli.inputs import open_asset
@@ -158,7 +157,7 @@ def bake(
     folder = None
     if only_folder(options.outputs) and not is_stdout(options.outputs[0]):
         folder = options.outputs[0]
-        _check_folder(folder, path, output)
+        output.check_folder(folder, check_folder)
     else:
         names = endings(len(lods), has_collision=options.collision is not None)
         for place in places(options.outputs, names):
@@ -200,18 +199,6 @@ def bake(
         _show(report, options.outputs, output)
         if folder is not None and not output.quiet:
             echo(f"{one_line(str(folder / PAGE))}: a page to look at it")
-
-
-def _check_folder(folder: Path, model: Path, output: Output) -> None:
-    """Refuse a folder with the model in it, or what no bake wrote, and without --force one of a bake."""
-    from msb.bake.folder import check_folder
-
-    if model.resolve().is_relative_to(folder.resolve()):
-        raise UsageError("USAGE", "the model lies in it; an output needs a place of its own", file=folder)
-    if check_folder(folder):
-        check_place(folder, folder=True)
-    else:
-        output.check_free(folder, folder=True)
 
 
 def _note_losses(baked: Baked, paths: tuple[Path, ...], output: Output) -> None:

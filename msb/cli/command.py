@@ -274,6 +274,8 @@ def _command(
         _check_rules(rules, declared, values, typed)
         objects = {key: group.made(values) for key, group in groups.items()}
         if outputs is not None:
+            for _, label, path in filter(lambda one: one[0] is None, _paths(declared, values)):
+                objects[outputs].keep(label, path)
             _check_free(declared, values, objects[outputs])
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
         return function(**objects, **alone)
@@ -312,12 +314,7 @@ def _check_apart(declared: Sequence[_Declared], values: dict[str, Any]) -> None:
 
     Streams can take several outputs.
     """
-    named: list[tuple[bool, str, Path]] = []
-    for each in declared:
-        value = values.get(each.name)
-        if each.is_path and value is not None:
-            paths = value if isinstance(value, tuple) else (value,)
-            named += [(each.option.output in ("file", "own"), each.label, path) for path in paths]
+    named = [(kind in ("file", "own"), label, path) for kind, label, path in _paths(declared, values)]
     if not any(written for written, _, _ in named):
         return
     seen: dict[object, str] = {}
@@ -333,6 +330,15 @@ def _check_apart(declared: Sequence[_Declared], values: dict[str, Any]) -> None:
             text = f"{label} and {seen[key]} name the same file; an output needs a place of its own"
             raise UsageError("USAGE", text, file=path)
         seen[key] = label
+
+
+def _paths(declared: Sequence[_Declared], values: dict[str, Any]) -> Iterator[tuple[str | None, str, Path]]:
+    """Yield each path that is given, how it is written (None for an input), and the label of its option."""
+    for each in declared:
+        value = values.get(each.name)
+        if each.is_path and value is not None:
+            for path in value if isinstance(value, tuple) else (value,):
+                yield each.option.output, each.label, path
 
 
 def _check_rules(

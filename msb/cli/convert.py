@@ -11,7 +11,7 @@ import typer
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import Up
 from msb.cli.command import Rule, Typed, command
-from msb.cli.output import Output, PlainOutput, echo
+from msb.cli.output import Output, PlainOutput, check_asset_place, echo
 from msb.delivery import Engine
 from msb.errors import EXIT_OK, MsbError, UsageError, about
 
@@ -153,7 +153,7 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
     """Convert one input, and say what was written and what was left out."""
     from msb.asset import ASSET_SUFFIX
 
-    output.check_free(target, folder=options.form == "folder")
+    check_asset_place(target, options.form, output)
     if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from msb.base.option import Argument, Option
 from msb.cli.camera_options import Drawing
 from msb.cli.command import command
-from msb.cli.output import JsonOutput, Output, setting_text
+from msb.cli.output import JsonOutput, Output, check_asset_place, setting_text
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -62,7 +62,7 @@ def export(
 
     place = locate(source)
     target = target or Path(place.name + ASSET_SUFFIX)
-    output.check_free(target, folder=options.form == "folder")
+    check_asset_place(target, options.form, output)
     with output.progress(f"reading {source.name}"):
         model = read_model(place, method=options.method, settings=drawing.assignments, config=options.config)
     with output.bars() as progress:

@@ -70,6 +70,7 @@ class Output:
     ] = None
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _checked: set[str] = field(default_factory=set, init=False)
+    _inputs: list[tuple[str, Path]] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         files = {"--json": self.json_file, "--jsonl": self.json_lines, "--csv": self.csv_file}
@@ -220,6 +221,26 @@ class Output:
         if replaced and place in self._checked:
             raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
         self._checked.add(place)
+
+    def keep(self, label: str, path: Path) -> None:
+        """Remember an input, which no folder that is replaced may hold."""
+        self._inputs.append((label, path))
+
+    def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> None:
+        """Refuse a folder with an input in it, or that `check` refuses, and without --force one to replace.
+
+        `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does.
+        """
+        for label, path in self._inputs if folder.is_dir() else ():
+            link = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - it would be lost, too
+            place = os.path.realpath(folder)
+            if any(os.path.commonpath([place, each]) == place for each in (os.path.realpath(path), link)):
+                text = f"{label} lies in it; an output needs a place of its own"
+                raise UsageError("USAGE", text, file=folder)
+        if check(folder) and os.path.lexists(folder):
+            check_place(folder, folder=True)
+        else:
+            self.check_free(folder, folder=True)
 
     def write_json(self, data: Any) -> None:
         """Write `data`, a document or a list of them, where --json points to, if it was given."""
@@ -377,6 +398,16 @@ def write_held(held: Mesh, target: Path, output: Output, style: Style | None = N
     for other in beside(held, target, style or Style()):
         output.check_free(other)
     write_whole(held, target, style)
+
+
+def check_asset_place(target: Path, form: str | None, output: Output) -> None:
+    """Refuse a place for a `.triasset` of this form; of a folder that is there only an asset is replaced."""
+    from msb.asset.writer import check_asset_folder
+
+    if form == "folder" and target.is_dir():
+        output.check_folder(target, check_asset_folder)
+    else:
+        output.check_free(target, folder=form == "folder")
 
 
 def setting_text(value: object) -> str:

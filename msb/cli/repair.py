@@ -297,11 +297,12 @@ def compare_strategies(
     """Print the table of `msb.trial.repairs`, and write its JSON and a picture of each strategy."""
     from msb.base.atomic import new_folder
     from msb.cli.inputs import open_asset
-    from msb.trial.repairs import compare, document, strategies
+    from msb.trial.repairs import check_pictures, compare, document, strategies
     from msb.views import choose_views
 
     wanted = _tasks(tasks)
-    output.check_free(folder, folder=True)
+    if folder is not None:
+        output.check_folder(folder, check_pictures)
     asset = open_asset(source, output)
     given = None if views.cameras is None else views.read(output)
     with about(source):

@@ -106,6 +106,7 @@ class _Run:
         from msb.scenes import read_cameras
         from msb.topology.weld import parse_weld
         from msb.trial.registry import check_libraries, chosen_tasks
+        from msb.trial.run import check_kept
 
         gated = {task.name for task in chosen_tasks(options.fail_on)} if options.fail_on else set()
         tasks = chosen_tasks(options.tasks)
@@ -124,7 +125,8 @@ class _Run:
             "limits": limits,
             "device": drawing.device,
         }
-        output.check_free(options.save, folder=True)
+        if options.save is not None:
+            output.check_folder(options.save, check_kept)
         drawing.check_device()  # without any device it is tried what needs no pictures
         if not limits.limits_memory:
             output.note("warning: this system has no limit of memory for a process; only --seconds holds")

@@ -31,9 +31,14 @@ def keep_picture(
     folder: Path, name: str, original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> str:
     """Write the picture of a repair that is called `name` into `folder`, and return the file's name."""
-    file = f"{re.sub('[^a-z]+', '-', name)}.png"
+    file = picture_name(name)
     write_image(folder / file, picture(original, done, camera, device), "png")
     return file
+
+
+def picture_name(name: str) -> str:
+    """Return the file of the picture of a repair that is called `name`."""
+    return f"{re.sub('[^a-z]+', '-', name)}.png"
 
 
 def picture(

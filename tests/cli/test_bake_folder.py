@@ -101,7 +101,7 @@ def test_what_is_no_place_for_a_folder_is_one_line(here: Here, line: list[Any], 
     said = "which no bake wrote and which would be lost; give another folder"
     here(*line, "-f", "-o", page.parent).ends(2, f"OUTPUT_EXISTS: {page.parent}: it holds index.html, {said}")
     here(*line, "-f", "-o", plain).ends(2, f"OUTPUT_EXISTS: {plain}: it is a file; give a folder")
-    here(*line, "-f", "-o", tmp_path).ends(2, f"USAGE: {tmp_path}: the model lies in it")
+    here(*line, "-f", "-o", tmp_path).ends(2, f"USAGE: {tmp_path}: ASSET lies in it")
     here(*line, "-o", tmp_path / "a.glb", "-o", tmp_path / "new").ends(
         2, f"USAGE: {tmp_path / 'new'}: it is written as a folder, which is the only output"
     )

@@ -19,8 +19,8 @@ import msb as library
 from msb.base.atomic import new_folder
 from msb.cli.app import app
 from msb.cli.defaults import single_commands
-from msb.errors import OutputError
-from tests.cli.conftest import Msb, Refused
+from msb.errors import OutputError, UsageError
+from tests.cli.conftest import Here, Msb, Refused, Result
 from tests.conftest import ROOT
 
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
@@ -148,6 +148,81 @@ def test_an_output_that_is_an_input_is_refused(line: str, tmp_path: Path, refuse
             place.write_bytes(content)
         assert "name the same file; an output needs a place of its own" in refused(line.format(place))
         assert (place.read_bytes() if place.exists() else None) == content
+
+
+TETRAHEDRON = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+0 0 1
+3 0 2 1
+3 0 1 3
+3 1 2 3
+3 0 3 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "own"),
+    [
+        ("trial -f --task decimate --save {out} {mesh}", "decimate_50.png"),
+        ("repair -f --compare --task none {mesh} {out}", "orient-pair.png"),
+        ("convert -f --form folder {mesh} {out}", "manifest.json"),
+    ],
+)
+def test_of_a_folder_only_what_the_command_wrote_is_replaced(
+    here: Here, tmp_path: Path, line: str, own: str
+) -> None:
+    mesh, out = tmp_path / "m.ply", tmp_path / "out.triasset"
+    mesh.write_text(TETRAHEDRON)
+    out.mkdir()
+
+    def run(mesh: Path = mesh, out: Path = out) -> Result:
+        return here(*line.format(mesh=mesh, out=out).split())
+
+    for _ in range(2):
+        assert run().status == 0
+        assert (out / own).exists()
+    run(out=tmp_path).ends(2, f"USAGE: {tmp_path}: {'IN' if own == 'manifest.json' else 'ASSET'} lies in it")
+    link, notes = tmp_path / "link.triasset", out / "notes.txt"
+    link.symlink_to(out)
+    notes.write_text("mine")
+    for place in (out, link):
+        run(out=place).ends(2, f"OUTPUT_EXISTS: {place}: it holds notes.txt, which no ")
+    notes.unlink()
+    inside = out / "m.ply"
+    inside.write_text(TETRAHEDRON)
+    run(inside).ends(2, f"USAGE: {out}: ")
+    run(inside, link).ends(2, f"USAGE: {link}: ")
+    assert link.is_symlink()
+    assert (out / own).exists()
+    assert inside.exists()
+
+
+@pytest.mark.parametrize(
+    "line", ["trial -f --task solid --save {file} {mesh}", "repair -f --compare --task none {mesh} {file}"]
+)
+def test_a_file_becomes_no_folder(here: Here, tmp_path: Path, line: str) -> None:
+    mesh, file = tmp_path / "m.ply", tmp_path / "file"
+    mesh.write_text(TETRAHEDRON)
+    file.write_text("mine")
+    here(*line.format(mesh=mesh, file=file).split()).ends(2, f"OUTPUT_EXISTS: {file}: it is a file")
+    assert file.read_text() == "mine"
+
+
+def test_an_asset_replaces_no_folder_that_is_none(tmp_path: Path) -> None:
+    (tmp_path / "a.triasset").mkdir()
+    (tmp_path / "a.triasset" / "thesis.tex").write_text("mine")
+    with pytest.raises(UsageError, match=r"it holds thesis\.tex"):
+        library.load(ASSET).save(tmp_path / "a.triasset", form="folder", overwrite=True)
 
 
 def test_an_image_is_not_written_where_the_json_goes(tmp_path: Path, refused: Refused) -> None:
