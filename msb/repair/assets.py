@@ -14,7 +14,7 @@ from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.asset.tiers import refusal
-from msb.errors import AssetError, Unsupported, about
+from msb.errors import Unsupported, about
 from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
@@ -125,8 +125,6 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         level = manifest.appearance.get("level")
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
         done = run_plan(base.buffers, domains, options, level=level, weights=weights, first=first)
-        if not len(done.face_map):
-            raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove every piece")
         if first is None and not any(step.changed for step in done.steps):
             made = asset
         else:

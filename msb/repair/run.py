@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
-from msb.errors import MeshError, UsageError
+from msb.errors import AssetError, MeshError, UsageError
 from msb.repair.carry import carry
 from msb.repair.plan import BY_PEER
 from msb.topology import audit_arrays
@@ -182,7 +182,8 @@ def run_plan(
     `buffers` are `positions`, `indices` and all others, `domains` "vertex", "face", "corner" or "global";
     `level` is that of DiffSoup's lattice. `weights` (F,) are what each face counts to `debris` and `drop`;
     the area if not given. The change `first` comes before the plan, such as leaving out hidden faces. The
-    steps are done on the mesh without its seams, and what changes nothing leaves these as they are.
+    steps are done on the mesh without its seams, and what changes nothing leaves these as they are. A plan
+    that leaves no face is refused: `TRIASSET_EMPTY`.
     """
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
@@ -212,6 +213,8 @@ def run_plan(
     work.apply(first or unchanged(faces, len(points)))
     for name in _turns(plan, work, options.peer):
         work.do(name, lambda name=name: _step(name, work, options))  # type: ignore[misc]
+    if len(faces) and not len(work.face_map):
+        raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove every piece")
     shown = [step for turn, step in enumerate(work.steps) if turn < len(plan) or step.changed]
     if (first is None or seams is not None) and not any(step.changed for step in shown):
         same = (np.arange(len(points)), np.arange(len(faces)), np.zeros(len(faces), bool))

@@ -15,7 +15,7 @@ from msb.cli.repair import print_table
 from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import asset_from_mesh
-from tests.cli.conftest import Msb, Refused, mesh_file
+from tests.cli.conftest import Here, Msb, Refused, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 from tests.topology.seamed import textured_cube
 
@@ -213,6 +213,17 @@ def test_compare_says_which_tier_is_not_drawn_and_that_a_plan_would_leave_nothin
     assert not any(line.startswith("not drawn") for line in lines)
     plan = "orient,pair,debris"
     assert f"{plan}: TRIASSET_EMPTY: the plan {plan} would remove every piece" in lines
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".triasset"])
+def test_a_plan_that_would_leave_nothing_is_refused_in_every_format(
+    here: Here, book: Path, suffix: str
+) -> None:
+    target = book.with_name(f"none{suffix}")
+    here("repair", book, "--plan", "debris", target).ends(
+        3, f"TRIASSET_EMPTY: {book}: the plan debris would remove every piece"
+    )
+    assert not target.exists()
 
 
 def test_what_is_said_of_a_repaired_file_with_seams_is_what_it_holds(msb: Msb, tmp_path: Path) -> None:
