@@ -20,8 +20,8 @@ from msb.base.atomic import new_folder
 from msb.cli.app import app
 from msb.cli.defaults import single_commands
 from msb.errors import OutputError, UsageError
-from tests.cli.conftest import Here, Msb, Refused, Result
-from tests.conftest import ROOT
+from tests.cli.conftest import Here, Msb, Refused, Result, mesh_file
+from tests.conftest import ROOT, TETRAHEDRON
 
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")
@@ -150,26 +150,6 @@ def test_an_output_that_is_an_input_is_refused(line: str, tmp_path: Path, refuse
         assert (place.read_bytes() if place.exists() else None) == content
 
 
-TETRAHEDRON = """ply
-format ascii 1.0
-element vertex 4
-property float x
-property float y
-property float z
-element face 4
-property list uchar int vertex_indices
-end_header
-0 0 0
-1 0 0
-0 1 0
-0 0 1
-3 0 2 1
-3 0 1 3
-3 1 2 3
-3 0 3 2
-"""
-
-
 @pytest.mark.parametrize(
     ("line", "own"),
     [
@@ -181,8 +161,7 @@ end_header
 def test_of_a_folder_only_what_the_command_wrote_is_replaced(
     here: Here, tmp_path: Path, line: str, own: str
 ) -> None:
-    mesh, out = tmp_path / "m.ply", tmp_path / "out.triasset"
-    mesh.write_text(TETRAHEDRON)
+    mesh, out = mesh_file(tmp_path / "m.ply", *TETRAHEDRON), tmp_path / "out.triasset"
     out.mkdir()
 
     def run(mesh: Path = mesh, out: Path = out) -> Result:
@@ -198,8 +177,7 @@ def test_of_a_folder_only_what_the_command_wrote_is_replaced(
     for place in (out, link):
         run(out=place).ends(2, f"OUTPUT_EXISTS: {place}: it holds notes.txt, which no ")
     notes.unlink()
-    inside = out / "m.ply"
-    inside.write_text(TETRAHEDRON)
+    inside = mesh_file(out / "m.ply", *TETRAHEDRON)
     run(inside).ends(2, f"USAGE: {out}: ")
     run(inside, link).ends(2, f"USAGE: {link}: ")
     assert link.is_symlink()
@@ -211,8 +189,7 @@ def test_of_a_folder_only_what_the_command_wrote_is_replaced(
     "line", ["trial -f --task solid --save {file} {mesh}", "repair -f --compare --task none {mesh} {file}"]
 )
 def test_a_file_becomes_no_folder(here: Here, tmp_path: Path, line: str) -> None:
-    mesh, file = tmp_path / "m.ply", tmp_path / "file"
-    mesh.write_text(TETRAHEDRON)
+    mesh, file = mesh_file(tmp_path / "m.ply", *TETRAHEDRON), tmp_path / "file"
     file.write_text("mine")
     here(*line.format(mesh=mesh, file=file).split()).ends(2, f"OUTPUT_EXISTS: {file}: it is a file")
     assert file.read_text() == "mine"
