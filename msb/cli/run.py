@@ -131,6 +131,7 @@ def run(
         echo(example(options.example).decode().removesuffix("\n"))
         return 0
     assert path is not None
+    from msb.bench.models import method_of
     from msb.bench.run import run_protocol
 
     file = options.protocol(path)
@@ -138,6 +139,8 @@ def run(
     if drawing.device is not None and ("device" in typed or not file.protocol.device):
         file = replace(file, protocol=file.protocol.model_copy(update={"device": drawing.device}))
     dry = options.dry_run
+    if options.scene is not None and not dry:
+        method_of(path)  # before anything is written: what is no model spoils no results that are there
     watch = _Watch(output)
     try:
         report = run_protocol(
@@ -155,7 +158,8 @@ def run(
         raise
     output.write_json(_document(file, report))
     for name, reason in report.models.items():
-        say(f"{reason.code}: {name}: {reason.message}")
+        where = "" if reason.message.startswith(name) else f"{name}: "
+        say(f"{reason.code}: {where}{reason.message}")
     for reason, names in _failures(report, dry=dry).items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         say(f"{reason.code}: {names[0]}{more}: {reason.message}")

@@ -9,7 +9,7 @@ import pytest
 
 from msb.bench.protocol import example, parse_protocol
 from msb.scenes.datasets import DATASETS
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT
 
 STUBS = ROOT / "tests" / "tiny"
@@ -42,6 +42,36 @@ def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
     text = msb("run", "--dry-run", "-o", results, results / "protocol.toml").out
     assert "3 cells: 3 as before" in text
     assert max(map(len, text.splitlines()[:-1])) <= 80
+
+
+def test_what_is_no_model_is_refused_before_anything_is_written(here: Here, tmp_path: Path) -> None:
+    out, empty, nothing = tmp_path / "out", tmp_path / "empty.ply", tmp_path / "nothing"
+    out.mkdir()
+    (out / "protocol.toml").write_text("of another run")
+    empty.touch()
+    for model, said in (
+        (nothing, f"FILE_NOT_FOUND: {nothing}: there is no such"),
+        (empty, f"MESH_FILE_INVALID: {empty}: the file is empty"),
+    ):
+        here("run", "--scene", SCENE, "-o", out, model).ends(3, said)
+        here("run", "--scene", SCENE, "-o", tmp_path / "new", model).ends(3, said)
+    assert (out / "protocol.toml").read_text() == "of another run"
+    assert [path.name for path in out.iterdir()] == ["protocol.toml"]
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.slow
+def test_a_model_that_no_method_knows_is_named_once(msb: Msb, tmp_path: Path) -> None:
+    text = f"""
+[[datasets]]
+name = "nerf_synthetic"
+path = {json.dumps(str(SCENE))}
+[[methods]]
+model = "nothing"
+"""
+    (tmp_path / "p.toml").write_text(text)
+    result = msb("run", tmp_path / "p.toml", status=3)
+    assert f"FILE_NOT_FOUND: {tmp_path / 'nothing'}: there is no such file or folder\n" in result.err
 
 
 @pytest.mark.slow
