@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -136,13 +136,16 @@ class _Repair:
 
     def run(self, maps: Path | None) -> Audit:
         """Repair, write and print; return the audit of what was written."""
-        from msb.base.atomic import new_file
-        from msb.base.npz import write_npz
         from msb.meshes.losses import why_split
         from msb.repair.run import what_is_left
 
         made, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
-        written = None if made is None else self.write(made, left_out)
+        with self.rows_kept(done, maps):
+            written = None
+            if made is not None:
+                written = self.write(made, left_out)
+            else:
+                self.save(done)
         after = (
             done.after
             if written is None
@@ -150,19 +153,30 @@ class _Repair:
         )
         splits = done.after.topology != after.judged.topology
         left = what_is_left(after, why_split(self.suffix) if splits else None)
-        if maps is not None:
-            with new_file(maps) as file:
-                arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
-                write_npz(file, arrays)
         self.output.write_json(self.document(done, after, left))
         if self.output.prints_text:
             self.show(done, after, left, splits=splits)
         return after
 
+    @contextmanager
+    def rows_kept(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
+        """Write the maps, which take their place when the block that writes OUT ends: both or neither."""
+        from msb.base.atomic import is_stream, new_file
+        from msb.base.npz import write_npz
+
+        with ExitStack() as stack:
+            if maps is not None:
+                file = stack.enter_context(new_file(maps))
+                arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
+                write_npz(file, arrays)
+                file.flush()  # a full disk is noticed here
+                if is_stream(maps):  # gets everything at the end, which must not fail after OUT is there
+                    stack.close()
+            yield
+
     def repair_asset(self) -> tuple[Mesh | None, Repaired, Sequence[str]]:
-        """Repair what an asset holds, and save it, or return its standard-tier mesh and what that lacks."""
+        """Repair what an asset holds; return its standard-tier mesh and what that lacks, if OUT is a mesh."""
         from msb.cli.inputs import open_asset
-        from msb.delivery.saving import save
         from msb.meshes.assets import mesh_from_asset
         from msb.meshes.losses import beyond_a_mesh, what_is_up
         from msb.repair.assets import repair_asset
@@ -173,8 +187,6 @@ class _Repair:
             done = repair_asset(asset, self.plan, weights)
         _note_turned(asset, done, self.output)
         if self.to_asset:
-            with self.output.progress(f"writing {self.target.name}"):
-                save(done.asset, self.target, overwrite=True)
             return None, done, ()
         made = mesh_from_asset(done.asset)
         known = asset.manifest.coordinate_frame.known_up is not None
@@ -199,6 +211,15 @@ class _Repair:
             mesh = read_mesh(self.source)
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             return *repair_mesh(mesh, self.plan), mesh.left_out
+
+    def save(self, done: Repaired | Outcome) -> None:
+        """Write the repaired asset."""
+        from msb.delivery.saving import save
+        from msb.repair import Repaired
+
+        assert isinstance(done, Repaired)
+        with self.output.progress(f"writing {self.target.name}"):
+            save(done.asset, self.target, overwrite=True)
 
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write a mesh file, and return the audit of what it holds."""

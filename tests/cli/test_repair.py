@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -224,6 +226,30 @@ def test_a_plan_that_would_leave_nothing_is_refused_in_every_format(
         3, f"TRIASSET_EMPTY: {book}: the plan debris would remove every piece"
     )
     assert not target.exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk is played by Linux")
+@pytest.mark.parametrize("suffix", [".ply", ".triasset"])
+def test_out_and_maps_are_both_written_or_neither(here: Here, book: Path, suffix: str) -> None:
+    target, maps = book.with_name(f"out{suffix}"), book.with_name("maps.npz")
+    maps.symlink_to("/dev/full")
+    here("repair", "-q", "--maps", maps, book, target).ends(3, f"OUTPUT_UNWRITABLE: {maps}: ")
+    maps.unlink()
+    assert list(book.parent.iterdir()) == [book]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("msb.base.npz.write_npz", _on_a_full_disk)
+        here("repair", "-q", "--maps", maps, book, target).ends(3, f"OUTPUT_UNWRITABLE: {maps}: ")
+    assert list(book.parent.iterdir()) == [book]
+    target.symlink_to("/dev/full")
+    assert here("repair", "--maps", maps, book, target).status == 3
+    assert not maps.exists()
+    target.unlink()
+    assert here("repair", "--maps", maps, book, target).status == 0
+    assert {maps, target} <= set(book.parent.iterdir())
+
+
+def _on_a_full_disk(*_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_what_is_said_of_a_repaired_file_with_seams_is_what_it_holds(msb: Msb, tmp_path: Path) -> None:
