@@ -16,6 +16,7 @@ import stat
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -28,7 +29,8 @@ def new_file(
 ) -> Iterator[BinaryIO]:
     """Yield a binary file that takes the place of `path` when the block ends without an error.
 
-    Missing parent folders are made. On any failure the temporary file is removed and `path` is as before.
+    Missing parent folders are made. On any failure the temporary file is removed and `path` is as before, and
+    folders that were made for it are gone if they are empty.
     A symbolic link at `path` is itself replaced, not what it points to; only one that leads to a device or
     pipe is followed (`is_stream`), and written through. `size` are the bytes that will be written, if known,
     for the error about a full disk. Without `overwrite` nothing is replaced that is there or comes meanwhile.
@@ -55,6 +57,7 @@ def new_file(
         except BaseException:
             with contextlib.suppress(OSError):
                 temporary.unlink()
+            _remove_made(target)
             raise
 
 
@@ -77,6 +80,7 @@ def new_files(paths: Sequence[Path], *, overwrite: bool = True) -> Iterator[Sequ
             if is_stream(target):
                 text = f"it is a device or pipe, which takes one file; {len(targets)} are to be written"
                 raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
+            stack.push(partial(_after_failure, target))
             stack.callback(_remove, aside)
             stack.callback(_remove, temporary)
             _refuse_existing(target, overwrite)
@@ -148,6 +152,7 @@ def new_folder(
                 raise
         except BaseException as error:
             shutil.rmtree(temporary, ignore_errors=True)
+            _remove_made(target)
             if isinstance(error, OutputError) and error.file is not None:
                 error = _about_target(error, temporary, target)
             raise error
@@ -311,12 +316,33 @@ def _remove(path: Path) -> None:
             path.unlink()
 
 
+_MADE: set[Path] = set()
+"""Folders that were made for outputs; several threads may write into one of them."""
+
+
 def _make_parent(target: Path) -> None:
+    missing = [place for place in target.absolute().parents if not os.path.lexists(place)]
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
         _check_folder(target, _above(target))
         raise
+    finally:
+        _MADE.update(place for place in missing if place.is_dir())
+
+
+def _remove_made(target: Path) -> None:
+    """Remove the folders above an output that failed which were made for it, or for others, and are empty."""
+    for place in target.absolute().parents:
+        if place not in _MADE:
+            return
+        with contextlib.suppress(OSError):
+            place.rmdir()
+
+
+def _after_failure(target: Path, kind: object, *_: object) -> None:
+    if kind is not None:
+        _remove_made(target)
 
 
 def _above(target: Path) -> Path:
@@ -344,7 +370,7 @@ def _translated(target: Path, size: int | None) -> Iterator[None]:
 def _space(target: Path, size: int | None) -> str:
     """Return how much there is, and is needed if that is known; to be asked once the temporary is removed."""
     try:
-        free = shutil.disk_usage(target.parent).free
+        free = shutil.disk_usage(_above(target.absolute())).free
     except OSError:
         return ""
     return f" ({free:,} bytes are free" + ("" if size is None else f", {size:,} are needed") + ")"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from msb.base.atomic import check_place, is_leftover, new_file, new_folder, remove_leftovers
+from msb.base.atomic import check_place, is_leftover, new_file, new_files, new_folder, remove_leftovers
 from msb.errors import OutputError, UsageError
 from tests.conftest import ROOT
 from tests.robustness.conftest import Bound, Disk, bound, disk, read_only
@@ -169,6 +169,46 @@ def test_of_programs_that_make_one_file_at_once_only_one_succeeds(tmp_path: Path
     (winner,) = set(codes) - {"OUTPUT_EXISTS"}
     assert codes.count("OUTPUT_EXISTS") == 7
     assert held(tmp_path) == {"a": winner.encode()}
+
+
+@pytest.mark.parametrize("kind", ["file", "folder", "files"])
+def test_folders_that_were_made_for_nothing_are_gone(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine").mkdir()
+
+    def fail(path: Path) -> None:
+        if kind != "files":
+            fail_half_way(path, kind, FULL)
+        with new_files([path, path.with_name("b")]):
+            raise FULL
+
+    for folder in (Path("mine"), Path("new"), Path("mine", "new", "newer")):
+        with pytest.raises(OutputError, match="No space left"):
+            fail(folder / "a")
+    assert [path.name for path in tmp_path.rglob("*")] == ["mine"]
+    write(Path("mine", "new", "a"), "file")
+    with pytest.raises(OutputError, match="No space left"):
+        fail(Path("mine", "new", "b"))
+    assert held(tmp_path) == {"mine/new/a": b"new"}
+
+
+def test_of_several_writers_the_last_to_fail_removes_their_folder(tmp_path: Path) -> None:
+    together = threading.Barrier(4)
+
+    def write_in_vain(number: int) -> None:
+        with new_file(tmp_path / "new" / str(number)):
+            together.wait()
+            raise FULL
+
+    def fail(number: int) -> None:
+        with pytest.raises(OutputError):
+            write_in_vain(number)
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(fail, range(4)))
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
