@@ -16,6 +16,7 @@ from msb.asset.progress import Meter
 from msb.asset.reader import load
 from msb.asset.strict_json import MAX_BYTES
 from msb.base.atomic import new_file, new_folder
+from msb.base.files import is_folder
 from msb.base.own_folder import check_own_folder
 from msb.errors import AssetError, MsbError
 
@@ -51,7 +52,7 @@ def write_asset(
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     meter = Meter("writing", size, progress)
     if form == "folder":
-        if overwrite and Path(path).is_dir():
+        if overwrite and is_folder(Path(path)):
             check_asset_folder(Path(path))
         with new_folder(path, size=size, overwrite=overwrite) as folder:
             for name, chunks in _members(asset):

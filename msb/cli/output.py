@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 
 from msb.base.atomic import check_place, is_stream, new_file
+from msb.base.files import is_folder
 from msb.base.option import Option
 from msb.base.version import __version__
 from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
@@ -231,10 +232,10 @@ class Output:
 
         `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does.
         """
-        for label, path in self._inputs if folder.is_dir() else ():
+        for label, path in self._inputs if is_folder(folder) else ():
             link = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - it would be lost, too
             place = os.path.realpath(folder)
-            if any(os.path.commonpath([place, each]) == place for each in (os.path.realpath(path), link)):
+            if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), link)):
                 text = f"{label} lies in it; an output needs a place of its own"
                 raise UsageError("USAGE", text, file=folder)
         if check(folder) and os.path.lexists(folder):
@@ -404,7 +405,7 @@ def check_asset_place(target: Path, form: str | None, output: Output) -> None:
     """Refuse a place for a `.triasset` of this form; of a folder that is there only an asset is replaced."""
     from msb.asset.writer import check_asset_folder
 
-    if form == "folder" and target.is_dir():
+    if form == "folder" and is_folder(target):
         output.check_folder(target, check_asset_folder)
     else:
         output.check_free(target, folder=form == "folder")

@@ -195,6 +195,14 @@ def test_a_file_becomes_no_folder(here: Here, tmp_path: Path, line: str) -> None
     assert file.read_text() == "mine"
 
 
+@pytest.mark.parametrize(
+    "line", ["trial --save {name} {mesh}", "convert --form folder {mesh} {name}.triasset"]
+)
+def test_a_folder_of_a_name_too_long_is_one_line(here: Here, tmp_path: Path, line: str) -> None:
+    words = line.format(mesh=mesh_file(tmp_path / "m.ply", *TETRAHEDRON), name=tmp_path / ("n" * 300))
+    here(*words.split()).ends(3, "OUTPUT_UNWRITABLE: ")
+
+
 def test_an_asset_replaces_no_folder_that_is_none(tmp_path: Path) -> None:
     (tmp_path / "a.triasset").mkdir()
     (tmp_path / "a.triasset" / "thesis.tex").write_text("mine")
