@@ -152,7 +152,10 @@ def _check_held(target: Path, typed: Typed) -> None:
 def _convert(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     """Convert one input, and say what was written and what was left out."""
     from msb.asset import ASSET_SUFFIX
+    from msb.delivery.saving import output_suffix
 
+    if not options.official:
+        output_suffix(target, "OUT")
     check_asset_place(target, options.form, output)
     if options.official:
         _write_official(source, target, output)

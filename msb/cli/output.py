@@ -216,6 +216,8 @@ class Output:
             return
         replaced = not is_stream(path)
         if replaced and os.path.lexists(path) and not self.force:
+            if not folder and is_folder(path):
+                check_place(path)  # says so: --force would not replace it
             raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
         check_place(path, folder=folder)
         place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.writer import FORMS
+from msb.base.files import is_folder
 from msb.base.paths import given_path
 from msb.delivery import Engine
 from msb.errors import UsageError, about, shorten
@@ -164,4 +165,5 @@ def checked_ending(path: Path, name: str, known: Sequence[str]) -> str:
         hint = "; .glb is opened by Blender and by every engine"
         hint += "" if ".glb" in known else ": msb convert writes it"
     one_of = "one of " if len(known) > 1 else ""
-    raise UsageError("USAGE", f'{name} is "{path.name}"; it must end in {one_of}{", ".join(known)}{hint}')
+    is_one = f'is "{path.name}"' + (", a folder" if is_folder(path) else "")
+    raise UsageError("USAGE", f"{name} {is_one}; it must end in {one_of}{', '.join(known)}{hint}")

@@ -161,8 +161,10 @@ def test_an_output_that_is_an_input_is_refused(line: str, tmp_path: Path, refuse
 def test_of_a_folder_only_what_the_command_wrote_is_replaced(
     here: Here, tmp_path: Path, line: str, own: str
 ) -> None:
-    mesh, out = mesh_file(tmp_path / "m.ply", *TETRAHEDRON), tmp_path / "out.triasset"
+    home, out = tmp_path / "home.triasset", tmp_path / "out.triasset"
+    home.mkdir()
     out.mkdir()
+    mesh = mesh_file(home / "m.ply", *TETRAHEDRON)
 
     def run(mesh: Path = mesh, out: Path = out) -> Result:
         return here(*line.format(mesh=mesh, out=out).split())
@@ -170,7 +172,7 @@ def test_of_a_folder_only_what_the_command_wrote_is_replaced(
     for _ in range(2):
         assert run().status == 0
         assert (out / own).exists()
-    run(out=tmp_path).ends(2, f"USAGE: {tmp_path}: {'IN' if own == 'manifest.json' else 'ASSET'} lies in it")
+    run(out=home).ends(2, f"USAGE: {home}: {'IN' if own == 'manifest.json' else 'ASSET'} lies in it")
     link, notes = tmp_path / "link.triasset", out / "notes.txt"
     link.symlink_to(out)
     notes.write_text("mine")
@@ -201,6 +203,17 @@ def test_a_file_becomes_no_folder(here: Here, tmp_path: Path, line: str) -> None
 def test_a_folder_of_a_name_too_long_is_one_line(here: Here, tmp_path: Path, line: str) -> None:
     words = line.format(mesh=mesh_file(tmp_path / "m.ply", *TETRAHEDRON), name=tmp_path / ("n" * 300))
     here(*words.split()).ends(3, "OUTPUT_UNWRITABLE: ")
+
+
+def test_a_folder_where_a_file_is_to_be_written_is_called_one(here: Here, tmp_path: Path) -> None:
+    mesh, folder = mesh_file(tmp_path / "m.ply", *TETRAHEDRON), tmp_path / "f.json"
+    folder.mkdir()
+    (tmp_path / "plain").mkdir()
+    for force in ((), ("-f",)):
+        here("info", *force, "--json", folder, mesh).ends(3, f"OUTPUT_UNWRITABLE: {folder}: it is a folder")
+        here("convert", *force, mesh, tmp_path / "plain").ends(
+            2, 'USAGE: OUT is "plain", a folder; it must end in one of .triasset, '
+        )
 
 
 def test_an_asset_replaces_no_folder_that_is_none(tmp_path: Path) -> None:
