@@ -110,9 +110,9 @@ def bench(
         "driver_memory_bytes": driver,
         "driver_memory_reason": reason,
     }
-    output.write_json(record)
     if output.prints_text:
         _print(record, found, old, output)
+    output.write_json(record)
     if old is not None:
         for key in _SAME:
             if _part(old, key) != _part(record, key):

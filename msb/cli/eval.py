@@ -154,10 +154,10 @@ class _Task:
         if nothing:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]
         data = self.summary(rows, failed) | ({"reason": NOTHING_SHOWN} if nothing else {})
-        self.output.write_json(data)
-        self.output.write_csv((*_COLUMNS, *self.metrics), rows)
         if self.output.prints_text and rows:
             self.show(rows, data)
+        self.output.write_json(data)
+        self.output.write_csv((*_COLUMNS, *self.metrics), rows)
         return status
 
     def compare(self, pair: ImagePair) -> dict[str, Any]:

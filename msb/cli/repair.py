@@ -334,9 +334,9 @@ def compare_strategies(
         nullcontext() if folder is None else new_folder(folder) as keep,
     ):
         rows = compare(asset, seen, options, tasks=wanted, device=device, keep=keep, step=step)
-    output.write_json(document(str(source), which, rows))
     if output.prints_text:
         _print(rows, which, output)
+    output.write_json(document(str(source), which, rows))
 
 
 def _tasks(given: Sequence[str]) -> list[str]:

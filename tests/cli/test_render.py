@@ -294,6 +294,10 @@ def test_bench_reports_and_compares(msb: Msb, demo_asset: Path, cameras: Path, t
     assert sum(data["stages_ms"].values()) <= 2 * data["device_ms"]["p95"]
     result = msb(*args, "--compare", record, demo_asset)
     assert "Now / before" in result.out
+    if Path("/dev/full").exists():
+        result = msb(*args, "--json", "/dev/full", demo_asset, status=3)
+        assert "frames per second" in result.out, "what was measured is not lost"
+        assert result.err.startswith("OUTPUT_UNWRITABLE: /dev/full: ")
     fast = {**data, "device_ms": {**data["device_ms"], "p50": data["device_ms"]["p50"] / 1000}, "faces": 1}
     (tmp_path / "fast.json").write_text(json.dumps(fast))
     result = msb(*args, "--compare", tmp_path / "fast.json", "--fail-slower", "900%", demo_asset, status=1)
