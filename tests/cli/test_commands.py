@@ -118,8 +118,8 @@ def test_wrong_usage_is_one_line_that_says_what_was_meant(msb: Msb, line: str, s
         ),
         (
             "trial --task solid --force --save . NEW.triasset",
-            3,
-            ".: it is a folder that stays; give a name in it",
+            2,
+            ".: ASSET lies in it; an output needs a place of its own",
         ),
         (
             "bake --seconds inf -o NEW.glb data_stubs/checkpoint",
