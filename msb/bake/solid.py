@@ -82,29 +82,31 @@ def compacted(points: Reals, faces: Faces) -> tuple[Reals, Faces]:
     return points[used], (np.cumsum(used) - 1)[faces]
 
 
-def with_fewer_faces(
-    points: Reals, faces: Faces, pixels: Reals, count: int, space: Space
-) -> tuple[Reals, Faces]:
+def with_fewer_faces(points: Reals, faces: Faces, count: int, space: Space) -> tuple[Reals, Faces]:
     """Return the surface with about `count` faces, by quadric error, and mended to a closed manifold.
 
-    What hardly any of the `pixels` (F,) of the mean view show is given hardly any faces. So is what is far in
-    a scene: errors count as in a space where lengths grow as the logarithm of the distance to its middle."""
-    if len(faces) > count:
-        placed = _to_logarithm(points) if space.contracted else points
-        placed, faces = _merged(placed, faces, pixels, count)
-        for haste in (_HASTE, _MORE_HASTE):
-            if len(faces) > count:
-                placed, faces, _ = _collapsed(placed, faces, count, haste)
-        points = _from_logarithm(placed) if space.contracted else placed
+    The middle of a scene, which its cameras look at, is given more faces: there errors count as in a space
+    where lengths grow as the logarithm of the distance to it."""
+    placed = _to_logarithm(points) if space.contracted else points
+    for haste in (_HASTE, _MORE_HASTE):
+        if len(faces) > count:
+            placed, faces, _ = _collapsed(placed, faces, count, haste)
+            points = _from_logarithm(placed) if space.contracted else placed
     return mended(points, faces)
 
 
-def _merged(points: Reals, faces: Faces, pixels: Reals, count: int) -> tuple[Reals, Faces]:
-    """Return the surface with one vertex in place of those that hardly any pixels show together.
+def coarser_unseen(
+    points: Reals, faces: Faces, pixels: Reals, count: int, space: Space
+) -> tuple[Reals, Faces]:
+    """Return the surface with one vertex in place of those that hardly any of the `pixels` (F,) of the mean
+    view show together, so that of `count` faces that are to stay hardly any go there.
 
     They are merged along edges that quadric error would collapse, so that it stays the surface it was, until
-    all is as coarse as it may be."""
-    *_, collapses = _collapsed(points, faces, max(int(count * _COARSEST), _FEWEST), _HASTE)
+    all is as coarse as it may be. Faces may touch at an edge then."""
+    if len(faces) <= count:
+        return points, faces
+    placed = _to_logarithm(points) if space.contracted else points
+    *_, collapses = _collapsed(placed, faces, max(int(count * _COARSEST), _FEWEST), _HASTE)
     shown = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
     most = min(_HARDLY, _LESS * shown.sum() / (count / 2))
     held, into = shown.tolist(), list(range(len(points)))

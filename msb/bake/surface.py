@@ -17,6 +17,7 @@ from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
 from msb.bake.shares import pixels_shown
 from msb.bake.solid import (
     boundary,
+    coarser_unseen,
     compacted,
     crossing_faces,
     parted,
@@ -163,12 +164,15 @@ def taught(
     count = max(count, _FEWEST)
     cameras = guide.lessons.cameras
     pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
-    places, made = with_fewer_faces(places, faces, pixels, count, space)
-    places, made = uncrossed(places, made, space)
+    coarser = coarser_unseen(places, faces, pixels, count, space)
+    fewer = with_fewer_faces(*coarser, count, space)
+    placed, made = uncrossed(*fewer, space)
+    if len(made) < len(fewer[1]):  # so coarse, it went through what is seen, which was cut out
+        placed, made = uncrossed(*with_fewer_faces(places, faces, count, space), space)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
-    places, made = _parts_seen(places, made, space, cameras, guide.device)
+    places, made = _parts_seen(placed, made, space, cameras, guide.device)
     mesh = Mesh(space.outward(places).astype(np.float32), made)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):

@@ -119,7 +119,8 @@ def test_faces_go_where_pixels_show_them(contracted: bool) -> None:
     is_seen = points[mesh.faces].mean(axis=1)[:, 2] > 0
     shares = []
     for pixels in (np.full(len(mesh.faces), 9.0), np.where(is_seen, 9.0, 0.0), np.zeros(len(mesh.faces))):
-        placed, faces = solid.with_fewer_faces(points, mesh.faces, pixels, 800, space)
+        coarser = solid.coarser_unseen(points, mesh.faces, pixels, 800, space)
+        placed, faces = solid.with_fewer_faces(*coarser, 800, space)
         assert is_closed(audit_arrays(placed, faces)[0].counts)
         assert 720 < len(faces) <= 800
         shares.append((placed[faces].mean(axis=1)[:, 2] > 0).mean())
