@@ -167,8 +167,9 @@ def taught(
     coarser = coarser_unseen(places, faces, pixels, count, space)
     fewer = with_fewer_faces(*coarser, count, space)
     placed, made = uncrossed(*fewer, space)
-    if len(made) < len(fewer[1]):  # so coarse, it went through what is seen, which was cut out
-        placed, made = uncrossed(*with_fewer_faces(places, faces, count, space), space)
+    if len(made) < len(fewer[1]):  # something coarse went through what is seen, and was cut out with it
+        finer = uncrossed(*with_fewer_faces(places, faces, count, space), space)
+        placed, made = min((placed, made), finer, key=lambda one: _error(one, space, guide))
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
@@ -191,6 +192,17 @@ def taught(
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes
+
+
+def _error(made: tuple[NDArray[np.float64], NDArray[np.int64]], space: Space, guide: Guide) -> float:
+    """Return the error of a surface, in the colours that fit best, in views that teach nothing."""
+    places, faces = made
+    if not len(faces):
+        return math.inf
+    soup = Soup.of(Mesh(space.outward(places).astype(np.float32), faces), shares=True)
+    with guide.rasters(soup) as (raster, judge):
+        soup.refit(raster)
+        return soup.error(judge)
 
 
 def _moved(mesh: Mesh, soup: Soup) -> Mesh:

@@ -32,6 +32,8 @@ from tests.bake import solids
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled
 
+Points = NDArray[np.float64]
+
 
 @pytest.fixture(scope="module", params=STYLES)
 def device(request: pytest.FixtureRequest) -> Iterator[Device]:
@@ -130,6 +132,22 @@ def test_faces_go_where_pixels_show_them(contracted: bool) -> None:
 
 def _box() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.full(3, -1.0), np.ones(3)
+
+
+@pytest.mark.usefixtures("quick")
+def test_where_crossing_faces_are_cut_out_the_better_of_two_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    rest = solids.box((0.1, 0.1, 0.1))
+    cut = rest.vertices.astype(np.float64), rest.faces
+    uncrossed, asked = made.uncrossed, []
+
+    def first_cut(points: Points, faces: NDArray[np.int64], space: Space) -> tuple[Points, NDArray[np.int64]]:
+        asked.append(len(faces))
+        return cut if len(asked) == 1 else uncrossed(points, faces, space)
+
+    monkeypatch.setattr(made, "uncrossed", first_cut)
+    mesh = surface_of(*ball(), around(12), around(4, 4.2))
+    assert len(asked) == 2
+    assert 300 < len(mesh.faces) <= 400
 
 
 @pytest.mark.usefixtures("quick")
