@@ -37,9 +37,6 @@ _STEPS = 300
 _RATES = 0.03, 0.0003
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 
-_PATIENCE = 1.5
-"""How many times the steps of a whole surface a level takes, whose faces have to make up for others."""
-
 
 def shares_of(text: str) -> tuple[float, ...]:
     """Return the shares that a text such as "0.5,0.25,0.1" names.
@@ -152,7 +149,7 @@ class _Levels:
             def watch(_: str, done: int, total: int, level: int = level) -> bool:
                 return self._watched(level, len(self.counts), done, total)
 
-            yield taught(*made, count, space, replace(guide, watch=watch), self.seconds, _PATIENCE)
+            yield taught(*made, count, space, replace(guide, watch=watch), self.seconds, is_level=True)
 
     def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield an open surface with fewer faces, which stay where they are."""

@@ -46,6 +46,8 @@ _FEWEST = 4
 """Faces of a tetrahedron."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
+_PATIENCE = 1.5
+"""How many times the steps of a whole surface a level takes, whose faces have to make up for others."""
 LEAST_PART = 1e-4
 """Share of the pixels of all views below which a part is left out."""
 
@@ -148,12 +150,14 @@ def taught(
     space: Space,
     guide: Guide,
     seconds: float = math.inf,
-    patience: float = 1.0,
+    *,
+    is_level: bool = False,
 ) -> tuple[Mesh, list[str]]:
     """Return a closed surface, with places inside `space`, with about `count` faces that look right, and what
     should be known of it.
 
-    Its vertices take `patience` times as many steps as usual, if there are so many `seconds`.
+    One that is a level of detail of another has no faces to spare where nothing is seen, and takes half as
+    many steps again, if there are so many `seconds`.
 
     Raises
     ------
@@ -163,11 +167,15 @@ def taught(
     """
     count = max(count, _FEWEST)
     cameras = guide.lessons.cameras
-    pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
-    coarser = coarser_unseen(places, faces, pixels, count, space)
+    coarser = places, faces
+    if not is_level:
+        pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
+        coarser = coarser_unseen(places, faces, pixels, count, space)
     fewer = with_fewer_faces(*coarser, count, space)
     placed, made = uncrossed(*fewer, space)
-    if len(made) < len(fewer[1]):  # something coarse went through what is seen, and was cut out with it
+    if not is_level and len(made) < len(
+        fewer[1]
+    ):  # something coarse went through what is seen, and was cut out with it
         finer = uncrossed(*with_fewer_faces(places, faces, count, space), space)
         placed, made = min((placed, made), finer, key=lambda one: _error(one, space, guide))
     if not len(made):
@@ -180,7 +188,7 @@ def taught(
         soup.refit(raster)
         best = Best(judge)
         best.look(soup)
-        schedule = Schedule(round(patience * settle.STEPS), time.monotonic() + seconds)
+        schedule = Schedule(round((_PATIENCE if is_level else 1) * settle.STEPS), time.monotonic() + seconds)
         settle.settle(places, soup, raster, best, space, guide, schedule)
         soup = best.soup
     mesh = parted(soup.on(_moved(mesh, soup)))
