@@ -166,22 +166,14 @@ def taught(
     DeviceError
     """
     count = max(count, _FEWEST)
-    cameras = guide.lessons.cameras
-    coarser = places, faces
-    if not is_level:
-        pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
-        coarser = coarser_unseen(places, faces, pixels, count, space)
-    fewer = with_fewer_faces(*coarser, count, space)
-    placed, made = uncrossed(*fewer, space)
-    if not is_level and len(made) < len(
-        fewer[1]
-    ):  # something coarse went through what is seen, and was cut out with it
-        finer = uncrossed(*with_fewer_faces(places, faces, count, space), space)
-        placed, made = min((placed, made), finer, key=lambda one: _error(one, space, guide))
+    if is_level:
+        placed, made = uncrossed(*with_fewer_faces(places, faces, count, space), space)
+    else:
+        placed, made = _spared(places, faces, count, space, guide)
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
-    places, made = _parts_seen(placed, made, space, cameras, guide.device)
+    places, made = _parts_seen(placed, made, space, guide.lessons.cameras, guide.device)
     mesh = Mesh(space.outward(places).astype(np.float32), made)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):
@@ -200,6 +192,23 @@ def taught(
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes
+
+
+def _spared(
+    places: NDArray[np.float64], faces: NDArray[np.int64], count: int, space: Space, guide: Guide
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return a surface with about `count` faces, of which none cross and hardly any lie where nothing is seen.
+
+    Where something so coarse went through what is seen, and was cut out with it, it is held against one with
+    faces everywhere, and the better one is taken."""
+    cameras = guide.lessons.cameras
+    pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
+    fewer = with_fewer_faces(*coarser_unseen(places, faces, pixels, count, space), count, space)
+    spared = uncrossed(*fewer, space)
+    if len(spared[1]) == len(fewer[1]):
+        return spared
+    even = uncrossed(*with_fewer_faces(places, faces, count, space), space)
+    return min(spared, even, key=lambda made: _error(made, space, guide))
 
 
 def _error(made: tuple[NDArray[np.float64], NDArray[np.int64]], space: Space, guide: Guide) -> float:
