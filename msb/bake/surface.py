@@ -197,7 +197,7 @@ def taught(
 def _spared(
     places: NDArray[np.float64], faces: NDArray[np.int64], count: int, space: Space, guide: Guide
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return a surface with about `count` faces, of which none cross and hardly any lie where nothing is seen.
+    """Return a surface with about `count` faces: none cross, and hardly any lie where nothing is seen.
 
     Where something so coarse went through what is seen, and was cut out with it, it is held against one with
     faces everywhere, and the better one is taken."""
