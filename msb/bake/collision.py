@@ -17,7 +17,7 @@ from msb.bake.apart import POINTS, distances, spread
 from msb.bake.fusion import seen_points
 from msb.bake.hulls import PATCH_CORNERS, hull_of, patches_of, smallest_box
 from msb.bake.simpler import closed, simpler
-from msb.bake.solid import compacted, mended, parted
+from msb.bake.solid import FEWEST_FACES, compacted, mended, parted
 from msb.bake.space import Space
 from msb.bake.surface import enclosed
 from msb.base.children import run_apart
@@ -54,7 +54,7 @@ _FRONT, _BEHIND = 0.45, 0.02
 """Of a scene, the share of the faces that are seen, and how thick it is, in radii of what is near."""
 _AT_FIRST = 8
 """How many times the faces asked for a surface is given first."""
-_FEWEST, _MOST = 4, 1 << 20
+_MOST = 1 << 20
 """Faces of a mesh."""
 _MOST_HULLS = 256
 _TOUCHING = 1e-3
@@ -107,10 +107,10 @@ def kind_of(text: str) -> tuple[Kind, int]:
     name, _, number = text.partition(":")
     if text == "box":
         return "box", 1
-    least = {"mesh": _FEWEST, "hulls": 1}.get(name)
+    least = {"mesh": FEWEST_FACES, "hulls": 1}.get(name)
     count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
     if least is None or not least <= count <= _MOST:
-        wanted = f"mesh:N (N faces, {_FEWEST} or more), hulls:N (N convex parts) or box"
+        wanted = f"mesh:N (N faces, {FEWEST_FACES} or more), hulls:N (N convex parts) or box"
         raise UsageError("USAGE", f'a collision mesh is "{shorten(text, 40)}"; it must be {wanted}')
     return name, count  # type: ignore[return-value]
 

@@ -32,8 +32,8 @@ _HARDLY, _LESS = 2.0, 0.1
 """Pixels of the mean view that are hardly any, together; at most so much of what a vertex has in the mean."""
 _COARSEST = 1 / 8
 """How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
-_FEWEST = 4
-"""Faces of a tetrahedron."""
+FEWEST_FACES = 4
+"""Of what is closed: a tetrahedron."""
 _MIDDLE = 0.3
 """Radius inside a scene's space up to which errors count about alike."""
 _FLAT = 1e-3
@@ -106,7 +106,7 @@ def coarser_unseen(
     if len(faces) <= count:
         return points, faces
     placed = _to_logarithm(points) if space.contracted else points
-    *_, collapses = _collapsed(placed, faces, max(int(count * _COARSEST), _FEWEST), _HASTE)
+    *_, collapses = _collapsed(placed, faces, max(int(count * _COARSEST), FEWEST_FACES), _HASTE)
     shown = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
     most = min(_HARDLY, _LESS * shown.sum() / (count / 2))
     held, into = shown.tolist(), list(range(len(points)))

@@ -16,6 +16,7 @@ from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
 from msb.bake.shares import pixels_shown
 from msb.bake.solid import (
+    FEWEST_FACES,
     boundary,
     coarser_unseen,
     compacted,
@@ -42,8 +43,6 @@ FACES = 8_000, 20_000
 """Faces of an object and of a scene, where it is not said how many."""
 CELLS = 288, 288
 """Cells along the longest side of an object, whose thin parts need as many, and of a scene."""
-_FEWEST = 4
-"""Faces of a tetrahedron."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
 _PATIENCE = 1.5
@@ -165,7 +164,7 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    count = max(count, _FEWEST)
+    count = max(count, FEWEST_FACES)
     if is_level:
         placed, made = uncrossed(*with_fewer_faces(places, faces, count, space), space)
     else:

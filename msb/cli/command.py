@@ -274,8 +274,9 @@ def _command(
         _check_rules(rules, declared, values, typed)
         objects = {key: group.made(values) for key, group in groups.items()}
         if outputs is not None:
-            for _, label, path in filter(lambda one: one[0] is None, _paths(declared, values)):
-                objects[outputs].keep(label, path)
+            for kind, label, path in _paths(declared, values):
+                if kind is None:
+                    objects[outputs].keep(label, path)
             _check_free(declared, values, objects[outputs])
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
         return function(**objects, **alone)
