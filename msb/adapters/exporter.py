@@ -139,7 +139,7 @@ def read_model(
         raise InputError("FILE_NOT_FOUND", "there is no such file", file=given)
     model = _adapter(method).read(place, content, Options(values, given, check_values))
     if given is not None and given not in model.files:  # an adapter names all that it has read
-        text = f"--config goes with 2DTS; this is a model of {METHODS[method].title}, which has none"
+        text = f"--config is of no use: {METHODS[method].title}, whose model this is, reads none; 2DTS does"
         raise UsageError("USAGE", text, file=given)
     return replace(model, opened_from=place.given)
 

@@ -69,8 +69,10 @@ def checked(model: type[Model], data: Any, *, file: object, code: str) -> Model:
         place = _place_in(data, first["loc"])
         pointer = "".join(f"/{part}" for part in place) or "/"
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        given = "" if first["type"].startswith("missing") else f", found {shorten(repr(first['input']), 40)}"
+        given = f", found {shorten(repr(first['input']), 40)}"
         said = f"{first['msg'][:1].lower()}{first['msg'][1:]}"
+        if first["type"].startswith("missing"):
+            said, given = "it is missing", ""
         if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             said, given = _unknown_key(model, place), ""
         text = f"{shorten(pointer)}: {said}{given}{more}"

@@ -127,11 +127,11 @@ class Drawing:
     ] = 1
     order: Annotated[
         Literal["tile", "global", "none"] | None,
-        Option("Order of blending: official tiles, by depth alone, or as stored."),
+        Option("Order of blending, dedicated tier: official tiles, by depth alone, or as stored."),
     ] = None
     sampling: Annotated[
         Literal["official", "engine"] | None,
-        Option("Sample as officially, or as an engine's hardware does."),
+        Option("Sample as officially, or as an engine's hardware does, dedicated tier."),
     ] = None
     renderer: Annotated[str | None, Option("Name of a renderer to use instead of ours.", metavar="NAME")] = (
         None

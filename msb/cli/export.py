@@ -83,7 +83,7 @@ def _print(asset: Asset, target: Path, output: Output) -> None:
     from msb.registry import lookup
 
     m = asset.manifest
-    size = sum(spec.byte_length for spec in m.buffers.values())
+    size = sum(path.stat().st_size for path in ([target] if target.is_file() else target.rglob("*")))
     output.console().print(
         f"{escape(str(target))}: [bold]{lookup(m.method).title}[/bold], {m.topology.replace('_', ' ')}, "
         f"{m.vertex_count:,} vertices, {m.face_count:,} faces, SH degree {m.sh_degree}, {size:,} bytes",

@@ -13,7 +13,7 @@ from msb.base.limits import Limits
 from msb.base.option import Argument, Option
 from msb.base.paths import shell_word
 from msb.cli.camera_options import Drawing, Source, Views
-from msb.cli.command import Rule, command
+from msb.cli.command import Rule, command, option_value
 from msb.cli.output import JsonOutput, Output, echo, file_option, plain_table, report_error
 from msb.errors import UsageError, about, one_line
 
@@ -103,7 +103,8 @@ def repair(
     from msb.repair.plan import parse_plan
 
     target = target or options.out
-    plan = parse_plan(options.plan, peer=options.peer, limits=limits)
+    with option_value("--plan"):
+        plan = parse_plan(options.plan, peer=options.peer, limits=limits)
     drawing.check_device()
     if options.compare:
         compare_strategies(source, target, plan, views, options.tasks, drawing.device, output)

@@ -115,7 +115,8 @@ class _Run:
         check_libraries(tasks)
         self.output, self.save, self.gated = output, options.save, gated
         self.tasks = [task.name for task in tasks]
-        self.plan = None if options.plan is None else parse_plan(options.plan)
+        with option_value("--plan"):
+            self.plan = None if options.plan is None else parse_plan(options.plan)
         with option_value("--weld"):
             weld = None if options.weld is None else parse_weld(options.weld)
         self.asked: dict[str, Any] = {

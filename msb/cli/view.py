@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -80,21 +81,23 @@ def present(model: ViewModel, options: ViewOptions, window: Window, output: Outp
         with output.progress(f"writing {window.figure.name}"):
             write_figure(model, window.figure, up=window.up)
     if window.screenshot is not None or not window.written:
-        from msb_viewers.viewer import TopologyViewer
+        with ExitStack() as stack:
+            with output.progress(f"drawing {model.name}"):
+                from msb_viewers.viewer import TopologyViewer
 
-        off_screen = window.screenshot is not None
-        viewer = TopologyViewer(model, size=window.pixels, off_screen=off_screen, up=window.up, state=state)
-        try:
-            if options.at is not None:
-                viewer.fly_to_chosen()
-            elif options.component is not None:
-                viewer.fly_to_component()
-            if window.screenshot is not None:
-                viewer.screenshot(window.screenshot)
-            else:
+                off_screen = window.screenshot is not None
+                viewer = TopologyViewer(
+                    model, size=window.pixels, off_screen=off_screen, up=window.up, state=state
+                )
+                stack.callback(viewer.close)
+                if options.at is not None:
+                    viewer.fly_to_chosen()
+                elif options.component is not None:
+                    viewer.fly_to_component()
+                if window.screenshot is not None:
+                    viewer.screenshot(window.screenshot)
+            if window.screenshot is None:
                 viewer.show()
-        finally:
-            viewer.close()
     if window.written and not output.quiet:
         echo("\n".join(map(str, window.written)))
 

@@ -23,21 +23,50 @@ ASSET = "data_stubs/splat_like.triasset"
     [
         f"audit {ASSET}",
         "audit --explain vf_ratio",
+        f"bench --repeat 1 --seconds 0 --warmup 0 {ASSET}",
         "config show",
+        "devices",
         "eval tests/golden/metrics/pred tests/golden/metrics/gt",
+        "export data_stubs/checkpoint OUT/a.triasset",
         f"info {ASSET}",
         "methods",
+        f"render --turntable 1 --size 32x24 -o OUT/images {ASSET}",
+        f"repair {ASSET} OUT/repaired.triasset",
         "report --paper --table mesh_connectivity",
         "run --dry-run tests/tiny/protocol.toml",
         "scenes tests/tiny/scenes/dtu/scan1",
         f"validate {ASSET}",
         "validate --explain USAGE",
+        "why --scale 0.1 --cameras data_stubs/views.json data_stubs/checkpoint",
     ],
-)  # devices, export, render and bench: tests of their own
-def test_a_document_names_its_schema_and_our_version(msb: Msb, line: str) -> None:
-    result = msb(f"{line} --json -", status=0)
-    assert re.fullmatch(r"msb\.[a-z]+/\d+", result.json["schema"])
-    assert re.fullmatch(r"\d+\.\d+\.\d+", result.json["tool_version"])
+)
+def test_a_document_names_its_schema_and_our_version(msb: Msb, tmp_path: Path, line: str) -> None:
+    document = msb(f"{line} --json -".replace("OUT", str(tmp_path)), status=0).json
+    assert re.fullmatch(r"msb\.[a-z]+/\d+", document["schema"])
+    assert re.fullmatch(r"\d+\.\d+\.\d+", document["tool_version"])
+    command, keys = line.split()[0], set(document) - {"schema", "tool_version", "machine"}
+    if "--explain" not in line and (documented := _documented_keys().get(command)):
+        assert keys == documented
+
+
+def test_keys_are_documented_of_eleven_commands() -> None:
+    assert set(_documented_keys()) == {
+        *("audit", "bench", "devices", "export", "info", "methods", "render", "repair", "scenes"),
+        *("validate", "why"),
+    }
+
+
+def _documented_keys() -> dict[str, set[str]]:
+    """Return the keys that the table of docs/cli.md explains, by command."""
+    text = (ROOT / "docs" / "cli.md").read_text(encoding="utf-8")
+    table = text.partition("| Command | Key | What it is |")[2].partition("\n\n")[0]
+    keys: dict[str, set[str]] = {}
+    command = ""
+    for line in table.splitlines()[2:]:
+        first, second = line.split("|")[1:3]
+        command = first.strip(" `") or command
+        keys.setdefault(command, set()).update(re.findall(r"`(\w+)`", second))
+    return keys
 
 
 @pytest.mark.slow
