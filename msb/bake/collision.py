@@ -236,10 +236,10 @@ def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None
     nothing."""
     need_extra("bench", "skimage", what="what encloses an open mesh", instead="box needs nothing")
     try:
-        inside, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
+        points, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
     except AssetError:
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
-    return space.outward(inside), faces
+    return space.outward(points), faces
 
 
 def _nearer(points: Reals, seen: Reals, faces: Faces) -> Reals:

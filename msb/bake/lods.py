@@ -18,7 +18,7 @@ from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup
 from msb.bake.space import Space
-from msb.bake.surface import taught
+from msb.bake.surface import Solid, taught
 from msb.base.extras import need_extra
 from msb.errors import UsageError, shorten
 from msb.meshes.mesh import Mesh
@@ -34,6 +34,7 @@ _STAGE = 0.5
 """Share of the faces of a soup that stay at a time, before the others are moved to make up for those that
 went."""
 _STEPS = 300
+"""In which faces move to make up for those that went."""
 _RATES = 0.03, 0.0003
 """In sizes of a face, how far a step moves its corners: at first, and at last."""
 
@@ -143,13 +144,13 @@ class _Levels:
         seen = seen_points(self.mesh, cameras, guide.device)
         points = self.mesh.vertices.astype(np.float64)
         space = Space.of(seen if len(seen) else points, cameras)
-        made = space.inward(points), self.mesh.faces
+        solid = Solid(space.inward(points), self.mesh.faces, space)
         for level, count in enumerate(self.counts):
 
             def watch(_: str, done: int, total: int, level: int = level) -> bool:
                 return self._watched(level, len(self.counts), done, total)
 
-            yield taught(*made, count, space, replace(guide, watch=watch), self.seconds, is_level=True)
+            yield taught(solid, count, replace(guide, watch=watch), self.seconds, _STEPS)
 
     def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield an open surface with fewer faces, which stay where they are."""

@@ -208,7 +208,8 @@ class Bake:
         soup, notes = self._soups[most]
         if name == "fitted":
             return soup, notes
-        mesh, more = surface(soup, self._guide, faces=options.faces, seconds=self._seconds(_SURFACE))
+        seconds = self._seconds(_SURFACE)
+        mesh, more = surface(soup, self._guide, faces=options.faces, pixels=self._pixels, seconds=seconds)
         return mesh, [*(f"of the soup it is made of: {note}" for note in notes), *more]
 
     def _seconds(self, share: float) -> float:

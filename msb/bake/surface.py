@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import closing
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from msb.bake import settle
 from msb.bake.descent import Schedule
 from msb.bake.fitted import PIXELS_TO_MOVE
-from msb.bake.fusion import REACH, Depths, Grid, drawn_in, solid
+from msb.bake.fusion import REACH, Depths, Grid, drawn_in
+from msb.bake.fusion import solid as solid_of
 from msb.bake.shares import pixels_shown
 from msb.bake.solid import (
     FEWEST_FACES,
@@ -39,27 +40,35 @@ if TYPE_CHECKING:
     from msb.cl import Device
     from msb.scenes import Camera
 
-FACES = 8_000, 20_000
-"""Faces of an object and of a scene, where it is not said how many."""
+OBJECT_FACES = 8_000
+SCENE_FACES = 20_000, 50_000
+"""Faces of a scene where it is not said how many: one for `_PIXELS_A_FACE` of a view, in these bounds."""
+_PIXELS_A_FACE = 2
 CELLS = 288, 288
 """Cells along the longest side of an object, whose thin parts need as many, and of a scene."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
-_PATIENCE = 1.5
-"""How many times the steps of a whole surface a level takes, whose faces have to make up for others."""
 LEAST_PART = 1e-4
 """Share of the pixels of all views below which a part is left out."""
 
 
+class Solid(NamedTuple):
+    """A closed surface: points (V, 3) inside a space, and faces (F, 3)."""
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    space: Space
+
+
 def surface(
-    soup: Mesh, guide: Guide, *, faces: int | None = None, seconds: float = math.inf
+    soup: Mesh, guide: Guide, *, faces: int | None = None, pixels: int = 0, seconds: float = math.inf
 ) -> tuple[Mesh, list[str]]:
     """Return a closed, manifold, consistently wound mesh that looks like `soup`, coloured at vertices, and
     what should be known of it.
 
     What the cameras of the lessons see of the soup, which is opaque, says what is solid. That has about so
-    many `faces`, which then move for so many `seconds` at most where pictures that teach nothing look
-    better for it.
+    many `faces`, else as many as views of so many `pixels` are worth, which then move for so many `seconds`
+    at most where pictures that teach nothing look better for it.
 
     An object is enclosed from outside. A scene, which reaches beyond its cameras, encloses these: its faces
     look inward, and a shell far out shows the sky.
@@ -76,10 +85,11 @@ def surface(
     need_extra("trial", "fast_simplification", what="a closed surface")
     guide = guide.within(PIXELS_TO_MOVE)
     guide.watch("solid", 0, 1)
-    places, made, space = enclosed(soup, guide.lessons.cameras, CELLS, device=guide.device)
+    solid = enclosed(soup, guide.lessons.cameras, CELLS, device=guide.device)
     guide.watch("fewer faces", 0, 1)
-    count = FACES[space.contracted] if faces is None else faces
-    return taught(places, made, count, space, guide, seconds)
+    least, most = SCENE_FACES if solid.space.contracted else (OBJECT_FACES, OBJECT_FACES)
+    count = min(max(pixels // _PIXELS_A_FACE, least), most) if faces is None else faces
+    return taught(solid, count, guide, seconds)
 
 
 def enclosed(
@@ -89,8 +99,8 @@ def enclosed(
     margin: float = REACH,
     *,
     device: str | Device | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.int64], Space]:
-    """Return the surface of what cameras see of a soup, closed: places inside a space, faces, the space.
+) -> Solid:
+    """Return the surface of what cameras see of a soup, closed.
 
     So many `cells` lie along the longest side of an object, and of a scene, and `margin` around an object:
     what no camera looks at is closed that far away.
@@ -109,54 +119,37 @@ def enclosed(
         scene = space.contracted
         grid = Grid.over(space, cells[scene], margin)
         votes = depths.votes(cameras, space, grid)
-    values = solid(votes, space, grid)
+    values = solid_of(votes, space, grid)
     if not values.min() < 0 < values.max():
         raise AssetError("TRIASSET_EMPTY", "what the views see encloses nothing; a surface needs a volume")
     places, made = boundary(values, grid, -1.0 if scene else 1.0)
     places = drawn_in(places, values, grid)
-    return *_parts_seen(places, made, space, cameras, device), space
+    return _parts_seen(Solid(places, made, space), cameras, device)
 
 
-def _parts_seen(
-    places: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    space: Space,
-    cameras: Sequence[Camera],
-    device: str | Device | None,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _parts_seen(solid: Solid, cameras: Sequence[Camera], device: str | Device | None) -> Solid:
     """Return the parts of a surface that cameras see enough of, and the largest one."""
+    points, faces, space = solid
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
-    pixels = _pixels(places, faces, space, cameras, device)
-    return compacted(places, faces[that_matter(places, faces, pixels, least)])
+    matters = that_matter(points, faces, _pixels(solid, cameras, device), least)
+    return Solid(*compacted(points, faces[matters]), space)
 
 
-def _pixels(
-    places: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    space: Space,
-    cameras: Sequence[Camera],
-    device: str | Device | None,
-) -> NDArray[np.int64]:
+def _pixels(solid: Solid, cameras: Sequence[Camera], device: str | Device | None) -> NDArray[np.int64]:
     """Return how many pixels (F,) of all cameras show each face."""
-    mesh = Mesh(space.outward(places).astype(np.float32), faces)
-    return sum(pixels_shown(mesh, cameras, device), np.zeros(len(faces), np.int64))
+    return sum(pixels_shown(_mesh(solid), cameras, device), np.zeros(len(solid.faces), np.int64))
+
+
+def _mesh(solid: Solid) -> Mesh:
+    return Mesh(solid.space.outward(solid.points).astype(np.float32), solid.faces)
 
 
 def taught(
-    places: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    count: int,
-    space: Space,
-    guide: Guide,
-    seconds: float = math.inf,
-    *,
-    is_level: bool = False,
+    solid: Solid, count: int, guide: Guide, seconds: float = math.inf, steps: int | None = None
 ) -> tuple[Mesh, list[str]]:
-    """Return a closed surface, with places inside `space`, with about `count` faces that look right, and what
-    should be known of it.
+    """Return a surface like `solid` with about `count` faces that look right, and what should be known of it.
 
-    One that is a level of detail of another has no faces to spare where nothing is seen, and takes half as
-    many steps again, if there are so many `seconds`.
+    They take so many `steps`, if there are so many `seconds`.
 
     Raises
     ------
@@ -165,57 +158,51 @@ def taught(
     DeviceError
     """
     count = max(count, FEWEST_FACES)
-    if is_level:
-        placed, made = uncrossed(*with_fewer_faces(places, faces, count, space), space)
-    else:
-        placed, made = _spared(places, faces, count, space, guide)
-    if not len(made):
+    fewer = _fewer(solid, count, guide)
+    if not len(fewer.faces):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
-    places, made = _parts_seen(placed, made, space, guide.lessons.cameras, guide.device)
-    mesh = Mesh(space.outward(places).astype(np.float32), made)
+    points, made, space = fewer = _parts_seen(fewer, guide.lessons.cameras, guide.device)
+    mesh = _mesh(fewer)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):
         soup.refit(raster)
         best = Best(judge)
         best.look(soup)
-        schedule = Schedule(round((_PATIENCE if is_level else 1) * settle.STEPS), time.monotonic() + seconds)
-        settle.settle(places, soup, raster, best, space, guide, schedule)
+        schedule = Schedule(steps or settle.STEPS, time.monotonic() + seconds)
+        settle.settle(points, soup, raster, best, space, guide, schedule)
         soup = best.soup
     mesh = parted(soup.on(_moved(mesh, soup)))
     notes = schedule.lacks("its vertices")
     if len(made) > _ABOUT * count:
         notes.append(f"it has {len(made):,} faces, not {count:,}: with fewer it did not stay closed")
-    elif len(made) * _ABOUT < min(count, len(faces)):
+    elif len(made) * _ABOUT < min(count, len(solid.faces)):
         notes.append(f"it has {len(made):,} faces, not {count:,}: the others were of what nobody sees")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes
 
 
-def _spared(
-    places: NDArray[np.float64], faces: NDArray[np.int64], count: int, space: Space, guide: Guide
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return a surface with about `count` faces: none cross, and hardly any lie where nothing is seen.
+def _fewer(solid: Solid, count: int, guide: Guide) -> Solid:
+    """Return a surface with about `count` faces of which none cross.
 
-    Where something so coarse went through what is seen, and was cut out with it, it is held against one with
-    faces everywhere, and the better one is taken."""
+    Of two the better one: hardly any of its faces lie where nothing is seen, or they lie everywhere. The
+    first is better unless something so coarse went through what is seen, or few faces are left."""
+    points, faces, space = solid
     cameras = guide.lessons.cameras
-    pixels = _pixels(places, faces, space, cameras, guide.device) / len(cameras)
-    fewer = with_fewer_faces(*coarser_unseen(places, faces, pixels, count, space), count, space)
-    spared = uncrossed(*fewer, space)
-    if len(spared[1]) == len(fewer[1]):
-        return spared
-    even = uncrossed(*with_fewer_faces(places, faces, count, space), space)
-    return min(spared, even, key=lambda made: _error(made, space, guide))
+    pixels = _pixels(solid, cameras, guide.device) / len(cameras)
+    made = [
+        Solid(*uncrossed(*with_fewer_faces(*begun, count, space), space), space)
+        for begun in (coarser_unseen(points, faces, pixels, count, space), (points, faces))
+    ]
+    return min(made, key=lambda one: _error(one, guide))
 
 
-def _error(made: tuple[NDArray[np.float64], NDArray[np.int64]], space: Space, guide: Guide) -> float:
+def _error(solid: Solid, guide: Guide) -> float:
     """Return the error of a surface, in the colours that fit best, in views that teach nothing."""
-    places, faces = made
-    if not len(faces):
+    if not len(solid.faces):
         return math.inf
-    soup = Soup.of(Mesh(space.outward(places).astype(np.float32), faces), shares=True)
+    soup = Soup.of(_mesh(solid), shares=True)
     with guide.rasters(soup) as (raster, judge):
         soup.refit(raster)
         return soup.error(judge)

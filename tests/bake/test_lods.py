@@ -93,7 +93,7 @@ def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
         assert len(level.faces) <= share * len(mesh.faces)
         assert closed(level.vertices.astype(np.float64), level.faces)
         assert level.vertex_colors is not None
-        front = level.vertices[:, 2] < -0.3
+        front = level.vertices[:, 2] < -0.5  # the rim has few pixels, and so large faces
         np.testing.assert_allclose(level.vertex_colors[front], colors_at(level.vertices[front]), atol=0.15)
     assert screen_share(mesh, made[0]) > screen_share(mesh, made[1])
 

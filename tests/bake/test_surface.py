@@ -135,19 +135,34 @@ def _box() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 @pytest.mark.usefixtures("quick")
-def test_where_crossing_faces_are_cut_out_the_better_of_two_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("poor", [0, 1])
+def test_the_better_of_two_ways_to_fewer_faces_is_taken(monkeypatch: pytest.MonkeyPatch, poor: int) -> None:
     rest = solids.box((0.1, 0.1, 0.1))
     cut = rest.vertices.astype(np.float64), rest.faces
     uncrossed, asked = made.uncrossed, []
 
-    def first_cut(points: Points, faces: NDArray[np.int64], space: Space) -> tuple[Points, NDArray[np.int64]]:
+    def one_cut(points: Points, faces: NDArray[np.int64], space: Space) -> tuple[Points, NDArray[np.int64]]:
         asked.append(len(faces))
-        return cut if len(asked) == 1 else uncrossed(points, faces, space)
+        return cut if len(asked) == poor + 1 else uncrossed(points, faces, space)
 
-    monkeypatch.setattr(made, "uncrossed", first_cut)
+    monkeypatch.setattr(made, "uncrossed", one_cut)
     mesh = surface_of(*ball(), around(12), around(4, 4.2))
     assert len(asked) == 2
     assert 300 < len(mesh.faces) <= 400
+
+
+@pytest.mark.usefixtures("quick")
+@pytest.mark.parametrize(("pixels", "count"), [(0, 600), (1800, 900), (9000, 1200)])
+def test_a_scene_has_as_many_faces_as_its_views_are_worth(
+    monkeypatch: pytest.MonkeyPatch, pixels: int, count: int
+) -> None:
+    monkeypatch.setattr(made, "SCENE_FACES", (600, 1200))
+    corners, colors = tiles()
+    wall = square(20, 10)
+    soup = np.concatenate([corners, wall]), np.concatenate([colors, np.full_like(wall, 0.7)])
+    with lessons_of(*soup, cameras(5)) as lessons, lessons_of(*soup, cameras(2)) as aside:
+        mesh, _ = made.surface(mesh_of(*soup), Guide(lessons, aside), pixels=pixels)
+    assert 0.85 * count < len(mesh.faces) <= count
 
 
 @pytest.mark.usefixtures("quick")
@@ -160,9 +175,8 @@ def test_specks_that_came_off_are_left_out_and_missed_if_there_were_many(count: 
     points, views = mesh.vertices.astype(np.float64), around(6)
     asked = len(mesh.faces) - 1
     with lessons_of(*ball(), views) as lessons:
-        found, notes = made.taught(
-            points, mesh.faces, asked, Space.of(points, views), Guide(lessons, lessons)
-        )
+        whole = made.Solid(points, mesh.faces, Space.of(points, views))
+        found, notes = made.taught(whole, asked, Guide(lessons, lessons))
     check_solid(found)
     assert solid.parts(found.vertices, found.faces).max() == 0
     assert any("nobody sees" in note for note in notes) == (count > 1), notes
