@@ -140,9 +140,10 @@ def test_a_child_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
     variables = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(tmp_path)}
     parent = subprocess.Popen([sys.executable, "-c", code], env=variables)
     deadline = time.monotonic() + 60
-    while not (tmp_path / "pid").exists() and time.monotonic() < deadline:
+    told = tmp_path / "pid"
+    while not (told.exists() and told.read_text()) and time.monotonic() < deadline:
         time.sleep(0.05)
-    grandchild = int((tmp_path / "pid").read_text())
+    grandchild = int(told.read_text())
     child = int(Path(f"/proc/{grandchild}/stat").read_text("ascii").rpartition(")")[2].split()[1])
     parent.kill()
     parent.wait()
