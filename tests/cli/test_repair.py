@@ -147,6 +147,10 @@ def test_pixels_weigh_what_debris_removes(msb: Msb, tmp_path: Path) -> None:
             "repair a.ply -o b.ply --plan close:few",
             'close_edges of the plan is "few"; it must be a whole number',
         ),
+        (
+            "repair a.ply -o b.ply --plan weld:-1",
+            '--plan: the weld is "-1"; it must be exact or a positive length',
+        ),
         ("repair a.ply -o b.ply --plan orient:5", '"orient:5" has too many numbers; it may be orient'),
         ("repair a.ply -o b.ply --maps c.csv", '--maps is "c.csv"; it must end in .npz'),
         ("repair a.ply -o b.ply --cameras v.json", "--cameras weigh faces for debris and drop"),
