@@ -48,6 +48,8 @@ CELLS = 288, 288
 """Cells along the longest side of an object, whose thin parts need as many, and of a scene."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
+_FEW = 4_000
+"""Faces up to which fewer are made in two steps as well; with more of them that is hardly ever better."""
 LEAST_PART = 1e-4
 """Share of the pixels of all views below which a part is left out."""
 
@@ -130,6 +132,8 @@ def enclosed(
 def _parts_seen(solid: Solid, cameras: Sequence[Camera], device: str | Device | None) -> Solid:
     """Return the parts of a surface that cameras see enough of, and the largest one."""
     points, faces, space = solid
+    if not len(faces):
+        return solid
     least = LEAST_PART * sum(camera.width * camera.height for camera in cameras)
     matters = that_matter(points, faces, _pixels(solid, cameras, device), least)
     return Solid(*compacted(points, faces[matters]), space)
@@ -161,8 +165,7 @@ def taught(
     fewer = _fewer(solid, count, guide)
     if not len(fewer.faces):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
-    # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
-    points, made, space = fewer = _parts_seen(fewer, guide.lessons.cameras, guide.device)
+    points, made, space = fewer
     mesh = _mesh(fewer)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):
@@ -186,16 +189,24 @@ def taught(
 def _fewer(solid: Solid, count: int, guide: Guide) -> Solid:
     """Return a surface with about `count` faces of which none cross.
 
-    Of two the better one: hardly any of its faces lie where nothing is seen, or they lie everywhere. The
-    first is better unless something so coarse went through what is seen, or few faces are left."""
-    points, faces, space = solid
+    The best of some: hardly any of its faces lie where nothing is seen, which is best unless something so
+    coarse went through what is seen; or they lie everywhere; or, if they are few, they are made of twice as
+    many, so that what is thin is mended on the way."""
     cameras = guide.lessons.cameras
     pixels = _pixels(solid, cameras, guide.device) / len(cameras)
-    made = [
-        Solid(*uncrossed(*with_fewer_faces(*begun, count, space), space), space)
-        for begun in (coarser_unseen(points, faces, pixels, count, space), (points, faces))
-    ]
-    return min(made, key=lambda one: _error(one, guide))
+    spared = Solid(*coarser_unseen(*solid[:2], pixels, count, solid.space), solid.space)
+    begun = [spared, solid]
+    if count <= _FEW:
+        begun.append(_collapsed(spared, 2 * count, guide))
+    return min((_collapsed(each, count, guide) for each in begun), key=lambda made: _error(made, guide))
+
+
+def _collapsed(solid: Solid, count: int, guide: Guide) -> Solid:
+    """Return a surface with about `count` faces, none of which cross, by quadric error."""
+    points, faces, space = solid
+    fewer = uncrossed(*with_fewer_faces(points, faces, count, space), space)
+    # With fewer faces what is thin comes apart, and leaves specks that nobody sees.
+    return _parts_seen(Solid(*fewer, space), guide.lessons.cameras, guide.device)
 
 
 def _error(solid: Solid, guide: Guide) -> float:
