@@ -43,8 +43,10 @@ def test_export_json_and_quiet(msb: Msb, tmp_path: Path) -> None:
     assert result.json["warnings"] == []
     assert result.json["manifest"]["settings"]["sh_degree"] == {"value": 1, "source": "checkpoint"}
     assert len(msb("export --quiet", CHECKPOINT, tmp_path / "b.triasset").out.splitlines()) == 1
-    msb("export", "--form", "folder", CHECKPOINT, tmp_path / "c.triasset")
+    said = msb("export -q --form folder", CHECKPOINT, tmp_path / "c.triasset").out
     assert (tmp_path / "c.triasset" / "manifest.json").is_file()
+    files = [path for path in (tmp_path / "c.triasset").rglob("*") if path.is_file()]
+    assert said.endswith(f", {sum(path.stat().st_size for path in files):,} bytes\n")
 
 
 @pytest.mark.slow
