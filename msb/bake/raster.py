@@ -14,6 +14,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 from msb.render.standard.renderer import StandardRenderer, view_record
+from msb.render.standard.supersampling import box_mean
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -228,11 +229,10 @@ class Raster(Pupil):
         for number, camera in enumerate(self.lessons.cameras):
             planes, _, _ = self._drawn(number)
             off = planes["image"].read() - self.lessons.image(number)
-            rows, columns = max(camera.height // _BLOCK, 1), max(camera.width // _BLOCK, 1)
-            blocks = off[: rows * _BLOCK, : columns * _BLOCK]
-            blocks = blocks.reshape(rows, len(blocks) // rows, columns, blocks.shape[1] // columns, 3)
-            total += float(np.square(blocks.mean(axis=(1, 3)), dtype=np.float64).sum())
-            count += 3 * rows * columns
+            side = min(_BLOCK, camera.height, camera.width)
+            blocks = box_mean(off[: camera.height // side * side, : camera.width // side * side], side)
+            total += float(np.square(blocks, dtype=np.float64).sum())
+            count += blocks.size
         return total / count
 
     def pixels_a_face(self, faces: int) -> float:

@@ -41,23 +41,22 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     size_t face = sorted[start];
     __global const float *c = positions + 9 * face;
     int reaches_far = is_long(c);
-    float all[SUMS], rise[9];
-    for (int k = 0; k < SUMS; k++)
-        all[k] = 0.0f;
+    float8 first = 0.0f;  // products of weights aa, ab, ac, bb, bc, cc
+    float3 shown[3] = {0.0f, 0.0f, 0.0f};
+    float rise[9];
     for (int k = 0; k < 9; k++)
         rise[k] = 0.0f;
     for (; end < count && sorted[end] == face; end++) {
-        int pixel = (int)pixels[end], x = pixel % width, y = pixel / width;
+        int pixel = (int)pixels[end], y = pixel / width, x = pixel - y * width;
         float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
         WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
         float w[3] = {w0, w1, w2};
         if (reaches_far)
             wide_weights(c, view, px, py, w);
-        for (int k = 0, row = 0; row < 3; row++)
-            for (int column = row; column < 3; column++, k++)
-                all[k] += w[row] * w[column];
-        for (int k = 0; k < 9; k++)
-            all[6 + k] += w[k / 3] * SHOWN(target, 3 * (size_t)pixel + k % 3);
+        float3 color = convert_float3(vload3((size_t)pixel, target)) * (1.0f / 65535.0f);
+        first += (float8)(w[0], w[0], w[0], w[1], w[1], w[2], 0.0f, 0.0f) * (float8)(w[0], w[1], w[2], w[1], w[2], w[2], 0.0f, 0.0f);
+        for (int k = 0; k < 3; k++)
+            shown[k] += w[k] * color;
 
         if (!moves)
             continue;
@@ -88,8 +87,14 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
                 rise[3 * k + axis] += w[k] * slope;
         }
     }
-    for (int k = 0; k < SUMS; k++)
+    float all[8];
+    vstore8(first, 0, all);
+    for (int k = 0; k < 6; k++)
         sums[SUMS * face + k] += weight * all[k];
+    for (int k = 0; k < 3; k++) {
+        __global float *mine = sums + SUMS * face + 6 + 3 * k;
+        vstore3(vload3(0, mine) + weight * shown[k], 0, mine);
+    }
     for (int k = 0; k < 9 && moves; k++)
         slopes[9 * face + k] += weight * rise[k];
     most[face] = MAX(most[face], (uint)(end - start));

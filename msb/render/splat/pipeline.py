@@ -38,6 +38,8 @@ times as many work-items as threads."""
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 """Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
 samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB."""
+_MOST_RECORDS = 1024
+"""Of bands, that stay on the device from frame to frame."""
 _TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
 """Values of `tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
@@ -126,6 +128,7 @@ class SplattingPipeline(OnDevice):
 
         soup = not model.vertex_colors  # three corners a row, whatever the indices are
         self._frames = 0
+        self._band_records: dict[tuple[int, ...], Buffer] = {}
         self._scope = DeviceScope(device, "splat")
         self._device, self._static = self._scope.device, self._scope.kept
         self._scratch = self._scope.scratch
@@ -320,9 +323,11 @@ class SplattingPipeline(OnDevice):
         """Return the `Band` of splat_resolve.cl, of pixels in rows of `width`."""
         model, (_, plane_rows, stride) = self._model, band.samples.shape
         values = width, band.rows, model.scale, *model.pixel_samples, stride, plane_rows, band.first_row
-        record = self._scratch("band", len(values), np.uint32)
-        record.write(np.array(values, np.uint32))
-        return record
+        if values not in self._band_records:  # to write it waits for what is queued
+            if len(self._band_records) >= _MOST_RECORDS:
+                self._band_records.clear()
+            self._band_records[values] = self._device.upload(np.array(values, np.uint32), "splat bands")
+        return self._band_records[values]
 
     def _resolve(
         self,
