@@ -10,7 +10,7 @@ import numpy as np
 from msb.asset.tiers import why_not
 from msb.bake.colors import pixels
 from msb.bake.descent import Schedule, moved
-from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE
+from msb.bake.kept import FEWEST, choosing
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
 from msb.bake.start import Best, Guide, choose, plain_mesh
@@ -60,7 +60,7 @@ def fitted(
     random = guide.random()
     soup = Soup.of(plain_mesh(asset), shares=False)
     guide.watch("choosing faces", 0, 1)
-    with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
+    with choosing(guide, soup.count).rasters(soup) as (raster, judge):
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         soup = best.soup

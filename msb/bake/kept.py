@@ -18,11 +18,13 @@ if TYPE_CHECKING:
     from msb.bake.shares import Shares
     from msb.meshes.mesh import Mesh
 
-_ROUNDS, _REFIT, _PATIENCE = 60, 5, 4
+_ROUNDS, _REFIT, _PATIENCE = 60, 5, 6
 """Rounds in which faces are hidden and shown, after how many colours are fitted and views aside looked at,
 and how many looks without a gain end it."""
-PIXELS_TO_CHOOSE = 1 << 17
+_PIXELS = 1 << 17
 """Of the largest picture by which faces are chosen; colours are fitted to larger ones."""
+_FINE = 4.0
+"""Pixels of a face in a view, in the mean, below which faces are chosen by pictures of four times as many."""
 FEWEST = 2.0
 """Pixels of a face in a view, in the mean, below which a search would follow noise."""
 
@@ -43,13 +45,20 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     mesh = None if soup.shared is None else plain
     del plain  # of millions of faces it is much, and of a soup no longer needed
     guide.watch("choosing faces", 0, _ROUNDS)
-    with guide.within(PIXELS_TO_CHOOSE).rasters(soup) as (raster, judge):
+    with choosing(guide, soup.count).rasters(soup) as (raster, judge):
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         if raster.pixels_a_face(soup.count) >= FEWEST:
             search(best.soup, raster, best, guide.random(), guide.watch)
         soup = best.soup
     return soup.mesh() if mesh is None else repair_mesh(soup.on(mesh), Options())[0]
+
+
+def choosing(guide: Guide, faces: int) -> Guide:
+    """Return what guides the choice among so many faces: by larger pictures if only those show them well."""
+    usual, larger = guide.within(_PIXELS), guide.within(4 * _PIXELS)
+    is_fine = usual.lessons.largest >= _FINE * faces or larger.lessons.largest < FEWEST * faces
+    return usual if is_fine else larger
 
 
 def search(soup: Soup, raster: Raster, best: Best, random: np.random.Generator, watch: Watch) -> None:

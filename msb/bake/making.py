@@ -14,7 +14,7 @@ from msb.asset.tiers import why_not
 from msb.bake.collision import PIXELS
 from msb.bake.collision import collision as collide
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
-from msb.bake.kept import FEWEST, PIXELS_TO_CHOOSE, kept
+from msb.bake.kept import FEWEST, choosing, kept
 from msb.bake.lods import lods, screen_share
 from msb.bake.measured import mean_psnr, measured
 from msb.bake.report import Geometry, Level, Look, Psnr, Verdict, compared
@@ -147,9 +147,9 @@ class Bake:
         Views that were made must see most of it.
         """
         self._watch("weighing faces", 0, 1)
+        guide = choosing(self._guide, self._asset.manifest.face_count)
         teaching, aside = (
-            blending_shares(self._asset, lessons.within(PIXELS_TO_CHOOSE), self._device)
-            for lessons in (self._teaching, self._aside)
+            blending_shares(self._asset, lessons, self._device) for lessons in (guide.lessons, guide.aside)
         )
         if teaching is None or aside is None:
             return 0.0, None

@@ -11,13 +11,15 @@ import pytest
 
 from msb.bake.descent import Schedule, descend
 from msb.bake.fitted import fitted
-from msb.bake.kept import kept
+from msb.bake.kept import choosing, kept
+from msb.bake.lessons import Lessons
 from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
 from msb.bake.start import Guide, colored
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
+from msb.scenes import Camera
 from msb.topology import audit_arrays
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
 
@@ -246,3 +248,13 @@ def test_a_mesh_whose_triangles_are_kept_becomes_manifold_and_wound_one_way() ->
     assert (after.counts.nonmanifold_edges, after.counts.nonmanifold_vertices) == (0, 0)
     assert after.winding_consistent
     assert made.vertex_colors is not None
+
+
+@pytest.mark.parametrize(
+    ("faces", "pixels"),
+    [(10_000, 324 * 210), (20_000, 648 * 420), (100_000, 648 * 420), (1_000_000, 324 * 210)],
+)
+def test_small_faces_are_chosen_by_larger_pictures_where_those_show_them(faces: int, pixels: int) -> None:
+    view = Camera(648, 420, 600.0, 600.0, 324.0, 210.0, np.eye(4))
+    with Lessons([view], (0, 0, 0), lambda one: np.zeros((one.height, one.width, 3), np.float32)) as lessons:
+        assert choosing(Guide(lessons, lessons), faces).lessons.largest == pixels
