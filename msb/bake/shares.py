@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,7 +70,8 @@ def pixels_shown(
     mesh: Mesh, cameras: Iterable[Camera], device: str | Device | None = None
 ) -> Iterator[NDArray[np.int64]]:
     """Yield for each camera how many pixels (F,) of its picture show each face of an opaque mesh."""
-    with Renderer(asset_from_mesh(mesh), "standard", device) as renderer:
+    black = replace(mesh, vertex_colors=np.zeros((len(mesh.vertices), 3), np.uint8))  # or it would be lit
+    with Renderer(asset_from_mesh(black), "standard", device) as renderer:
         for camera in cameras:
             faces = renderer.render(camera).face_id
             assert faces is not None

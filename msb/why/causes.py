@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.official import official_exporter
-from msb.asset.look import daylight, stored_threshold, up_axis, visible_faces
+from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.errors import Unsupported
@@ -23,7 +23,6 @@ from msb.why.views import DoesNotApplyError, Views
 
 if TYPE_CHECKING:
     from msb.asset import Asset
-    from msb.meshes import Mesh
     from msb.render import Frame
     from msb.why.views import Image
 
@@ -56,47 +55,22 @@ def samples(views: Views) -> dict[str, int]:
 
 
 def _shading(views: Views) -> _Pair:
-    return lit(views)[0], views.plain()
+    views.colored_mesh()
+    return lit(views.plain(), views.light), views.plain()
 
 
-def lit(views: Views) -> tuple[list[Image], list[Image]]:
-    """Return the images of the mesh in an engine's light, and of that with every engine setting wrong.
+def lit(frames: list[Frame], light: Image) -> list[Frame]:
+    """Return frames as an engine's lamp lights them, `light` (F,) for each of their faces.
 
-    The latter are for the total: there are none where the method has no look of its own.
+    Light dims sRGB values; a face has one normal, so that what is lit is what is drawn times its light.
     """
-    if views.lit is None:
-        mesh = _lit_mesh(views)
-        if why_not(views.asset.manifest, "dedicated") is not None:
-            views.lit = views.of_mesh(mesh), []
-        else:
-            whole, culled = views.whole_and_culled(mesh)
-            views.lit = whole, taken_for_linear(culled)
-    return views.lit
-
-
-def _lit_mesh(views: Views) -> Mesh:
-    """Return the mesh as an engine's lamp lights it.
-
-    Light dims sRGB values. Those of a texture it dims through the colours that are multiplied with it: all
-    three are decoded by nearly the same power.
-    """
-    mesh = views.colored_mesh()
-    corners = mesh.faces.reshape(-1)
-    colors = np.ones((len(corners), 3), np.float32)
-    if mesh.vertex_colors is not None:
-        colors = _floats(mesh.vertex_colors)[corners]
-    elif mesh.face_colors is not None:
-        colors = np.repeat(_floats(mesh.face_colors), 3, axis=0)
-    light = np.repeat(daylight(mesh.vertices, mesh.faces, up_axis(views.asset)), 3).astype(np.float32)
-    return replace(
-        mesh,
-        vertices=mesh.vertices[corners],
-        faces=np.arange(len(corners), dtype=np.int64).reshape(-1, 3),
-        vertex_colors=_with_rgb(colors, colors[:, :3] * light[:, None]),
-        face_colors=None,
-        vertex_uvs=mesh.corner_uvs if mesh.vertex_uvs is None else mesh.vertex_uvs[corners],
-        corner_uvs=None,
-    )
+    dimmed = []
+    for frame in frames:
+        faces = frame.face_id
+        assert faces is not None, "the standard tier says which face a pixel shows"
+        image = np.where(faces[..., None] < 0, frame.image, frame.image * light[faces][..., None])
+        dimmed.append(replace(frame, image=image))
+    return dimmed
 
 
 def _linear_colors(views: Views) -> _Pair:
@@ -118,7 +92,7 @@ def taken_for_linear(frames: list[Frame]) -> list[Image]:
 
 
 def _back_faces(views: Views) -> _Pair:
-    return views.culled(views.mesh()), views.plain()
+    return views.culled(), views.plain()
 
 
 def _constant(asset: Asset) -> _Change:

@@ -6,11 +6,13 @@ import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.look import daylight, up_axis
 from msb.asset.tiers import why_not
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from msb.render import Renderer
@@ -50,9 +52,7 @@ class Views:
         self._blind = None if views.cameras else views.nothing
         self._official: list[Image] | None = None
         self._plain: list[Frame] | None = None
-        self._front: list[NDArray[np.bool_]] | None = None
-        self.lit: tuple[list[Image], list[Image]] | None = None
-        """What `msb.why.causes.lit` returned."""
+        self._culled: list[Frame] | None = None
 
     def own(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return images of the dedicated tier, of another asset of its method or with other settings."""
@@ -90,26 +90,25 @@ class Views:
         """Return the images of any mesh on the standard tier."""
         renderer = StandardRenderer(asset_from_mesh(mesh), device=self.device, supersample=supersample)
         with contextlib.closing(renderer):
-            return self._images(renderer)
+            return [renderer.render_image(camera.in_units(), self.background) for camera in self.cameras]
 
-    def culled(self, mesh: Mesh) -> list[Frame]:
-        """Return the frames of `mesh()`, maybe in other colours, drawn without its back faces."""
-        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
-            return self._without_backs(mesh, renderer)
+    def culled(self) -> list[Frame]:
+        """Return the frames of `mesh()`, drawn without its back faces."""
+        if self._culled is None:
+            mesh = self.mesh()
+            self._culled = []
+            with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
+                for camera, front in zip(self.cameras, self._facing(mesh), strict=True):
+                    renderer.show(front)
+                    self._culled.append(renderer.render(camera.in_units(), self.background))
+        return self._culled
 
-    def whole_and_culled(self, mesh: Mesh) -> tuple[list[Image], list[Frame]]:
-        """Return the images of such a mesh as it is, and the frames of it without its back faces."""
-        with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
-            return self._images(renderer), self._without_backs(mesh, renderer)
-
-    def _without_backs(self, mesh: Mesh, renderer: _Culling) -> list[Frame]:
-        if self._front is None:
-            self._front = self._facing(mesh)
-        frames = []
-        for camera, front in zip(self.cameras, self._front, strict=True):
-            renderer.show(front)
-            frames.append(renderer.render(camera.in_units(), self.background))
-        return frames
+    @cached_property
+    def light(self) -> Image:
+        """How bright an engine's lamp makes each face (F,) of the asset."""
+        buffers = self.asset.buffers
+        light = daylight(buffers["positions"], buffers["indices"], up_axis(self.asset))
+        return light.astype(np.float32)
 
     def _facing(self, mesh: Mesh) -> list[NDArray[np.bool_]]:
         """Return which faces each camera sees from the front."""
@@ -117,9 +116,6 @@ class Views:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         height = np.einsum("fi,fi->f", corners[:, 0], normal)
         return [normal @ camera.center > height for camera in self.cameras]
-
-    def _images(self, renderer: StandardRenderer) -> list[Image]:
-        return [renderer.render_image(camera.in_units(), self.background) for camera in self.cameras]
 
     def _check(self, tier: Tier) -> None:
         """Refuse a tier that the asset does not have, and every one where no camera sees it."""

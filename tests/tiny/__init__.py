@@ -11,14 +11,15 @@ MODELS = TINY / "models"
 
 
 def link_demo(folder: Path) -> None:
-    """Make `folder`/data_stubs: the demo's data, with a tiny model in the place of each trained one.
+    """Make `folder`/data_stubs: the demo's data, with tiny models and scenes in the place of its own.
 
-    What is trained has ten times the faces, and examples are to run, not to look well.
+    Trained models have ten times the faces, scenes twice the views, and examples are to run, not to look well.
     """
+    tiny = {"models": MODELS, "scenes": SCENES}
     place = folder / "data_stubs"
     place.mkdir()
     for path in (TINY.parents[1] / "data_stubs").iterdir():
         if path.suffix == ".toml":  # its paths are relative to the file itself
             shutil.copy(path, place)
         elif path.suffix != ".py" and path.name != "__pycache__":
-            (place / path.name).symlink_to(MODELS if path.name == "models" else path)
+            (place / path.name).symlink_to(tiny.get(path.name, path))
