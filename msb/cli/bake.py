@@ -112,7 +112,7 @@ class BakeOptions:
 @command(
     "msb bake --geometry kept --cameras data_stubs/views.json \\\n"
     "      data_stubs/checkpoint -o out/plain.glb",
-    "msb bake --seconds 20 --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
+    "msb bake --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"
     "      data_stubs/models/pebble/triangle_splatting -o out/pebble.glb",
     "msb bake --for-solid --lods 0.5,0.25,0.1 --collision mesh:1000 \\\n"
     "      --scene data_stubs/scenes/nerf_synthetic/pebble \\\n"

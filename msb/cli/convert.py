@@ -55,7 +55,7 @@ class ConvertOptions:
 
 @command(
     "msb convert data_stubs/checkpoint out/upright.glb",
-    "msb convert --for web data_stubs/splat_like.triasset out/web.glb",
+    "msb convert --for web data_stubs/models/pebble/mesh_splatting out/web.glb",
     "msb convert data_stubs/splat_like.triasset out/folder.triasset --form folder",
     "msb convert --official data_stubs/splat_like.triasset out/official.ply",
     "msb convert --to triasset data_stubs/models/pebble out/assets",

@@ -41,7 +41,7 @@ class ScenesOptions:
 @command(
     "msb scenes data_stubs/scenes",
     "msb scenes data_stubs/scenes/dtu/scan1",
-    "msb scenes --image-folder images_8 data_stubs/scenes/mipnerf360",
+    "msb scenes --image-folder images_2 data_stubs/scenes/mipnerf360",
     "msb scenes --json - --rules two_dts data_stubs/scenes/nerf_synthetic/pebble",
 )
 def scenes(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
@@ -11,9 +12,11 @@ from msb.errors import DeviceError
 from msb.meshes.formats import FORMATS, Style, Web
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from msb.asset import Asset
     from msb.meshes import Mesh
-    from msb.render import Frame
     from msb.scenes import Camera
 
 LEAST = 50.0
@@ -32,7 +35,7 @@ class Pictures:
     mesh: Mesh
     cameras: list[Camera]
     said: str
-    _own: dict[int, list[Frame]] = field(default_factory=dict, repr=False)
+    _own: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
     """Samples a pixel each way -> the pictures of `mesh`."""
 
     @classmethod
@@ -52,12 +55,12 @@ class Pictures:
             self._own[samples] = self._drawn(self.mesh, samples)
         return difference(self._own[samples], self._drawn(other, samples))
 
-    def _drawn(self, mesh: Mesh, samples: int) -> list[Frame]:
+    def _drawn(self, mesh: Mesh, samples: int) -> list[NDArray[np.float32]]:
         from msb.meshes.assets import asset_from_mesh
-        from msb.render import Renderer
+        from msb.render.standard.renderer import StandardRenderer
 
-        with Renderer(asset_from_mesh(mesh), "standard", supersample=samples) as renderer:
-            return [renderer.render(camera) for camera in self.cameras]
+        with closing(StandardRenderer(asset_from_mesh(mesh), supersample=samples)) as renderer:
+            return [renderer.render_image(camera.in_units()) for camera in self.cameras]
 
     def lost(self, other: Mesh) -> str:
         """Return the same in words that follow a sentence; nothing where there is no device to draw on."""

@@ -8,6 +8,7 @@ written as its difference from the one before.
 
 from __future__ import annotations
 
+from math import inf
 from operator import sub
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,7 @@ def compact_order(faces: NDArray[np.int64], rows: NDArray[np.int64], start: NDAr
     """Return an order of `faces` (F, 3), chosen face by face, that takes few bytes.
 
     `rows` (V, K) are what is stored of vertices, in whole numbers; `start` (F,) is an order that says where
-    to go on when no face is left at the last vertices. A face takes about 100 microseconds.
+    to go on when no face is left at the last vertices. A face takes about 50 microseconds.
     """
     corners: list[list[int]] = faces.tolist()
     values: list[list[int]] = rows.tolist()
@@ -41,6 +42,7 @@ def compact_order(faces: NDArray[np.int64], rows: NDArray[np.int64], start: NDAr
         for vertex in vertices:
             around[vertex].add(face)
     gains = [0.0, *(_DONE / count**0.5 for count in range(1, 1 + max(map(len, around))))]
+    gain = [gains[len(faces_there)] for faces_there in around]
     numbers, count, named = [-1] * len(values), 0, 0
     edges: list[tuple[int, int]] = []
     recent: list[int] = []
@@ -49,36 +51,51 @@ def compact_order(faces: NDArray[np.int64], rows: NDArray[np.int64], start: NDAr
     def begun(face: int) -> list[int]:
         """Return the vertices of a face as the codec begins it: with a known edge, else with a new vertex."""
         a, b, c = vertices = corners[face]
-        ways = (vertices, [b, c, a], [c, a, b])
-        known = [way for way in ways if (way[0], way[1]) in ends]
-        return (known or [way for way in ways if numbers[way[0]] < 0] or ways)[0]
-
-    def cost(face: int) -> float:
-        a, b, c = begun(face)
         if (a, b) in ends:
-            total, written = 1.0, [] if numbers[c] < 0 or place.get(c) in _THIRD else [c]
+            return vertices
+        if (b, c) in ends:
+            return [b, c, a]
+        if (c, a) in ends:
+            return [c, a, b]
+        if numbers[a] < 0:
+            return vertices
+        return [b, c, a] if numbers[b] < 0 else [c, a, b] if numbers[c] < 0 else vertices
+
+    def cost(face: int, least: float) -> float:
+        """Return what a face costs, of which `least` is known."""
+        a, b, c = begun(face)
+        total = least
+        if (a, b) in ends:
+            written = [] if numbers[c] < 0 or place.get(c) in _THIRD else [c]
         else:
             at = [0 if numbers[each] < 0 else place.get(each, _UNNAMED) for each in (b, c)]
-            is_short = numbers[a] < 0 and at[0] << 4 | at[1] in _PAIRS
-            total, written = 1.0 if is_short else 2.0, [] if numbers[a] < 0 else [a]
+            if numbers[a] >= 0 or at[0] << 4 | at[1] not in _PAIRS:
+                total += 1
+            written = [] if numbers[a] < 0 else [a]
             written += [each for each, where in zip((b, c), at, strict=True) if where == _UNNAMED]
         for vertex in written:
             far = abs(numbers[vertex] - named)
             total += 1 + (far >= 64) + (far >= 8192)
         last = before
         for vertex in (a, b, c):
-            total -= gains[len(around[vertex])]
             if numbers[vertex] < 0:
-                total += _NEW + _BIT * sum(map(int.bit_length, map(sub, values[vertex], last)))
+                total += _BIT * sum(map(int.bit_length, map(sub, values[vertex], last)))
                 last = values[vertex]
         return total
 
     for _ in corners:
         ends, place = set(edges), {vertex: 1 + k for k, vertex in enumerate(recent[:_NAMED])}
-        near = {face for vertex in recent for face in around[vertex]}
-        if near:
-            best = min(near, key=cost)
-        else:
+        best, lowest = -1, inf
+        looked_at: set[int] = set()
+        for vertex in recent:
+            for face in around[vertex] - looked_at:
+                a, b, c = corners[face]
+                fresh = (numbers[a] < 0) + (numbers[b] < 0) + (numbers[c] < 0)
+                least = 1.0 + _NEW * fresh - gain[a] - gain[b] - gain[c]
+                if least < lowest and (total := cost(face, least)) < lowest:
+                    best, lowest = face, total
+            looked_at |= around[vertex]
+        if best < 0:
             best = next(face for face in rest if face in around[corners[face][0]])
         order.append(best)
         a, b, c = begun(best)
@@ -96,4 +113,5 @@ def compact_order(faces: NDArray[np.int64], rows: NDArray[np.int64], start: NDAr
         del recent[_VERTICES:]
         for vertex in (a, b, c):
             around[vertex].discard(best)
+            gain[vertex] = gains[len(around[vertex])]
     return order

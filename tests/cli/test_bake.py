@@ -423,7 +423,7 @@ def test_bars_count_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_trained_soup_loses_less_than_its_plain_mesh(msb: Msb, tmp_path: Path) -> None:
     model = MODELS / "walled" / "triangle_splatting"
     scene = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
-    line = ["bake", "--seconds", "15", "--scene", scene, model, "--json", "-"]
+    line = ["bake", "--seconds", "4", "--scene", scene, model, "--json", "-"]
     found = msb(*line, "-o", tmp_path / "a.glb", status=0).json
     numbers = found["psnr"]["photographs"]
     assert numbers["dedicated"] == pytest.approx(36.06, abs=0.1)

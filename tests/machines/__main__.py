@@ -47,6 +47,8 @@ ELSEWHERE_ALIKE = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "
 """How platforms are found and tried, which each of these tests sets up itself; and what runs no kernel."""
 # The slow ones are the same kernels on larger and random scenes.
 QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in ELSEWHERE_ALIKE)
+OWN_STYLE = "-k", "not gpu"
+"""On a CPU, nobody draws by the kernels for a GPU but who asks for them."""
 PICTURES = (
     "tests/bake/test_raster.py",
     *(
@@ -56,9 +58,15 @@ PICTURES = (
 )
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {
-    # Both styles of kernels on the system's PoCL, another version; `make test` has the wheel's alone. What
+    # The system's PoCL, another version; `make test` has the wheel's alone, and both styles of kernels. What
     # renderers do with their input, and share, is no compiler's business.
-    "pocl": Machine("pocl-opencl-icd", "libpocl", "pocl:0", {}, (*QUICK, "tests/cl", *PICTURES, *COMPARED)),
+    "pocl": Machine(
+        "pocl-opencl-icd",
+        "libpocl",
+        "pocl:0",
+        {},
+        (*QUICK, *OWN_STYLE, "tests/cl", *PICTURES, *COMPARED),
+    ),
     # As on a processor that the wheel does not know, so that it has to be mended: the same library otherwise,
     # which makes other machine code.
     "unknown": Machine(
@@ -66,7 +74,7 @@ MACHINES = {
         "",
         "pocl",
         {"PYTHONPATH": str(UNKNOWN_CPU)},
-        (*QUICK, "tests/cl/test_scan_sort.py", *PICTURES),
+        (*QUICK, *OWN_STYLE, "tests/cl/test_scan_sort.py", *PICTURES),
     ),
     # Style gpu; tests of the other one are skipped. llvmpipe takes minutes for what is left out: large and
     # random scenes, comparisons with the references. Golden images and work-groups are in.

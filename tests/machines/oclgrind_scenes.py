@@ -186,6 +186,8 @@ def test_standard(device: Device, watch: Watch) -> None:
 
 
 def test_textures(device: Device, watch: Watch) -> None:
-    asset = textured_asset(unshared(scattered(4, 20, 0.8, 1, 4)), 5, **CASES["cut out"])
+    asset = textured_asset(
+        unshared(scattered(4, 20, 0.8, 1, 4)), 5, **CASES["cut out"] | {"sizes": ((8, 8, 4), (4, 4, 4))}
+    )
     StandardRenderer(asset, device=device).render(front_camera(16, 12), BACKGROUND)
     assert watch.findings() == []

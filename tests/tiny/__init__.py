@@ -13,7 +13,7 @@ MODELS = TINY / "models"
 def link_demo(folder: Path) -> None:
     """Make `folder`/data_stubs: the demo's data, with tiny models and scenes in the place of its own.
 
-    Trained models have ten times the faces, scenes twice the views, and examples are to run, not to look well.
+    Its own have ten times the faces and twice the views, and examples are to run, not to look well.
     """
     tiny = {"models": MODELS, "scenes": SCENES}
     place = folder / "data_stubs"

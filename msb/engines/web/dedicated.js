@@ -93,7 +93,7 @@ async function openDevice(needs) {
   let adapter = null;
   // The browser's graphics process may just be starting again.
   for (let tries = 0; !adapter && tries < 4; tries += 1) {
-    if (tries) await new Promise((done) => setTimeout(done, 500 * tries));
+    if (tries) await new Promise((done) => setTimeout(done, 200 * tries));
     adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
   }
   if (!adapter) throw new Error("WebGPU finds no graphics adapter in this browser.");
