@@ -19,7 +19,7 @@ import inspect
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -262,7 +262,7 @@ def _command(
             declared.append(_Declared(each.name, kind, option, default))
     own = {each.name for each in declared}
     everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in own)
-    declared += everywhere
+    declared = [_with_need(each, rules, (*declared, *everywhere)) for each in (*declared, *everywhere)]
     outputs = next((key for key, group in groups.items() if issubclass(group.kind, Output)), None)
 
     def run(context: typer.Context, **values: Any) -> Any:
@@ -288,6 +288,17 @@ def _command(
     declared_by_name = {each.name: each for each in declared}
     vars(run).update({"name": function.__name__.replace("_", "-"), "declared": declared_by_name, **named})
     return run
+
+
+def _with_need(each: _Declared, rules: Sequence[Rule], declared: Sequence[_Declared]) -> _Declared:
+    """Return a parameter whose help says which option it needs."""
+    labels = {one.name: one.label for one in declared}
+    for rule in rules:
+        label = labels.get(rule.needs, "")
+        if label and each.name in rule.options.split() and label not in each.option.help:
+            text = f"{each.option.help.rstrip('.')}. Needs {label}."
+            return each._replace(option=replace(each.option, help=text))
+    return each
 
 
 def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
