@@ -41,7 +41,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     size_t face = sorted[start];
     __global const float *c = positions + 9 * face;
     int reaches_far = is_long(c);
-    float8 first = 0.0f;  // products of weights aa, ab, ac, bb, bc, cc
+    float8 products = 0.0f;  // of weights: aa, ab, ac, bb, bc, cc
     float3 shown[3] = {0.0f, 0.0f, 0.0f};
     float rise[9];
     for (int k = 0; k < 9; k++)
@@ -54,7 +54,8 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         if (reaches_far)
             wide_weights(c, view, px, py, w);
         float3 color = convert_float3(vload3((size_t)pixel, target)) * (1.0f / 65535.0f);
-        first += (float8)(w[0], w[0], w[0], w[1], w[1], w[2], 0.0f, 0.0f) * (float8)(w[0], w[1], w[2], w[1], w[2], w[2], 0.0f, 0.0f);
+        float8 left = (float8)(w[0], w[0], w[0], w[1], w[1], w[2], 0.0f, 0.0f);
+        products += left * (float8)(w[0], w[1], w[2], w[1], w[2], w[2], 0.0f, 0.0f);
         for (int k = 0; k < 3; k++)
             shown[k] += w[k] * color;
 
@@ -88,7 +89,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         }
     }
     float all[8];
-    vstore8(first, 0, all);
+    vstore8(products, 0, all);
     for (int k = 0; k < 6; k++)
         sums[SUMS * face + k] += weight * all[k];
     for (int k = 0; k < 3; k++) {

@@ -39,7 +39,7 @@ _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 """Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
 samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB."""
 _MOST_RECORDS = 1024
-"""Of bands, that stay on the device from frame to frame."""
+"""Records of bands that stay on the device from frame to frame."""
 _TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
 """Values of `tile_rule` in splat_common.cl."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
