@@ -93,3 +93,11 @@ def test_the_plain_mesh_is_the_standard_tier_with_the_settings() -> None:
     shading = by_name(why(asset, [CAMERA], settings={"ste_threshold": 0.5}))["shading"]
     drawn = msb.render(asset, CAMERA, tier="standard", settings={"ste_threshold": 0.5}).image.clip(0, 1)
     assert np.array_equal(shading.without, drawn)
+
+
+@pytest.mark.slow
+def test_light_is_that_of_the_faces_that_are_shown() -> None:
+    """A threshold hides 278 faces of this one; dB are those of a mesh that was lit before it was drawn."""
+    causes = why(ROOT / "tests/golden/two_dts/ring_solid/checkpoint")
+    assert causes.total.wrong == pytest.approx(27.243, abs=0.01)
+    assert by_name(causes)["shading"].db == pytest.approx(26.023, abs=0.01)
