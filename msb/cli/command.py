@@ -262,7 +262,7 @@ def _command(
             declared.append(_Declared(each.name, kind, option, default))
     own = {each.name for each in declared}
     everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in own)
-    declared = [_with_need(each, rules, (*declared, *everywhere)) for each in (*declared, *everywhere)]
+    declared = list(_with_needs([*declared, *everywhere], rules))
     outputs = next((key for key, group in groups.items() if issubclass(group.kind, Output)), None)
 
     def run(context: typer.Context, **values: Any) -> Any:
@@ -290,15 +290,17 @@ def _command(
     return run
 
 
-def _with_need(each: _Declared, rules: Sequence[Rule], declared: Sequence[_Declared]) -> _Declared:
-    """Return a parameter whose help says which option it needs."""
-    labels = {one.name: one.label for one in declared}
-    for rule in rules:
-        label = labels.get(rule.needs, "")
-        if label and each.name in rule.options.split() and label not in each.option.help:
-            text = f"{each.option.help.rstrip('.')}. Needs {label}."
-            return each._replace(option=replace(each.option, help=text))
-    return each
+def _with_needs(declared: Sequence[_Declared], rules: Sequence[Rule]) -> Iterator[_Declared]:
+    """Yield parameters, the help of which says which option they need."""
+    labels = {each.name: each.label for each in declared}
+    needed = {
+        key: labels[rule.needs] for rule in rules if rule.needs in labels for key in rule.options.split()
+    }
+    for each in declared:
+        label, text = needed.get(each.name), each.option.help
+        if label and label not in text:
+            each = each._replace(option=replace(each.option, help=f"{text.rstrip('.')}. Needs {label}."))
+        yield each
 
 
 def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
@@ -56,11 +55,9 @@ class Pictures:
         return difference(self._own[samples], self._drawn(other, samples))
 
     def _drawn(self, mesh: Mesh, samples: int) -> list[NDArray[np.float32]]:
-        from msb.meshes.assets import asset_from_mesh
-        from msb.render.standard.renderer import StandardRenderer
+        from msb.why.views import images_of
 
-        with closing(StandardRenderer(asset_from_mesh(mesh), supersample=samples)) as renderer:
-            return [renderer.render_image(camera.in_units()) for camera in self.cameras]
+        return images_of(mesh, self.cameras, supersample=samples)
 
     def lost(self, other: Mesh) -> str:
         """Return the same in words that follow a sentence; nothing where there is no device to draw on."""

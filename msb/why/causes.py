@@ -163,18 +163,12 @@ def _order(views: Views) -> _Pair:
     return views.own(order="none"), views.official()
 
 
-def _floats(colors: NDArray[Any]) -> Image:
-    return colors.astype(np.float32) / np.float32(255 if colors.dtype == np.uint8 else 1)
-
-
-def _with_rgb(colors: Image, rgb: Image) -> Image:
-    """Return other colours with the alpha, if any, of `colors`: of a texture it says where it is cut off."""
-    return np.concatenate((rgb, colors[:, 3:]), axis=1)
-
-
 def _pale(colors: NDArray[Any] | None) -> Image | None:
-    """Return colours with one sRGB curve too many."""
-    return None if colors is None else _with_rgb(_floats(colors), _srgb(_floats(colors)[:, :3]))
+    """Return colours with one sRGB curve too many, and the alpha, if any, which cuts textures off."""
+    if colors is None:
+        return None
+    values = colors.astype(np.float32) / np.float32(255 if colors.dtype == np.uint8 else 1)
+    return np.concatenate((_srgb(values[:, :3]), values[:, 3:]), axis=1)
 
 
 def _srgb(linear: Image) -> Image:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from msb.meshes.mesh import Mesh
     from msb.registry import Tier
     from msb.render import Frame
+    from msb.scenes import Camera
     from msb.views import Views as ChosenViews
 
     Image = NDArray[np.float32]
@@ -88,19 +89,17 @@ class Views:
 
     def of_mesh(self, mesh: Mesh, supersample: int = 1) -> list[Image]:
         """Return the images of any mesh on the standard tier."""
-        renderer = StandardRenderer(asset_from_mesh(mesh), device=self.device, supersample=supersample)
-        with contextlib.closing(renderer):
-            return [renderer.render_image(camera.in_units(), self.background) for camera in self.cameras]
+        return images_of(mesh, self.cameras, self.background, self.device, supersample)
 
     def culled(self) -> list[Frame]:
         """Return the frames of `mesh()`, drawn without its back faces."""
         if self._culled is None:
-            mesh = self.mesh()
-            self._culled = []
+            mesh, frames = self.mesh(), []
             with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
                 for camera, front in zip(self.cameras, self._facing(mesh), strict=True):
                     renderer.show(front)
-                    self._culled.append(renderer.render(camera.in_units(), self.background))
+                    frames.append(renderer.render(camera.in_units(), self.background))
+            self._culled = frames
         return self._culled
 
     @cached_property
@@ -126,6 +125,19 @@ class Views:
     def _drawn(self, asset: Asset, tier: Any, settings: Mapping[str, Any], **options: Any) -> list[Frame]:
         with Renderer(asset, tier, self.device, settings, **options) as renderer:
             return [renderer.render(camera, self.background) for camera in self.cameras]
+
+
+def images_of(
+    mesh: Mesh,
+    cameras: Iterable[Camera],
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    device: str | None = None,
+    supersample: int = 1,
+) -> list[Image]:
+    """Return what cameras see of any mesh on the standard tier."""
+    renderer = StandardRenderer(asset_from_mesh(mesh), device=device, supersample=supersample)
+    with contextlib.closing(renderer):
+        return [renderer.render_image(camera.in_units(), background) for camera in cameras]
 
 
 def clipped(drawn: Any) -> Image:
