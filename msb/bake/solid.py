@@ -32,6 +32,8 @@ _HARDLY, _LESS = 2.0, 0.1
 """Pixels of the mean view that are hardly any, together; at most so much of what a vertex has in the mean."""
 _COARSEST = 1 / 8
 """How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
+_DETAIL = 32
+"""How many times the faces asked for a surface has before it is looked at which of them matter."""
 FEWEST_FACES = 4
 """Of what is closed: a tetrahedron."""
 _MIDDLE = 0.3
@@ -87,12 +89,23 @@ def with_fewer_faces(points: Reals, faces: Faces, count: int, space: Space) -> t
 
     The middle of a scene, which its cameras look at, is given more faces: there errors count as in a space
     where lengths grow as the logarithm of the distance to it."""
-    placed = _to_logarithm(points) if space.contracted else points
     for haste in (_HASTE, _MORE_HASTE):
-        if len(faces) > count:
-            placed, faces, _ = _collapsed(placed, faces, count, haste)
-            points = _from_logarithm(placed) if space.contracted else placed
+        points, faces = _coarser(points, faces, count, space, haste)
     return mended(points, faces)
+
+
+def without_detail(points: Reals, faces: Faces, count: int, space: Space) -> tuple[Reals, Faces]:
+    """Return the surface with so many faces that nothing is lost of it for `count` that are asked for in the
+    end: what follows takes less time then."""
+    return _coarser(points, faces, _DETAIL * count, space, _HASTE)
+
+
+def _coarser(points: Reals, faces: Faces, count: int, space: Space, haste: int) -> tuple[Reals, Faces]:
+    if len(faces) <= count:
+        return points, faces
+    placed = _to_logarithm(points) if space.contracted else points
+    placed, faces, _ = _collapsed(placed, faces, count, haste)
+    return _from_logarithm(placed) if space.contracted else placed, faces
 
 
 def coarser_unseen(
@@ -226,8 +239,9 @@ def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray
     """
     points = points.copy()
     neighbours = average(faces, len(points))
+    moved = np.ones(len(points), bool)
     for turn in range(_TURNS):
-        crossing = crossing_faces(points, faces, space)
+        crossing = crossing_faces(points, faces, space, moved)
         flat = _slivers(points, faces) if turn < _WIDER else crossing[:0]
         if not len(crossing) and not len(flat):
             return points, crossing
@@ -236,7 +250,7 @@ def _smoothed(points: Reals, faces: Faces, space: Space) -> tuple[Reals, NDArray
         for _ in range(turn // _WIDER):
             moved[faces[moved[faces].any(axis=1)]] = True
         points[moved] = ((points + neighbours @ points) / 2)[moved]
-    return points, crossing_faces(points, faces, space)
+    return points, crossing_faces(points, faces, space, moved)
 
 
 def _slivers(points: Reals, faces: Faces) -> NDArray[np.int64]:
@@ -250,25 +264,31 @@ def put_back(points: Reals, good: Reals, faces: Faces, space: Space) -> Reals:
     """Return points of which no faces cross but those that do in `good`, too: others go back to where they
     were there."""
     points = points.copy()
+    moved = np.ones(len(points), bool)
     for _ in range(_BACK):
-        corners = np.unique(faces[crossing_faces(points, faces, space)])
-        back = corners[(points[corners] != good[corners]).any(axis=1)]
-        if not len(back):
+        crossing = np.zeros(len(points), bool)
+        crossing[faces[crossing_faces(points, faces, space, moved)]] = True
+        moved = crossing & (points != good).any(axis=1)
+        if not moved.any():
             return points
-        points[back] = good[back]
+        points[moved] = good[moved]
     return good.copy()
 
 
-def crossing_faces(points: Reals, faces: Faces, space: Space) -> NDArray[np.int64]:
-    """Return the numbers of faces that cross others in the world, as float32 has it."""
+def crossing_faces(
+    points: Reals, faces: Faces, space: Space, moved: NDArray[np.bool_] | None = None
+) -> NDArray[np.int64]:
+    """Return the numbers of faces that cross others in the world, as float32 has it: of those pairs, one of
+    whose faces has a corner (V,) that was `moved`."""
+    of = None if moved is None or moved.all() else np.asarray(moved[faces].any(axis=1))
     corners = space.outward(points).astype(np.float32).astype(np.float64)[faces]
     if not space.contracted:
-        return np.unique(crossing_pairs(corners))
+        return np.unique(crossing_pairs(corners, of=of))
     # A face of the world is bent inside: so are its box's corners, the middles of its sides, and its own.
     more = [(corners + np.roll(corners, 1, axis=1)) / 2, corners.mean(axis=1, keepdims=True)]
     bent = np.concatenate([corners, *more], axis=1)
     places = space.inward(bent.reshape(-1, 3)).reshape(bent.shape)
-    return np.unique(crossing_pairs(corners, places))
+    return np.unique(crossing_pairs(corners, places, of))
 
 
 def average(faces: Faces, count: int) -> csr_matrix:

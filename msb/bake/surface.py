@@ -26,6 +26,7 @@ from msb.bake.solid import (
     that_matter,
     uncrossed,
     with_fewer_faces,
+    without_detail,
 )
 from msb.bake.soup import Soup
 from msb.bake.space import Space
@@ -193,6 +194,7 @@ def _fewer(solid: Solid, count: int, guide: Guide) -> Solid:
     coarse went through what is seen; or they lie everywhere; or, if they are few, they are made of twice as
     many, so that what is thin is mended on the way."""
     cameras = guide.lessons.cameras
+    solid = Solid(*without_detail(*solid[:2], count, solid.space), solid.space)
     pixels = _pixels(solid, cameras, guide.device) / len(cameras)
     spared = Solid(*coarser_unseen(*solid[:2], pixels, count, solid.space), solid.space)
     begun = [spared, solid]

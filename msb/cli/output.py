@@ -168,17 +168,34 @@ class Output:
         self.note(f"{text}: {1000 * (time.perf_counter() - start):.1f} ms", level=2)
 
     @contextlib.contextmanager
-    def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress | None]:
-        """Yield a function that draws a bar for each stage, on a terminal only; else None."""
+    def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
+        """Yield a function that draws a bar for each stage, on a terminal; their times with -v."""
+        spent: dict[str, float] = {}
+        tasks: dict[str, Any] = {}
+        begun, running = time.perf_counter(), ""
+
+        def pass_to(stage: str) -> None:
+            nonlocal begun, running
+            now = time.perf_counter()
+            if running:
+                spent[running] = spent.get(running, 0.0) + now - begun
+            begun, running = now, stage
+
         with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
-            tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
-                if stage not in tasks:
-                    tasks[stage] = bars.add_task(stage, total=total)
-                bars.update(tasks[stage], completed=done, total=total)
+                if stage != running:
+                    pass_to(stage)
+                if bars is not None:
+                    if stage not in tasks:
+                        tasks[stage] = bars.add_task(stage, total=total)
+                    bars.update(tasks[stage], completed=done, total=total)
 
-            yield None if bars is None else update
+            yield update
+            pass_to("")
+        if spent:
+            times = (f"{stage} {seconds:.1f} s" for stage, seconds in spent.items())
+            self.note(f"time went to: {', '.join(times)}", level=1)
 
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import struct
 from pathlib import Path
@@ -127,6 +128,8 @@ def test_what_is_printed_is_a_sentence(here: Here, files: tuple[Path, Path]) -> 
     assert f"note: {out}: left out: colours, which .stl has no place for" in result.err
     quiet = here("bake", "-qf", "--geometry", "kept", "--cameras", cameras, model, "-o", out)
     assert (quiet.out.count("\n"), quiet.err) == (1, "")
+    verbose = here("bake", "-f", "-v", "--geometry", "kept", "--cameras", cameras, model, "-o", out)
+    assert re.search(r"^time went to: (views \d+\.\d s, ).*(, audit \d+\.\d s)$", verbose.err, re.M)
 
 
 def test_two_views_are_needed_to_state_anything(here: Here, files: tuple[Path, Path]) -> None:

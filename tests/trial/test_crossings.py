@@ -44,8 +44,12 @@ def every_pair(corners: Any) -> list[list[int]]:
 @given(st.integers(0, 10_000), st.sampled_from([2, 3, 6, 50]), st.integers(2, 16))
 def test_pairs_are_those_of_exact_arithmetic(seed: int, size: int, count: int) -> None:
     # Few whole numbers: touching, coplanar and degenerate triangles are common.
-    corners = np.random.default_rng(seed).integers(0, size, (count, 3, 3)).astype(np.float64)
-    assert crossing_pairs(corners).tolist() == every_pair(corners)
+    rng = np.random.default_rng(seed)
+    corners = rng.integers(0, size, (count, 3, 3)).astype(np.float64)
+    pairs = every_pair(corners)
+    assert crossing_pairs(corners).tolist() == pairs
+    some = rng.random(count) < 0.3
+    assert crossing_pairs(corners, of=some).tolist() == [pair for pair in pairs if some[pair].any()]
 
 
 @pytest.mark.slow

@@ -92,21 +92,24 @@ def slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def crossing_pairs(
-    corners: NDArray[np.float64], places: NDArray[np.float64] | None = None
+    corners: NDArray[np.float64],
+    places: NDArray[np.float64] | None = None,
+    of: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     """Return the pairs (n, 2) of faces that cross, each once with the lower number first, sorted.
 
     `corners` (F, 3, 3) are finite. Only faces are compared whose boxes overlap: those of `places` (F, n, 3)
-    if given, where faces lie in a space in which they are of similar size.
+    if given, where faces lie in a space in which they are of similar size. Each pair has one `of` these faces
+    (F,).
     """
-    near = _near(corners if places is None else places)
+    near = _near(corners if places is None else places, of)
     crossing = [pairs[_cross(corners[pairs[:, 0]], corners[pairs[:, 1]])] for pairs in near]
     pairs = np.concatenate([np.zeros((0, 2), np.int64), *crossing])
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-def _near(corners: NDArray[np.float64]) -> Iterator[NDArray[np.int64]]:
-    """Yield the pairs of faces whose bounding boxes overlap, each pair once, some at a time."""
+def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterator[NDArray[np.int64]]:
+    """Yield the pairs of faces, one `of` some, whose bounding boxes overlap, each once, some at a time."""
     if len(corners) < 2:
         return
     low, high = (np.ascontiguousarray(edge.T) for edge in (corners.min(axis=1), corners.max(axis=1)))
@@ -134,6 +137,13 @@ def _near(corners: NDArray[np.float64]) -> Iterator[NDArray[np.int64]]:
     del turn, step, steps
     order = np.argsort(key, kind="stable")
     key, face = key[order], face[order]
+    if of is not None:
+        starts = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+        shared = np.logical_or.reduceat(of[face], starts)
+        kept = np.repeat(shared, np.diff(starts, append=len(key)))
+        key, face = key[kept], face[kept]
+        if not len(key):
+            return
     # Each entry is paired with those after it in its cell.
     ends = np.flatnonzero(np.append(key[1:] != key[:-1], True)) + 1
     stop = np.repeat(ends, np.diff(ends, prepend=0))
@@ -146,6 +156,9 @@ def _near(corners: NDArray[np.float64]) -> Iterator[NDArray[np.int64]]:
         one = np.repeat(np.arange(end - start), partners)
         two = np.arange(len(one)) - np.repeat(total[start:end] - partners - done, partners) + one + 1
         faces = face[start : stop[end - 1]]
+        if of is not None:
+            kept = of[faces[one]] | of[faces[two]]
+            one, two = one[kept], two[kept]
         for axis in range(3):
             lowest, highest = low[axis][faces], high[axis][faces]
             overlap = (lowest[one] <= highest[two]) & (lowest[two] <= highest[one])
@@ -166,17 +179,18 @@ def _cell_number(cell: Sequence[NDArray[np.int32]], count: NDArray[np.int32]) ->
 def _cross(one: NDArray[np.float64], two: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which pairs of triangles (n, 3, 3) cross."""
     one, two = (np.ascontiguousarray(each.transpose(1, 2, 0)) for each in (one, two))
+    result = np.zeros(one.shape[2], bool)
+    # Most are wholly on one side of the other's plane.
     sides_of_two = np.stack([_orient(two[0], two[1], two[2], one[k]) for k in range(3)])
+    rows = np.flatnonzero(np.abs(sides_of_two.sum(axis=0)) < 3)
+    one, two, sides_of_two = one[..., rows], two[..., rows], sides_of_two[:, rows]
     sides_of_one = np.stack([_orient(one[0], one[1], one[2], two[k]) for k in range(3)])
-    # Wholly on one side of the other's plane, or neither has an edge that goes from side to side.
-    apart = _one_sided(sides_of_two) & _one_sided(sides_of_one)
-    for sides in (sides_of_two, sides_of_one):
-        apart |= np.abs(sides.sum(axis=0)) == 3
-    result = np.zeros(len(apart), bool)
-    rows = np.flatnonzero(~apart)
-    one, two = one[..., rows], two[..., rows]
+    # As these are, or neither has an edge that goes from side to side.
+    apart = (np.abs(sides_of_one.sum(axis=0)) == 3) | (_one_sided(sides_of_two) & _one_sided(sides_of_one))
+    left = np.flatnonzero(~apart)
+    rows, one, two = rows[left], one[..., left], two[..., left]
     crossed = np.zeros(len(rows), bool)
-    for edges, face, sides in ((one, two, sides_of_two[:, rows]), (two, one, sides_of_one[:, rows])):
+    for edges, face, sides in ((one, two, sides_of_two[:, left]), (two, one, sides_of_one[:, left])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]
             through = sides[k] * sides[(k + 1) % 3] < 0
