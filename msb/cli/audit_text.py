@@ -84,7 +84,8 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
         path = shell_word(audit.path)
         if helps := advice(audit, "-o merged.glb", path):
             output.line((helps, "dim"))
-        output.line((f"What tools make of it: msb trial {path}", "dim"))
+        if judge(audit).renders:
+            output.line((f"What tools make of it: msb trial {path}", "dim"))
     _print_verdict(audit, output)
 
 

@@ -27,12 +27,14 @@ MERGED = "closed once coincident vertices are merged"
 class Verdict:
     """`level` grades it, `sentence` says it; meaning is never carried by the level's colour alone.
 
-    `reason` is the first thing that stands in the way, in a few words, or "" where nothing does.
+    `reason` is the first thing that stands in the way, in a few words, or "" where nothing does. Of what does
+    not even render (`renders`) nothing else is said.
     """
 
     level: Level
     sentence: str
     reason: str = ""
+    renders: bool = True
 
     @property
     def word(self) -> str:
@@ -58,7 +60,7 @@ def judge(audit: Audit) -> Verdict:
         text = f"{verdict.sentence}; {counts.seam_vertices:,} {doubled} doubled at {kind} seams"
         return replace(verdict, sentence=text)
     if reason := _invisible(audit):
-        return Verdict("bad", f"does not render: {reason}", reason.removeprefix("it has "))
+        return Verdict("bad", f"does not render: {reason}", reason.removeprefix("it has "), renders=False)
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
         return Verdict("bad", f"renders; {_soup(audit)}", f"triangle soup{merged}")

@@ -97,6 +97,13 @@ def test_text_begins_and_ends_with_the_verdict(msb: Msb, demo_asset: Path) -> No
     assert "vertex 0 at" not in bow_ties  # a place is named once
 
 
+def test_of_what_does_not_render_no_trial_is_proposed(msb: Msb, tmp_path: Path) -> None:
+    flat = mesh_file(tmp_path / "flat.ply", np.zeros((4, 3), np.float32), TETRAHEDRON[1])
+    result = msb("audit", flat)
+    assert "BAD: does not render" in result.out
+    assert "msb trial" not in result.out
+
+
 def test_paper_row_is_printed_beside_ours(msb: Msb, demo_asset: Path) -> None:
     rows = [line.split() for line in msb("audit", "--paper", demo_asset).out.splitlines()]
     assert ["paper", "mean", "0.52", "6.49", "0.45", "0.18", "0.65", "0.70", "0.69", "0.71", "M"] in rows
