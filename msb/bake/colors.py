@@ -22,6 +22,10 @@ SMOOTH = 0.3
 """The weight of differences along edges, in pixels."""
 PRIOR = 0.05
 """The weight of the colours there are, in pixels."""
+_STRIP = 3
+"""Rings of faces beside what no pixel shows."""
+_FAINT = 1e-6
+"""The weight of the colours there are where nothing near is seen."""
 _ROUNDS = 4
 """How often colours that leave the bounds are held there and the others solved again."""
 _STEPS, _TOLERANCE = 400, 1e-6
@@ -109,6 +113,32 @@ def of_mesh(
             right += np.bincount(faces[:, corner], sides[:, corner, channel], minlength=count)
         found[:, channel] = _bounded(system, right, _solved(system, right, before))
     return found
+
+
+def continued(
+    colors: NDArray[np.float32], faces: NDArray[np.int64], shown: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Return `colors` (V, 3) in which what no pixels (F,) show goes on as what is seen around it.
+
+    That begins some rings of faces beside: next to what nobody sees, pictures show as much of the background.
+    """
+    import scipy.sparse as sparse
+
+    loose = np.zeros(len(colors), bool)
+    loose[faces[shown == 0]] = True
+    for _ in range(_STRIP):
+        loose[faces[loose[faces].any(axis=1)]] = True
+    rows = np.flatnonzero(loose)
+    if len(rows) in (0, len(colors)):
+        return colors
+    edges = laplacian(faces, len(colors))[rows]
+    system = (edges[:, rows] + _FAINT * sparse.identity(len(rows))).tocsr()
+    before = colors.astype(np.float64)
+    right = _FAINT * before[rows] - edges[:, ~loose] @ before[~loose]
+    made = colors.copy()
+    for channel in range(3):
+        made[rows, channel] = _solved(system, right[:, channel], before[rows, channel])
+    return made
 
 
 def laplacian(faces: NDArray[np.int64], count: int) -> csr_matrix:

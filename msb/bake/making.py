@@ -114,14 +114,14 @@ class Bake:
         if len(made) > 1:  # in colours that what is aside did not teach
             truths = [self._aside.within(self._pixels)]
             for name in reversed(made):  # what is made last, of the others, is the first to be told of
-                judged = self._colored(made[name], self._look(name, made[name]), self._teaching)
+                judged = self._colored(name, made[name], self._look(name, made[name]), self._teaching)
                 self._watch("comparing", 0, 1)
                 tried[name] = mean_psnr(asset_from_mesh(judged), truths, SAMPLES, self._device)[0]
         chosen, why = self._chosen(made, tried)
         notes += said[chosen]
         if stopped():
             notes.append("interrupted: this is the best so far")
-        mesh = self._colored(made[chosen], self._look(chosen, made[chosen]), self._taught)
+        mesh = self._colored(chosen, made[chosen], self._look(chosen, made[chosen]), self._taught)
         if why:
             notes.append(f"{why}: {compared(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
@@ -216,9 +216,11 @@ class Bake:
         """Return how long a search may take."""
         return max(share * self._options.seconds, _NO_TIME)
 
-    def levels(self, mesh: Mesh, shares: Sequence[float]) -> tuple[list[tuple[Level, Mesh]], list[str]]:
-        """Return the levels of detail of what was made, with a texture as large as its own, and what should
-        be known of them."""
+    def levels(
+        self, name: Geometry, mesh: Mesh, shares: Sequence[float]
+    ) -> tuple[list[tuple[Level, Mesh]], list[str]]:
+        """Return the levels of detail of the geometry that was made, with a texture as large as its own, and
+        what should be known of them."""
         if not shares:
             return [], []
         size = mesh.textures[0].shape[0] if mesh.textures else None
@@ -226,7 +228,8 @@ class Bake:
         made = lods(replace(mesh, corner_uvs=None, textures=()), self._guide, shares, seconds=seconds)
         found, said = [], []
         for share, (one, notes) in zip(shares, made, strict=True):
-            level = self._colored(one, "vertex" if size is None else "texture", self._taught, size)
+            look: Look = "vertex" if size is None else "texture"
+            level = self._colored(name, one, look, self._taught, size)
             own = self.measured(level)[0]
             facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
             found.append((Level(share, *facts), level))
@@ -239,7 +242,9 @@ class Bake:
         cameras = self._taught.within(PIXELS).cameras
         return collide(mesh, kind, cameras, device=self._device)
 
-    def _colored(self, mesh: Mesh, look: Look, lessons: Lessons, size: int | None = None) -> Mesh:
+    def _colored(
+        self, name: Geometry, mesh: Mesh, look: Look, lessons: Lessons, size: int | None = None
+    ) -> Mesh:
         """Return a mesh as it is written, in the colours that fit lessons best: in bytes at its vertices, or
         in a texture of this size, or of the one that was asked for."""
         shown = lessons.within(_TEXTURED**2 * self._pixels).cameras
@@ -249,7 +254,15 @@ class Bake:
         if look == "texture":
             self._watch("texture", 0, 1)
             size = size or self._options.texture
-            mesh = textured(mesh, lessons, size, shown=shown, device=self._device, watch=self._watch)
+            mesh = textured(
+                mesh,
+                lessons,
+                size,
+                shown=shown,
+                continues=name == "surface",
+                device=self._device,
+                watch=self._watch,
+            )
         else:
             assert mesh.vertex_colors is not None
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))

@@ -213,7 +213,7 @@ def bake(
                 mesh, facts = made.best(stopped)
                 watch("measuring", 0, 1)
                 own, photographs = made.measured(mesh)
-                levels, more = made.levels(mesh, wanted)
+                levels, more = made.levels(facts.geometry, mesh, wanted)
                 shape = None if collision is None else made.shape(mesh, collision)
             baked = asset_from_mesh(mesh)
             watch("preview", 0, 1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from msb.asset.texture import Sampler
 from msb.bake.atlas import connected_atlas, soup_atlas
+from msb.bake.colors import continued
 from msb.bake.fusion import seen_points
 from msb.bake.painting import Painting
 from msb.bake.shares import pixels_shown
@@ -49,6 +50,7 @@ def textured(
     size: int | None = None,
     *,
     shown: Sequence[Camera] | None = None,
+    continues: bool = False,
     device: str | Device | None = None,
     watch: Watch = nobody,
 ) -> Mesh:
@@ -65,6 +67,9 @@ def textured(
         Texels along a side; as many as pictures show if not given.
     shown : sequence of Camera, optional
         Those whose pictures say how many texels faces need; the lessons' if not given.
+    continues : bool
+        Whether faces that no picture shows go on as what is seen around them, as those do that were made up
+        to close a surface.
 
     Raises
     ------
@@ -85,7 +90,16 @@ def textured(
         points = seen_points(mesh, cameras, device)
         places = Space.of(points, cameras).inward(mesh.vertices) if len(points) else mesh.vertices
         uvs = connected_atlas(places, mesh.faces, pixels, size)
-    chart, texture = _beginning(mesh, uvs, size, device)
+    corners = mesh.faces.reshape(-1)
+    colors = np.full((len(corners), 3), 128, np.uint8)
+    if mesh.vertex_colors is not None:
+        colors = mesh.vertex_colors[corners, :3]
+        if continues:
+            unseen = np.repeat(pixels == 0, 3)
+            colors[unseen] = continued(mesh.vertex_colors, mesh.faces, pixels)[corners[unseen]]
+    elif mesh.face_colors is not None:
+        colors = np.repeat(mesh.face_colors[:, :3], 3, axis=0)
+    chart, texture = _beginning(mesh, colors, uvs, size, device)
     made = replace(
         mesh,
         vertex_colors=None,
@@ -120,20 +134,14 @@ def _own_size(pixels: Reals) -> int:
 
 
 def _beginning(
-    mesh: Mesh, uvs: NDArray[np.float32], size: int, device: str | Device | None
+    mesh: Mesh, colors: NDArray[Any], uvs: NDArray[np.float32], size: int, device: str | Device | None
 ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
-    """Return which chart each texel belongs to, and a texture that shows the colours of `mesh`.
+    """Return which chart each texel belongs to, and a texture that shows the `colors` (3F, 3) of corners.
 
     The faces are drawn where they lie in the texture; a texel between charts is of the nearest.
     """
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
-    corners = mesh.faces.reshape(-1)
-    colors = np.full((len(corners), 3), 128, np.uint8)
-    if mesh.vertex_colors is not None:
-        colors = mesh.vertex_colors[corners, :3]
-    elif mesh.face_colors is not None:
-        colors = np.repeat(mesh.face_colors[:, :3], 3, axis=0)
-    flat = Mesh(at, np.arange(len(corners)).reshape(-1, 3), colors)
+    flat = Mesh(at, np.arange(len(colors)).reshape(-1, 3), colors)
     faces, texture = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.uint8)
     with Renderer(asset_from_mesh(flat), "standard", device=device) as renderer:
         for top in range(0, size, _TILE):

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from msb.bake.colors import PRIOR, SMOOTH, laplacian, of_mesh, of_soup
+from msb.bake.colors import PRIOR, SMOOTH, continued, laplacian, of_mesh, of_soup
 from msb.bake.raster import Seen
 
 FAN = np.array([[0, 1, 2], [2, 1, 3], [3, 1, 4], [1, 0, 4], [0, 1, 2]])
@@ -75,3 +75,20 @@ def test_faces_that_share_nothing_get_those_of_their_own_system() -> None:
     found = of_soup(seen, before)
     wanted = best(faces, laplacian(faces, 12).toarray(), seen, before.reshape(12, 3))
     np.testing.assert_allclose(found.reshape(12, 3), wanted, atol=1e-4)
+
+
+def test_what_is_not_seen_goes_on_as_what_is_seen_some_faces_away() -> None:
+    faces = np.array([[k, k + 1, k + 2] for k in range(20)])
+    before = np.full((22, 3), 0.25, np.float32)
+    before[10:] = 1.0
+    shown = np.where(np.arange(20) < 15, 9.0, 0.0)
+    found = continued(before, faces, shown)
+    # Faces from 15 on are not shown; three rings of two faces each beside them are left out, too.
+    np.testing.assert_array_equal(found[:9], before[:9])
+    np.testing.assert_allclose(found[9:], 0.25, atol=1e-3)
+
+
+@pytest.mark.parametrize("pixels", [0.0, 1.0])
+def test_where_all_is_seen_or_nothing_colours_stay(pixels: float) -> None:
+    before = np.random.default_rng(0).random((5, 3)).astype(np.float32)
+    np.testing.assert_array_equal(continued(before, FAN, np.full(len(FAN), pixels)), before)

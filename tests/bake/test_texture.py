@@ -116,6 +116,22 @@ def test_surface() -> None:
     assert psnr(drawn(made, near), drawn(wall(), near)) > 35
 
 
+@pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
+@pytest.mark.parametrize(("continues", "green"), [(True, 0), (False, 255)])
+def test_what_closes_a_surface_goes_on_as_what_is_seen(continues: bool, green: int) -> None:
+    """The wall goes on to the right beyond all pictures, where its colours have green in them."""
+    x = np.repeat(np.arange(-12, 40) / 4, 2)
+    y = np.tile([-1.0, 1.0], 52)
+    row = np.arange(0, 102, 2)[:, None]
+    faces = np.concatenate([row + [0, 1, 2], row + [2, 1, 3]])
+    colors = np.stack([0 * x, x > 0, 0 * x], axis=1).astype(np.float32)
+    mesh = Mesh(np.stack([x, y, 0 * x], axis=1).astype(np.float32), faces, vertex_colors=colors)
+    with lessons(CAMERAS[:1]) as taught:
+        made = textured(mesh, taught, 128, continues=continues)
+    seen = drawn(made, camera(-8.0, 0.0, 2.0))
+    assert np.abs(seen[30:40, 40:56, 1] * 255 - green).max() < 30
+
+
 def test_face_that_no_picture_shows_is_one_colour() -> None:
     """In a soup it has a texel, which has the mean of its colours."""
     with lessons(CAMERAS[:1]) as taught:
