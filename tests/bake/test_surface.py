@@ -446,6 +446,30 @@ def test_faces_that_cross_are_smoothed_or_put_back() -> None:
     np.testing.assert_array_equal(solid.put_back(wrong, points, faces, space)[7], points[7])
 
 
+@pytest.mark.parametrize("contracted", [False, True])
+def test_of_points_that_went_anywhere_none_stays_that_makes_faces_cross(contracted: bool) -> None:
+    space = Space(np.zeros(3), 1.0, contracted, np.zeros(3), np.zeros(3))
+    mesh = solids.ball(12)
+    points = mesh.vertices.astype(float)
+    wrong = points + np.random.default_rng(0).normal(0, 0.1, points.shape)
+    assert len(solid.crossing_faces(wrong, mesh.faces, space)) > 50
+    back = solid.put_back(wrong, points, mesh.faces, space)
+    assert len(solid.crossing_faces(back, mesh.faces, space)) == 0
+    assert 0.1 < (back == wrong).all(axis=1).mean() < 0.9
+    assert ((back == wrong) | (back == points)).all()
+
+
+def test_detail_is_left_out_of_surfaces_of_many_faces_alone() -> None:
+    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
+    mesh = solids.ball(20)
+    points = mesh.vertices.astype(float)
+    for count, least, most in (20, 620, 640), (48, 1520, 1520):
+        fewer, faces = solid.without_detail(points, mesh.faces, count, space)
+        assert least <= len(faces) <= most
+        assert faces.max() == len(fewer) - 1
+        np.testing.assert_allclose(np.linalg.norm(fewer, axis=1), 1, atol=0.02)
+
+
 def test_slivers_are_smoothed() -> None:
     space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
     mesh = solids.ball(6)
