@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
 
@@ -170,29 +171,22 @@ class Output:
     @contextlib.contextmanager
     def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
         """Yield a function that draws a bar for each stage, on a terminal; their times with -v."""
-        spent: dict[str, float] = {}
-        tasks: dict[str, Any] = {}
-        begun, running = time.perf_counter(), ""
-
-        def pass_to(stage: str) -> None:
-            nonlocal begun, running
-            now = time.perf_counter()
-            if running:
-                spent[running] = spent.get(running, 0.0) + now - begun
-            begun, running = now, stage
-
+        begun: list[tuple[str, float]] = []
         with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
+            tasks: dict[str, Any] = {}
 
             def update(stage: str, done: int, total: int) -> None:
-                if stage != running:
-                    pass_to(stage)
+                if not begun or begun[-1][0] != stage:
+                    begun.append((stage, time.perf_counter()))
                 if bars is not None:
                     if stage not in tasks:
                         tasks[stage] = bars.add_task(stage, total=total)
                     bars.update(tasks[stage], completed=done, total=total)
 
             yield update
-            pass_to("")
+        spent: dict[str, float] = {}
+        for (stage, start), (_, stop) in pairwise([*begun, ("", time.perf_counter())]):
+            spent[stage] = spent.get(stage, 0.0) + stop - start
         if spent:
             times = (f"{stage} {seconds:.1f} s" for stage, seconds in spent.items())
             self.note(f"time went to: {', '.join(times)}", level=1)
