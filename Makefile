@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 FOR_DOCS := $(VENV)/.installed-docs
 ENGINES := .engines
 
-.PHONY: blender-extension demo test test-all docs engines system-packages lint bench clean
+.PHONY: blender-extension demo test test-all test-slow test-elsewhere docs engines system-packages lint bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -59,10 +59,14 @@ demo: $(FOR_DEMO)
 test: $(FOR_TEST)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"
 
-# The rest: what takes minutes and rarely breaks, LPIPS with torch among it, which is kept in the user's cache folder; then
-# the kernels on every other OpenCL platform that is installed.
-test-all: $(FOR_TEST)
+# The rest: what takes minutes and rarely breaks; LPIPS with torch, which is kept in the user's cache folder; the kernels on
+# every other OpenCL platform that is installed. With -j2 the two halves run side by side: each waits for much that is no core.
+test-all: test-slow test-elsewhere
+
+test-slow: $(FOR_TEST)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow and not torch" --ignore tests/test_import_rules.py
+
+test-elsewhere: $(FOR_TEST)
 	$(BIN)/python -m tests.with_torch
 	$(BIN)/python -m tests.machines
 
