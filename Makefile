@@ -63,8 +63,10 @@ test: $(FOR_TEST)
 # every other OpenCL platform that is installed. With -j2 the two halves run side by side: each waits for much that is no core.
 test-all: test-slow test-elsewhere
 
+# A worker more than there are cores: browsers, clocks and killed processes are waited for.
 test-slow: $(FOR_TEST)
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow and not torch" --ignore tests/test_import_rules.py
+	$(BIN)/python -m pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist worksteal -m "slow and not torch" \
+	  --ignore tests/test_import_rules.py
 
 test-elsewhere: $(FOR_TEST)
 	$(BIN)/python -m tests.with_torch
