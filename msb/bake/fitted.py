@@ -6,11 +6,12 @@ import time
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
-from msb.bake.colors import pixels
+from msb.bake.colors import pixels as shown_by
 from msb.bake.descent import Schedule, moved
-from msb.bake.kept import FEWEST, choosing
+from msb.bake.kept import FEWEST, FINE, choosing
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
 from msb.bake.start import Best, Guide, choose, plain_mesh
@@ -30,6 +31,11 @@ PIXELS_TO_MOVE = 1 << 18
 _COARSE = 20_000
 """Faces up to which those of a method without static colours, which has its look within each face, are cut
 in four."""
+_PIXELS_A_FACE, _PIXELS_A_PIECE = 2.5, 5.5
+"""Pixels of a view that show the model for each face that moves, as smaller ones follow where pixels happen
+to lie; and pixels of a view for each face where the largest are halved."""
+_COARSER = 2 ** (1 / 8)
+"""How much larger pieces of faces are made at a time, until there are not too many."""
 
 
 def fitted(
@@ -39,7 +45,7 @@ def fitted(
     *,
     seconds: float = 40.0,
     faces: int | None = None,
-    usual: int | None = None,
+    pixels: int | None = None,
 ) -> tuple[Mesh, list[str]]:
     """Return an opaque soup made of the triangles of `asset`, at most so many `faces`, with colours at
     corners, and what should be known of it.
@@ -49,8 +55,9 @@ def fitted(
     not before; a result that was not cut short is the same each time on one device.
 
     Where pictures have too few pixels for the triangles, chance would move them: they stay where they are,
-    as many as were chosen, or the `faces` that most pixels show. Those that move are at most `usual`, where
-    nobody says how many.
+    as many as were chosen, or the `faces` that most pixels show. Where nobody says how many may move, so many
+    `pixels` of a view do, of which those count that show the model; where few were chosen, the largest are
+    cut first.
 
     Raises
     ------
@@ -64,15 +71,20 @@ def fitted(
         best = Best(judge)
         choose(soup, asset, raster, best, shares)
         soup = best.soup
-    if why_not(asset.manifest, "standard") is not None and 4 * soup.keep.sum() <= _COARSE:
-        soup = soup.cut()
+        owned = shown_by(soup.refit(raster))[soup.keep] / len(raster.lessons)
+        share = owned.sum() / raster.pixels_a_face(1)
+    usual = None if pixels is None else max(1, int(share * pixels / _PIXELS_A_FACE))
+    most = faces or usual
+    if why_not(asset.manifest, "standard") is not None:
+        soup = soup.cut() if 4 * soup.count <= _COARSE else soup
+    elif pixels is not None and most is not None:
+        soup = soup.halved(_cuts(owned, min(most, int(pixels / _PIXELS_A_PIECE))))
     with guide.within(PIXELS_TO_MOVE).rasters(soup) as (raster, judge):
         seen = soup.refit(raster)
-        most = faces or usual
         left = soup.count if most is None else min(most, soup.count)
         if raster.pixels_a_face(left) < FEWEST:
             if faces is not None and left < soup.count:
-                shown = np.where(soup.keep, pixels(seen), -1)
+                shown = np.where(soup.keep, shown_by(seen), -1)
                 soup.keep[np.argsort(-shown, kind="stable")[faces:]] = False
                 soup.refit(raster)
             each = raster.pixels_a_face(soup.count)
@@ -89,3 +101,16 @@ def fitted(
 
         soup = moved(soup, raster, judge, random, rates=_RATES, most=most, done=done)
     return soup.mesh(), schedule.lacks("its triangles")
+
+
+def _cuts(owned: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Return how often to halve faces of so many pixels (F,), so that there are `most` at most, as alike as
+    that makes them."""
+    often = np.zeros(len(owned), np.int64)
+    least = FINE
+    while len(owned) < most:
+        often = np.log2(np.maximum(owned, least) / least).astype(np.int64)
+        if (1 << often).sum() <= most:
+            break
+        least *= _COARSER
+    return often

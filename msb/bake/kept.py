@@ -23,7 +23,7 @@ _ROUNDS, _REFIT, _PATIENCE = 60, 5, 6
 and how many looks without a gain end it."""
 _PIXELS = 1 << 17
 """Of the largest picture by which faces are chosen; colours are fitted to larger ones."""
-_FINE = 4.0
+FINE = 4.0
 """Pixels of a face in a view, in the mean, below which faces are chosen by pictures of four times as many."""
 FEWEST = 2.0
 """Pixels of a face in a view, in the mean, below which a search would follow noise."""
@@ -57,7 +57,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
 def choosing(guide: Guide, faces: int) -> Guide:
     """Return what guides the choice among so many faces: by larger pictures if only those show them well."""
     usual, larger = guide.within(_PIXELS), guide.within(4 * _PIXELS)
-    is_fine = usual.lessons.largest >= _FINE * faces or larger.lessons.largest < FEWEST * faces
+    is_fine = usual.lessons.largest >= FINE * faces or larger.lessons.largest < FEWEST * faces
     return usual if is_fine else larger
 
 

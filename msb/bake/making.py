@@ -14,7 +14,7 @@ from msb.asset.tiers import why_not
 from msb.bake.collision import PIXELS
 from msb.bake.collision import collision as collide
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
-from msb.bake.kept import FEWEST, choosing, kept
+from msb.bake.kept import FEWEST, FINE, choosing, kept
 from msb.bake.lods import lods, screen_share
 from msb.bake.measured import mean_psnr, measured
 from msb.bake.report import Geometry, Level, Look, Psnr, Verdict, compared
@@ -22,7 +22,7 @@ from msb.bake.shares import blending_shares
 from msb.bake.start import Guide, colored
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES
-from msb.bake.texture import textured
+from msb.bake.texture import FEW, textured
 from msb.errors import AssetError, UsageError
 from msb.meshes.assets import asset_from_mesh
 from msb.topology.faces import face_areas
@@ -44,11 +44,8 @@ _SEARCH, _SURFACE = 2 / 3, 0.4
 """Of the time that a bake has, what the search of fitted triangles has, and that of each level of detail; and
 each of a surface's two searches: of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
-PIXELS_A_FACE = 4
-"""Of a view, for each fitted triangle: smaller ones follow where pixels happen to lie."""
 _TEXTURED = 2
-"""How many times as large as the views the pictures are whose pixels a texture has texels for, and at least
-those that teach."""
+"""How many times as large as the views the pictures are whose pixels a texture has texels for."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +69,30 @@ class Bake:
         options: Options,
         device: str | None,
         watch: Watch,
+        *,
+        levels: bool = False,
     ) -> None:
         self._asset, self._views, self._master, self._options = asset, views, master, options
         self._device, self._watch = device, watch
         self._pixels = max(camera.width * camera.height for camera in views.taught)
-        is_small = (2 * _TEXTURED) ** 2 * self._pixels <= PIXELS_TO_MOVE
-        scale = 2 * _TEXTURED if is_small else _TEXTURED  # the larger, the finer are borders of faces found
-        self._taught = master.lessons(views.taught, scale)
+        self._taught = master.lessons(views.taught, self._scale(levels))
         first = range(len(views.teaching))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
         self._guide = Guide(self._teaching, self._aside, options.seed, device, watch)
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
+
+    def _scale(self, levels: bool) -> int:
+        """Return how many times as large as the views the pictures are that teach.
+
+        The larger they are, the finer borders of faces are found. Where nothing moves, without a texture,
+        pixels of the views are as good if faces have some, and the model is drawn in a quarter of the time.
+        """
+        if (2 * _TEXTURED) ** 2 * self._pixels <= PIXELS_TO_MOVE:
+            return 2 * _TEXTURED
+        is_kept = self._options.geometry == "kept" and self._options.look("kept", self._asset) == "vertex"
+        has_pixels = self._pixels >= FINE * self._asset.manifest.face_count
+        return 1 if is_kept and has_pixels and not levels else _TEXTURED
 
     def close(self) -> None:
         """Give the pictures back."""
@@ -200,10 +209,9 @@ class Bake:
         # A surface has its number of faces from the end, not from the soup that it is made of.
         most = options.faces if name == "fitted" else None
         if most not in self._soups:
-            usual = max(1, self._pixels // PIXELS_A_FACE)
             seconds = self._seconds(_SEARCH if name == "fitted" else _SURFACE)
             self._soups[most] = fitted(
-                self._asset, self._guide, shares, seconds=seconds, faces=most, usual=usual
+                self._asset, self._guide, shares, seconds=seconds, faces=most, pixels=self._pixels
             )
         soup, notes = self._soups[most]
         if name == "fitted":
@@ -250,8 +258,10 @@ class Bake:
         shown = lessons.within(_TEXTURED**2 * self._pixels).cameras
         lessons = lessons.with_halves(self._pixels)
         self._watch("colours", 0, 1)
-        mesh = colored(mesh, lessons, self._device)
-        if look == "texture":
+        has_texture = look == "texture"  # which begins with these colours, and corrects them
+        few = lessons.part(range(0, len(lessons), FEW)) if has_texture else lessons
+        mesh = colored(mesh, few, self._device)
+        if has_texture:
             self._watch("texture", 0, 1)
             size = size or self._options.texture
             mesh = textured(

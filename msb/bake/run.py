@@ -208,7 +208,7 @@ def bake(
             device=device,
         )
         with Teacher(asset, views, teacher, device, place) as master:
-            made = Bake(asset, views, master, options, device, watch)
+            made = Bake(asset, views, master, options, device, watch, levels=bool(wanted))
             with closing(made):
                 mesh, facts = made.best(stopped)
                 watch("measuring", 0, 1)

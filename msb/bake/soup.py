@@ -114,6 +114,22 @@ class Soup:
         corners, colors = _quartered(shown.corners), _quartered(shown.colors)
         return type(self)(corners, colors, np.ones(len(corners), bool))
 
+    def halved(self, often: NDArray[np.int64]) -> Self:
+        """Return the faces that are shown, the pieces of each halved so `often` (of each face that is shown)
+        across their longest sides."""
+        soup = self.shown()
+        while often.any():
+            cut = often > 0
+            longest = np.linalg.norm(soup.corners - np.roll(soup.corners, -1, axis=1), axis=2).argmax(axis=1)
+            turned = (np.flatnonzero(cut)[:, None], (longest[cut, None] + np.arange(3)) % 3)
+            corners, colors = (
+                np.concatenate([whole[~cut], *_halves(whole[turned])])
+                for whole in (soup.corners, soup.colors)
+            )
+            soup = type(self)(corners, colors, np.ones(len(corners), bool))
+            often = np.concatenate([often[~cut], often[cut] - 1, often[cut] - 1])
+        return soup
+
     def mesh(self) -> Mesh:
         """Return the faces that are shown, with vertices of their own."""
         count = self.count
@@ -130,3 +146,10 @@ def _quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.stack([np.stack(each, axis=1) for each in quarters], axis=1).reshape(-1, 3, 3)
+
+
+def _halves(corners: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return values at corners (F, 3, 3) at those of the halves beside the middle of the first two."""
+    a, b, c = corners.transpose(1, 0, 2)
+    middle = (a + b) / 2
+    return np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)

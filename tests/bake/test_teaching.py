@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from msb.bake.descent import Schedule, descend
-from msb.bake.fitted import fitted
-from msb.bake.kept import choosing, kept
+from msb.bake.fitted import _cuts, fitted
+from msb.bake.kept import FINE, choosing, kept
 from msb.bake.lessons import Lessons
 from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
@@ -145,6 +145,31 @@ def test_faces_are_cut_into_quarters_that_cover_them(count: int) -> None:
     )
 
 
+def test_faces_are_halved_across_their_longest_sides_as_often_as_they_are_large() -> None:
+    corners = np.zeros((3, 3, 3), np.float32)
+    corners[:, 1, 0], corners[:, 2, 1] = 4, 1
+    corners[:, :, 2] = np.arange(3)[:, None]
+    colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)[corners[..., 1].astype(int)]
+    soup = Soup.of(mesh_of(corners, colors), shares=False)
+    soup.keep[1] = False
+    cut = soup.halved(_cuts(np.array([FINE, 9 * FINE]), 10))
+    assert cut.count == 9
+    assert (cut.corners[:, 0, 2] == 2).sum() == 8
+    sides = cut.corners[:, 1:] - cut.corners[:, :1]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    np.testing.assert_allclose(np.sort(areas), [0.5] * 8 + [4])
+    longest = np.linalg.norm(cut.corners - np.roll(cut.corners, -1, axis=1), axis=2).max(axis=1)
+    assert longest[areas < 1].max() <= 2
+    np.testing.assert_allclose(cut.colors[..., 1], cut.corners[..., 1], atol=1e-6)  # as they run over it
+
+
+@pytest.mark.parametrize(("most", "pieces"), [(1, 3), (3, 3), (5, 4), (100, 3 * 16)])
+def test_the_largest_faces_are_halved_until_there_are_as_many_as_may_be(most: int, pieces: int) -> None:
+    often = _cuts(np.array([16.0, 16.0, 16.5]) * FINE, most)
+    assert (1 << often).sum() == pieces
+    assert often[2] >= often[0]
+
+
 @pytest.mark.parametrize("search", [kept, fitted])
 def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search: Callable[..., Any]) -> None:
     corners, colors = tiles()
@@ -221,7 +246,7 @@ def test_triangles_of_too_few_pixels_are_chosen_and_coloured_and_stay(faces: int
     asset = asset_from_mesh(mesh_of(corners, np.full_like(colors, 0.5)))
     views = cameras(5, 24, 18)
     with lessons_of(corners, colors, views[1:]) as lessons, lessons_of(corners, colors, views[:1]) as aside:
-        made, notes = fitted(asset, Guide(lessons, aside), faces=faces, usual=450)
+        made, notes = fitted(asset, Guide(lessons, aside), faces=faces, pixels=10_000)
     assert len(made.faces) == (faces or 800)
     assert notes[0].startswith(f"{len(made.faces):,} triangles have 0.")
     where = {tuple(each.reshape(-1)) for each in corners}
