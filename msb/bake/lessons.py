@@ -19,6 +19,8 @@ Draw = Callable[["Camera"], NDArray[np.float32] | NDArray[np.uint16]]
 `STEPS`."""
 STEPS = 65535
 """Pictures are kept in 16 bits a channel: 50 times finer than what is measured of them."""
+_MANY = 32
+"""Views of which each need not show all that lies between its pixels."""
 
 
 class Lessons:
@@ -68,19 +70,21 @@ class Lessons:
     def with_halves(self, pixels: int) -> Lessons:
         """Return these lessons and coarser ones, down to those whose largest picture has so many pixels.
 
-        Pixels of twice the side can lie on a picture's own in four ways, of which each picture is halved in
-        two that together have a pixel in every row and column: views take turns. So that sizes count alike,
-        pixels of halved pictures count twice. Pictures of two pixels or less along a side are not halved.
+        Pixels of twice the side can lie on a picture's own in four ways, and views take turns: each picture
+        is halved in two of them that together have a pixel in every row and column, or, where there are many
+        views, in one. So that sizes count alike, pixels of halved pictures count so much more. Pictures of
+        two pixels or less along a side are not halved.
         """
         level = [(self, number) for number in range(len(self))]
         chosen, weights = [*level], [1.0] * len(level)
+        ways = 1 if len(self) >= _MANY else 2
         while level[0][0].largest > pixels and level[0][0]._narrowest > 2:
             level = [
                 (one._halved(right, right ^ turn % 2), number)
                 for turn, (one, number) in enumerate(level)
-                for right in (0, 1)
+                for right in ((0, 1) if ways == 2 else (turn // 2 % 2,))
             ]
-            weights += [2 * weights[-1]] * len(level)
+            weights += [4 / ways * weights[-1]] * len(level)
             chosen += level
         return _Chosen(chosen, weights)
 

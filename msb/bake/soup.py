@@ -84,10 +84,11 @@ class Soup:
         assert self.shared is not None
         return fit.laplacian(self.shared, int(self.shared.max()) + 1)
 
-    def refit(self, raster: Raster) -> Seen:
-        """Give the faces the colours that fit best over all views of `raster`; return what was seen."""
+    def refit(self, raster: Raster, every: int = 1) -> Seen:
+        """Give the faces the colours that fit best over `every` so manieth view of `raster`; return what was
+        seen."""
         self.put_on(raster)
-        seen = raster.seen(range(len(raster.lessons)), slopes=False)
+        seen = raster.seen(range(0, len(raster.lessons), every), slopes=False)
         self.recolor(seen)
         return seen
 

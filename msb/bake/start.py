@@ -31,6 +31,8 @@ Watch = Callable[[str, int, int], bool]
 LIMITS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 """Shares of the pixels that a face owns, below which it is dropped, the worst faces first: what these hide
 may deserve to be seen. At which it ends, views aside say."""
+_EVERY = 2
+"""Every so manieth view says what faces own."""
 
 
 def nobody(_stage: str, _done: int, _total: int) -> bool:
@@ -138,15 +140,17 @@ def choose(soup: Soup, asset: Asset, raster: Raster, best: Best, shares: Shares 
     What a face deserves is its share in the blending of the model's own look; its colour, until it is
     fitted, is what the lessons show in its place. Without `shares` all faces stay.
     """
+    views = len(raster.lessons)
+    part = -(-views // _EVERY) / views
     if shares is not None:
         shown = visible_faces(asset, stored_threshold(asset))
         weight, color = (each if shown is None else each[shown] for each in (shares.weight, shares.color))
-        weight = weight * (raster.pixels / max(shares.pixels, 1))
+        weight = weight * (part * raster.pixels / max(shares.pixels, 1))
         if soup.shared is None:
             soup.colors[weight > 0] = color[weight > 0, None].astype(np.float32)
-    owned = pixels(soup.refit(raster))
+    owned = pixels(soup.refit(raster, _EVERY))
     best.look(soup)
     for limit in LIMITS if shares is not None else ():
         soup.keep &= weight >= limit * owned
-        owned = pixels(soup.refit(raster))
+        owned = pixels(soup.refit(raster, _EVERY))
         best.look(soup)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
-FEW = 4
+FEW = 6
 """Every so manieth picture is what the error is reduced by first; then all are drawn once more."""
 _OWN_SIZE = 512, 4096
 """Texels along a side, where nobody says how many: the fewest and the most."""

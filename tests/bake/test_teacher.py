@@ -94,5 +94,10 @@ def test_halves_show_what_cameras_of_half_the_size_see_wherever_their_pixels_lie
             assert np.abs(both.image(number) - even(camera)).max() <= 2 * STEP
         assert lessons.within(100).cameras[0] == both.cameras[2]
         assert len(lessons.with_halves(19)) == 2 + 4 + 8
+        assert both.weights == (1, 1, 2, 2, 2, 2)
+    with Lessons([cameras[0]] * 32, (0, 0, 0), even) as many:
+        both = many.with_halves(30)
+        assert both.weights == (1,) * 32 + (4,) * 32
+        assert len({(each.cx, each.cy) for each in both.cameras[32:]}) == 4
     with Lessons([Camera(12, 2, 20.0, 20.0, 6.0, 1.0, np.eye(4))], (0, 0, 0), even) as thin:
         assert thin.with_halves(1).cameras == thin.cameras
