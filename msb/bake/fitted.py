@@ -72,8 +72,8 @@ def fitted(
         choose(soup, asset, raster, best, shares)
         soup = best.soup
         owned = shown_by(soup.refit(raster))[soup.keep] / len(raster.lessons)
-        share = owned.sum() / raster.pixels_a_face(1)
-    usual = None if pixels is None else max(1, int(share * pixels / _PIXELS_A_FACE))
+        covered = owned.sum() / raster.pixels_a_face(1)
+    usual = None if pixels is None else max(1, int(covered * pixels / _PIXELS_A_FACE))
     most = faces or usual
     if why_not(asset.manifest, "standard") is not None:
         soup = soup.cut() if 4 * soup.count <= _COARSE else soup

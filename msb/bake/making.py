@@ -22,7 +22,7 @@ from msb.bake.shares import blending_shares
 from msb.bake.start import Guide, colored
 from msb.bake.surface import surface
 from msb.bake.teacher import SAMPLES
-from msb.bake.texture import FEW, textured
+from msb.bake.texture import few_of, textured
 from msb.errors import AssetError, UsageError
 from msb.meshes.assets import asset_from_mesh
 from msb.topology.faces import face_areas
@@ -259,8 +259,7 @@ class Bake:
         lessons = lessons.with_halves(self._pixels)
         self._watch("colours", 0, 1)
         has_texture = look == "texture"  # which begins with these colours, and corrects them
-        few = lessons.part(range(0, len(lessons), FEW)) if has_texture else lessons
-        mesh = colored(mesh, few, self._device)
+        mesh = colored(mesh, few_of(lessons) if has_texture else lessons, self._device)
         if has_texture:
             self._watch("texture", 0, 1)
             size = size or self._options.texture

@@ -140,9 +140,9 @@ def choose(soup: Soup, asset: Asset, raster: Raster, best: Best, shares: Shares 
     What a face deserves is its share in the blending of the model's own look; its colour, until it is
     fitted, is what the lessons show in its place. Without `shares` all faces stay.
     """
-    views = len(raster.lessons)
-    part = -(-views // _EVERY) / views
     if shares is not None:
+        views = len(raster.lessons)
+        part = -(-views // _EVERY) / views
         shown = visible_faces(asset, stored_threshold(asset))
         weight, color = (each if shown is None else each[shown] for each in (shares.weight, shares.color))
         weight = weight * (part * raster.pixels / max(shares.pixels, 1))

@@ -110,7 +110,7 @@ def textured(
         face_textures=None,
         sampler=_SAMPLER,
     )
-    few = lessons.part(range(0, len(lessons), FEW))
+    few = few_of(lessons)
     total = len(few) + len(lessons)
     for pictures, before in (few, 0), (lessons, len(few)):
         pyramid = Pyramid(size)
@@ -124,6 +124,11 @@ def textured(
             plane[:] = np.rint(np.clip(plane + 255 * change.reshape(plane.shape), 0, 255))
         made = replace(made, textures=(texture,))
     return made
+
+
+def few_of(lessons: Lessons) -> Lessons:
+    """Return the lessons by which a texture, and the colours that it begins with, are solved first."""
+    return lessons.part(range(0, len(lessons), FEW))
 
 
 def _own_size(pixels: Reals) -> int:

@@ -79,8 +79,11 @@ def sort_pairs(
 
     passes = max(1, -(-bits // _DIGIT_BITS))
     digit = max(1, -(-bits // passes))
-    make = _cpu_pass if device.style == "cpu" else _gpu_pass
-    one = make(device, _KEYS[keys.dtype], count, digit)
+    key = _KEYS[keys.dtype]
+    if device.style == "cpu":
+        one = _cpu_pass(device, key, count)
+    else:
+        one = _gpu_pass(device, key, count, 1 << digit)
     places = device.scratch(f"{name} places", (one.parts << digit) + 1, np.uint32)
     source = keys, values if values is not None else keys
     for number in range(passes):
@@ -101,14 +104,14 @@ def sort_pairs(
     return source
 
 
-def _cpu_pass(device: Device, key: str, count: int, _digit: int) -> _Pass:
+def _cpu_pass(device: Device, key: str, count: int) -> _Pass:
     chunk, chunks = chunks_of(device, count)
     program = device.program("radix_cpu", {"KEY": key, "DIGITS": 1 << _DIGIT_BITS})
     return _Pass(program, chunks, 1, (np.uint32(count), np.uint32(chunk), np.uint32(chunks)), chunks)
 
 
-def _gpu_pass(device: Device, key: str, count: int, digit: int) -> _Pass:
-    defines: dict[str, Define] = {"KEY": key, "DIGITS": 1 << digit, "ITEMS": _ITEMS}
+def _gpu_pass(device: Device, key: str, count: int, digits: int) -> _Pass:
+    defines: dict[str, Define] = {"KEY": key, "DIGITS": digits, "ITEMS": _ITEMS}
     program, group = grouped_program(device, "radix_gpu", defines)
     tiles = -(-count // (group * _ITEMS))
     return _Pass(program, tiles * group, group, (np.uint32(count), np.uint32(tiles)), tiles)
