@@ -43,28 +43,15 @@ class Painting(Pupil):
         The sums of a texel are taken along its pixels in their order, and view by view: the same bits each
         time.
         """
-        arrays = pyramid.planes, pyramid.right
         with self._scope.turn():
             starts = self._device.upload(pyramid.starts.astype(np.int32), "bake texture")
-            sums = [self._device.share(array, "bake equations") for array in arrays]
         shape = starts, np.int32(pyramid.size), np.int32(pyramid.levels)
         for number in range(len(self.lessons)):
-            self._add(number, pyramid, shape, sums)
+            self._add(number, pyramid, shape)
             yield number + 1
-        for array, buffer in zip(arrays, sums, strict=True):
-            with buffer.mapped() as found:
-                if not np.shares_memory(found, array):
-                    array[:] = found
-            buffer.release()
 
     @in_turn
-    def _add(
-        self,
-        number: int,
-        pyramid: Pyramid,
-        shape: tuple[Buffer, np.int32, np.int32],
-        sums: list[Buffer],
-    ) -> None:
+    def _add(self, number: int, pyramid: Pyramid, shape: tuple[Buffer, np.int32, np.int32]) -> None:
         """Queue what a view adds."""
         planes, view, count = self._drawn(number)
         texels = np.uint32(pyramid.starts[-1])
@@ -75,23 +62,11 @@ class Painting(Pupil):
         faces = self._faces[0].shape[0]
         ways = self._scratch("ways", (faces, _WAYS))
         self._own.faces(faces, _GROUP, *self._faces, view, shape[1], ways, np.uint32(faces))
-        self._own.samples(
-            count,
-            _GROUP,
-            *self._faces,
-            view,
-            ways,
-            *shown,
-            *shape,
-            width,
-            texels,
-            keys,
-            *found,
-            np.uint32(count),
-        )
+        of_pixels = *shown, *shape, width, texels, keys, *found, np.uint32(count)
+        self._own.samples(count, _GROUP, *self._faces, view, ways, *of_pixels)
         bits = int(texels).bit_length()
         listed = sort_pairs(self._device, keys, bits=bits, name="bake texels")
         weight = np.float32(self.lessons.weights[number])
         for parity in range(2):
-            how = np.int32(parity), weight, *sums, texels, np.uint32(2 * count)
+            how = np.int32(parity), weight, pyramid.equations, np.uint32(2 * count)
             self._own.add(-(-int(pyramid.sides.sum()) // 2), _ROWS, *listed, *found, *shape, *how)

@@ -6,27 +6,38 @@ texel is tied to the eight around it alone, level by level. A texel of a smaller
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.render.device_scope import DeviceScope, OnDevice, in_turn
+
 if TYPE_CHECKING:
+    from msb.cl import Buffer, Device
+
     Reals = NDArray[np.float64]
 
 SMOOTHNESS = 0.5
 """What it costs, in pixels, that the changes of two texels differ: it fills what no picture shows."""
-_STEPS = 15
+STEPS = 15
+"""Of conjugate gradients."""
 _NOTHING = 1e-12
+_GROUP = 64
+_RUN, _RUNS = 64, 8
+"""Texels that a work-item sums over, RUN in bake_solve.cl, and such work-items of a group."""
 
 
-class Pyramid:
-    """The normal equations of a square texture and its smaller levels, each a stencil of nine texels."""
+class Pyramid(OnDevice):
+    """The normal equations of a square texture and its smaller levels, each a stencil of nine texels.
 
-    def __init__(self, size: int) -> None:
+    `equations` (texels, 8) has of each texel, level by level, the products with itself, with the right one,
+    the one below, below right and below left, and the right sides of red, green and blue;
+    `msb.bake.painting` sums them.
+    """
+
+    def __init__(self, size: int, device: str | Device | None = None) -> None:
         self.size = size
         sides = [size]
         while sides[-1] % 2 == 0 and sides[-1] > 2:
@@ -34,73 +45,74 @@ class Pyramid:
         self.levels = len(sides)
         self.sides = np.array(sides)
         self.starts = np.concatenate([[0], np.cumsum(self.sides**2)])
-        self._slices = [slice(a, b) for a, b in pairwise(self.starts.tolist())]
-        # `msb.bake.painting` sums them. Of each texel: with itself, with the right one, the one below, below
-        # right and below left.
-        self.planes = np.zeros((5, self.starts[-1]), np.float32)
-        self.right = np.zeros((3, self.starts[-1]), np.float32)
+        self._scope = DeviceScope(device, "stencils")
+        with self._scope.setting_up():
+            self._device = self._scope.device
+            self._own = self._device.program("bake_solve")
+            self.equations = self._new((self.starts[-1], 8))
+            self.equations.fill(0)
 
+    def _new(self, shape: tuple[int, ...]) -> Buffer:
+        return self._device.allocate(shape, np.float32, "bake equations")
+
+    @in_turn
     def tie(self, chart: NDArray[np.int32]) -> None:
         """Tie the changes of neighbours of one chart (size, size) to each other."""
-        center, right, down = (plane[: self.size**2].reshape(chart.shape) for plane in self.planes[:3])
-        for plane, first, second in (
-            (right, np.s_[:, :-1], np.s_[:, 1:]),
-            (down, np.s_[:-1], np.s_[1:]),
-        ):
-            tied = np.float32(SMOOTHNESS) * (chart[first] == chart[second])
-            plane[first] -= tied
-            center[first] += tied
-            center[second] += tied
+        charts = self._device.upload(chart, "bake charts")
+        how = np.float32(SMOOTHNESS), np.int32(self.size)
+        self._own.tie(chart.size, _GROUP, charts, *how, self.equations, np.uint32(chart.size))
+        self._device.finish()
+        charts.release()
 
-    def solved(self) -> Iterator[NDArray[np.float32]]:
-        """Yield the change (texels,) that the equations ask for, by conjugate gradients: red, green, blue."""
-        diagonal = self._spread([self.planes[0, level] for level in self._slices], 1 / 16)
-        scale = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > _NOTHING)
-        for right in self.right:
-            yield self._one_channel(self._spread([right[level] for level in self._slices], 1 / 4), scale)
-
-    def _one_channel(self, rest: NDArray[np.float32], scale: NDArray[np.float32]) -> NDArray[np.float32]:
-        made = np.zeros_like(rest)
-        way, size = np.zeros_like(rest), 0.0
-        for _ in range(_STEPS):
-            scaled = scale * rest
-            before, size = size, _dot(rest, scaled)
-            if size <= _NOTHING:
+    @in_turn
+    def solved(self) -> NDArray[np.float32]:
+        """Return the change (size, size, 3) that the equations ask for, by conjugate gradients."""
+        own, levels, texels = self._own, self._levels(), self.size**2
+        count, runs = np.uint32(texels), -(-texels // _RUN)
+        direction, sums = self._new((self.starts[-1], 4)), self._new((self.starts[-1], 4))
+        residual, partial = self._new((texels, 4)), self._new((runs, 4))
+        change = self._new((self.size, self.size, 3))
+        for many, at in reversed(levels):
+            own.spread(many, _GROUP, self.equations, *at, sums, np.uint32(many))
+        own.begin(runs, _RUNS, sums, residual, direction, change, partial, count)
+        left, again = _total(partial), np.zeros(3)
+        for _ in range(STEPS):
+            if (left <= _NOTHING).all():
                 break
-            way *= np.float32(size / before if before else 0)
-            way += scaled
-            moved = self.applied(way)
-            length = np.float32(size / _dot(way, moved))
-            made += length * way
-            rest -= length * moved
-        return made
+            own.turn(texels, _GROUP, residual, _four(again), direction, count)
+            for (_, (before, start, _)), (many, (_, _, side)) in pairwise(levels):
+                own.halve(many, _GROUP, direction, before, start, side, np.uint32(many))
+            for many, at in reversed(levels):
+                given = self.equations, direction, *at, sums, partial, np.uint32(many)
+                own.apply(-(-many // _RUN), _RUNS, *given)
+            length = _quotient(left, _total(partial))
+            own.advance(runs, _RUNS, direction, sums, _four(length), residual, change, partial, count)
+            last, left = left, _total(partial)
+            again = _quotient(left, last)
+        for buffer in (direction, sums, residual, partial):
+            buffer.release()
+        found: NDArray[np.float32] = change.read()
+        change.release()
+        return found
 
-    def applied(self, change: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the left side for a change (texels,) of the texture."""
-        parts: list[NDArray[np.float32]] = []
-        for level, side in zip(self._slices, self.sides.tolist(), strict=True):
-            if parts:
-                four = change.reshape(side, 2, side, 2)
-                rows = four[:, 0] + four[:, 1]
-                change = (np.float32(1 / 4) * (rows[..., 0] + rows[..., 1])).reshape(-1)
-            center, *others = self.planes[:, level]
-            made = center * change
-            # In rows one after the other: a texel at the border is not tied beyond it.
-            for plane, step in zip(others, (1, side, side + 1, side - 1), strict=True):
-                made[:-step] += plane[:-step] * change[step:]
-                made[step:] += plane[:-step] * change[:-step]
-            parts.append(made)
-        return self._spread(parts, 1 / 4)
-
-    def _spread(self, parts: Sequence[NDArray[np.float32]], share: float) -> NDArray[np.float32]:
-        """Return the sum (texels,) of what levels have: a texel gets `share` of that which it is part of."""
-        total = parts[-1].copy()
-        for part in parts[-2::-1]:
-            half = math.isqrt(len(total))
-            own = part.reshape(half, 2, half, 2)
-            total = (own + np.float32(share) * total.reshape(half, 1, half, 1)).reshape(-1)
-        return total
+    def _levels(self) -> list[tuple[int, tuple[np.uint32, np.uint32, np.int32]]]:
+        """Return of each level how many texels it has, and where it begins, where the next smaller one does,
+        or 0, and its side."""
+        begins = [*map(np.uint32, self.starts[:-1]), np.uint32(0)]
+        sides = self.sides.tolist()
+        return [(n * n, (begins[k], begins[k + 1], np.int32(n))) for k, n in enumerate(sides)]
 
 
-def _dot(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
-    return float((one * other).sum(dtype=np.float64))
+def _total(partial: Buffer) -> Reals:
+    """Return the sums of red, green and blue."""
+    total: Reals = partial.read()[:, :3].sum(axis=0, dtype=np.float64)
+    return total
+
+
+def _quotient(above: Reals, below: Reals) -> Reals:
+    """Return the quotients; 0 where nothing is left to do."""
+    return np.divide(above, below, out=np.zeros(3), where=(above > _NOTHING) & (below > 0))
+
+
+def _four(values: Reals) -> NDArray[np.float32]:
+    return np.array([*values, 0], np.float32)

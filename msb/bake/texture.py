@@ -113,15 +113,15 @@ def textured(
     few = few_of(lessons)
     total = len(few) + len(lessons)
     for pictures, before in (few, 0), (lessons, len(few)):
-        pyramid = Pyramid(size)
-        pyramid.tie(chart)
-        with closing(Painting(made, pictures, device)) as painting:
-            for done in painting.ask(pyramid):
-                watch("texture", before + done, total)
-        texture = made.textures[0].copy()
-        for channel, change in enumerate(pyramid.solved()):
-            plane = texture[..., channel]
-            plane[:] = np.rint(np.clip(plane + 255 * change.reshape(plane.shape), 0, 255))
+        with closing(Pyramid(size, device)) as pyramid:
+            pyramid.tie(chart)
+            with closing(Painting(made, pictures, device)) as painting:
+                for done in painting.ask(pyramid):
+                    watch("texture", before + done, total)
+            change = pyramid.solved()
+        change *= 255
+        change += made.textures[0]
+        texture = np.rint(np.clip(change, 0, 255, out=change), out=change).astype(np.uint8)
         made = replace(made, textures=(texture,))
     return made
 

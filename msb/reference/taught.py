@@ -1,4 +1,5 @@
-"""What a bake sums over a picture, in float64 NumPy: the twin of bake.cl and bake_texture.cl."""
+"""What a bake sums over a picture, in float64 NumPy: the twin of bake.cl, bake_texture.cl
+and bake_solve.cl."""
 
 from __future__ import annotations
 
@@ -144,16 +145,15 @@ def samples_of(
     return Samples(*(np.concatenate(each) for each in zip(*found, strict=True)))
 
 
-def asked_of(samples: Samples, lacks: Reals, count: int) -> tuple[Reals, Reals]:
-    """Return what samples of pixels that lack `lacks` (H W, 3) ask of `count` texels: products of a texel's
-    weights with its own, with those of the right one, the one below, below right and below left (5, count),
-    and right sides (3, count)."""
-    planes, right = np.zeros((5, count)), np.zeros((3, count))
+def asked_of(samples: Samples, lacks: Reals, count: int) -> Reals:
+    """Return what samples of pixels that lack `lacks` (H W, 3) ask of `count` texels, (count, 8): products of
+    a texel's weights with its own, with those of the right one, the one below, below right and below left,
+    and right sides."""
+    equations = np.zeros((count, 8))
     pixel, texels, blend, share = samples
     for corner in range(4):
         mine = share * blend[:, corner]
-        for channel in range(3):
-            np.add.at(right[channel], texels[:, corner], mine * lacks[pixel, channel])
+        np.add.at(equations[:, 5:], texels[:, corner], mine[:, None] * lacks[pixel])
     pairs = {
         0: [(0, 0), (1, 1), (2, 2), (3, 3)],
         1: [(0, 1), (2, 3)],
@@ -161,7 +161,62 @@ def asked_of(samples: Samples, lacks: Reals, count: int) -> tuple[Reals, Reals]:
         3: [(0, 3)],
         4: [(1, 2)],
     }
-    for plane, ends in pairs.items():
+    for place, ends in pairs.items():
         for one, other in ends:
-            np.add.at(planes[plane], texels[:, one], share * blend[:, one] * blend[:, other])
-    return planes, right
+            np.add.at(equations[:, place], texels[:, one], share * blend[:, one] * blend[:, other])
+    return equations
+
+
+def applied(equations: Reals, sides: NDArray[np.int64], change: Reals) -> Reals:
+    """Return the left sides (texels, channels) for a change of a texture whose levels have these `sides`."""
+    parts: list[Reals] = []
+    for level, side in zip(_by_level(equations, sides), sides, strict=True):
+        if parts:
+            change = change.reshape(side, 2, side, 2, -1).mean(axis=(1, 3)).reshape(side**2, -1)
+        center, *others = level[:, :5].T[..., None]
+        made = center * change
+        # In rows one after the other: a texel at the border is not tied beyond it.
+        for plane, step in zip(others, (1, side, side + 1, side - 1), strict=True):
+            made[:-step] += plane[:-step] * change[step:]
+            made[step:] += plane[:-step] * change[:-step]
+        parts.append(made)
+    return _spread(parts, 1 / 4)
+
+
+def solved(equations: Reals, sides: NDArray[np.int64], steps: int) -> Reals:
+    """Return the change (texels, 3) after so many steps of conjugate gradients, with Jacobi's
+    preconditioner."""
+    levels = _by_level(equations, sides)
+    diagonal = _spread([level[:, :1] for level in levels], 1 / 16)
+    scale = _quotient(np.ones_like(diagonal), diagonal)
+    residual = _spread([level[:, 5:] for level in levels], 1 / 4)
+    change, direction = np.zeros_like(residual), np.zeros_like(residual)
+    size = np.full(3, np.inf)
+    for _ in range(steps):
+        before, size = size, (scale * residual**2).sum(axis=0)
+        direction = scale * residual + _quotient(size, before) * direction
+        moved = applied(equations, sides, direction)
+        length = _quotient(size, (direction * moved).sum(axis=0))
+        change += length * direction
+        residual -= length * moved
+    return change
+
+
+def _quotient(above: Reals, below: Reals) -> Reals:
+    found: Reals = np.divide(above, below, out=np.zeros_like(above), where=below > 0)
+    return found
+
+
+def _by_level(equations: Reals, sides: NDArray[np.int64]) -> list[Reals]:
+    levels: list[Reals] = np.split(equations, np.cumsum(sides**2)[:-1])
+    return levels
+
+
+def _spread(parts: list[Reals], share: float) -> Reals:
+    """Return the sum of what levels have: a texel gets `share` of that which it is part of."""
+    total = parts[-1]
+    for part in parts[-2::-1]:
+        half = np.sqrt(len(total)).astype(int)
+        own = part.reshape(half, 2, half, 2, -1)
+        total = (own + share * total.reshape(half, 1, half, 1, -1)).reshape(part.shape)
+    return total

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from msb.asset.texture import Sampler
 from msb.bake.lessons import Lessons
 from msb.bake.painting import Painting
-from msb.bake.stencils import Pyramid
+from msb.bake.stencils import SMOOTHNESS, STEPS, Pyramid
 from msb.bake.texture import FEW, textured
 from msb.base.extras import is_installed
 from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.metrics import psnr
-from msb.reference.taught import asked_of, samples_of
+from msb.reference.taught import applied, asked_of, samples_of, solved
 from msb.render import Renderer
 from msb.scenes import Camera
 from tests.bake.soups import all_round, lessons_of, tiles
@@ -152,15 +152,15 @@ def test_samples_are_those_of_the_standard_tier() -> None:
     flat = replace(wall(), vertex_colors=None, corner_uvs=uvs, textures=(grey,), sampler=sampler)
     noisy = replace(flat, textures=((grey + change).astype(np.uint8),))
     for seen in (CAMERAS[0], camera(0.0, 1.2, 3.0), camera(0.0, 0.3, 6.0)):
-        pyramid = Pyramid(size)
+        sides = np.array([64, 32, 16, 8, 4, 2])
         difference = (drawn(noisy, seen) - drawn(flat, seen)).reshape(-1, 3)
         with Renderer(asset_from_mesh(flat), "standard") as renderer:
             faces = renderer.render(seen).face_id
         assert faces is not None
         pixel = np.flatnonzero(faces >= 0)
-        row, texel, blend, share = samples_of(*at_corners(flat), pyramid.sides, seen, faces)
+        row, texel, blend, share = samples_of(*at_corners(flat), sides, seen, faces)
         levels = [change / 255]
-        while len(levels) < pyramid.levels:
+        while len(levels) < len(sides):
             half = len(levels[-1]) // 2
             levels.append(levels[-1].reshape(half, 2, half, 2, 3).mean(axis=(1, 3)))
         texels = np.concatenate([level.reshape(-1, 3) for level in levels])
@@ -173,16 +173,15 @@ def test_samples_are_those_of_the_standard_tier() -> None:
 def test_equations_are_those_of_the_samples() -> None:
     """The stencils say the same as a matrix with a row for each sample, and so does the right side."""
     rng = np.random.default_rng(1)
-    size, seen = 8, camera(0.1, 0.4, 4.0)
-    pyramid = Pyramid(size)
+    sides, seen = np.array([8, 4, 2]), camera(0.1, 0.4, 4.0)
     mesh = painted()
     with Renderer(asset_from_mesh(mesh), "standard") as renderer:
         faces = renderer.render(seen).face_id
     assert faces is not None
     lacks = rng.normal(size=(faces.size, 3))
     corners, uvs = at_corners(mesh)
-    samples = samples_of(corners, 1.4 * uvs - 0.2, pyramid.sides, seen, faces)
-    pyramid.planes[:], pyramid.right[:] = asked_of(samples, lacks, int(pyramid.starts[-1]))
+    samples = samples_of(corners, 1.4 * uvs - 0.2, sides, seen, faces)
+    equations = asked_of(samples, lacks, int((sides**2).sum()))
     half = np.kron(np.eye(4), np.full((1, 2), 0.5))
     means = np.kron(half, half)
     fourth = np.kron(np.kron(np.eye(2), np.full((1, 2), 0.5)), np.kron(np.eye(2), np.full((1, 2), 0.5)))
@@ -191,50 +190,69 @@ def test_equations_are_those_of_the_samples() -> None:
     matrix = np.zeros((len(row), len(levels)))
     np.add.at(matrix, (np.arange(len(row))[:, None], texel), blend)
     matrix = matrix @ levels
-    some = rng.normal(size=64).astype(np.float32)
-    expected = (matrix.T * share) @ (matrix @ some)
-    assert np.allclose(pyramid.applied(some), expected, atol=1e-4 * np.abs(expected).max())
+    some = rng.normal(size=(64, 2))
+    np.testing.assert_allclose(applied(equations, sides, some), (matrix.T * share) @ (matrix @ some))
     # Enough steps for 64 unknowns that are tied strongly: the solution of the equations.
-    pyramid.planes[0, :64] += 30
+    equations[:64, 0] += 30
     expected = np.linalg.solve((matrix.T * share) @ matrix + 30 * np.eye(64), matrix.T * share @ lacks[row])
-    assert np.allclose(np.stack([*pyramid.solved()], axis=1), expected, atol=0.02 * np.abs(expected).max())
+    np.testing.assert_allclose(solved(equations, sides, 50), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [64, 100, 34, 7, 2])
+def test_equations_are_solved_as_numpy_solves_them(device: Device, size: int) -> None:
+    """Nothing is asked of green; of some texels nothing is known; the same bits each time."""
+    rng = np.random.default_rng(size)
+    with closing(Pyramid(size, device)) as pyramid:
+        equations = rng.uniform(-0.2, 0.2, (int(pyramid.starts[-1]), 8)).astype(np.float32)
+        equations[:, 0] = rng.uniform(2, 4, len(equations))
+        equations[:, 6] = 0
+        for side, start in zip(pyramid.sides, pyramid.starts, strict=False):  # none beyond the border
+            level = equations[start : start + side**2].reshape(side, side, 8)
+            level[:, -1, [1, 3]] = level[:, 0, 4] = level[-1, :, 2:5] = 0
+        equations[: size**2 // 4] = 0
+        pyramid.equations.write(equations)
+        found, again = pyramid.solved(), pyramid.solved()
+        expected = solved(equations.astype(float), pyramid.sides, STEPS)
+        assert set(pyramid.memory()) == {"bake equations"}
+    np.testing.assert_allclose(found.reshape(-1, 3), expected, atol=1e-4 * np.abs(expected).max())
+    assert not found[..., 1].any()
+    assert np.array_equal(found, again)
 
 
 def test_what_is_asked_is_what_numpy_says(device: Device) -> None:
     """Of pictures of every size, near and askew; a picture that counts twice is there twice."""
     mesh = painted()
     views = [CAMERAS[0], camera(0.0, 1.2, 3.0), camera(0.0, 0.3, 9.0, 50)]
-    pyramid = Pyramid(64)
-    planes, right = np.zeros_like(pyramid.planes, float), np.zeros_like(pyramid.right, float)
-    with lessons(views) as taught:
+    with lessons(views) as taught, closing(Pyramid(64, device)) as pyramid:
+        expected = np.zeros(pyramid.equations.shape)
         taught.weights = 1.0, 2.0, 1.0
         grey = replace(mesh, textures=(np.full((64, 64, 3), 99, np.uint8),))
         with closing(Painting(grey, taught, device)) as painting:
             asking = painting.ask(pyramid)
             assert next(asking) == 1
-            assert {"bake texture", "bake equations"} <= painting.memory().keys()  # nobody else's to release
+            assert "bake texture" in painting.memory()  # nobody else's to release
             assert [*asking] == [2, 3]
             for number, seen in enumerate(views):
                 frame = painting.render(seen, GREY)
                 assert frame.face_id is not None
                 samples = samples_of(*at_corners(mesh), pyramid.sides, seen, frame.face_id)
                 lacks = (taught.image(number) - frame.image).reshape(-1, 3)
-                for whole, part in zip(
-                    (planes, right), asked_of(samples, lacks, len(planes[0])), strict=True
-                ):
-                    whole += taught.weights[number] * part
-    np.testing.assert_allclose(pyramid.planes, planes, atol=2e-3 * planes.max())
-    np.testing.assert_allclose(pyramid.right, right, atol=2e-3 * np.abs(right).max())
+                expected += taught.weights[number] * asked_of(samples, lacks, len(expected))
+        found = pyramid.equations.read()
+    for some in np.s_[:, :5], np.s_[:, 5:]:
+        np.testing.assert_allclose(found[some], expected[some], atol=2e-3 * np.abs(expected[some]).max())
 
 
-def test_charts_do_not_run_into_each_other() -> None:
+def test_charts_do_not_run_into_each_other(device: Device) -> None:
     """Texels are tied to neighbours of their own chart alone."""
-    pyramid = Pyramid(4)
     chart = np.repeat([[0, 0, 1, 1]], 4, axis=0).astype(np.int32)
-    pyramid.tie(chart)
-    pyramid.right[0, :16] = 1 * (np.arange(16) == 5)
-    pyramid.planes[0, 5] += 1  # one texel is seen
-    change = next(pyramid.solved()).reshape(4, 4)
+    with closing(Pyramid(4, device)) as pyramid:
+        pyramid.tie(chart)
+        equations = pyramid.equations.read()
+        assert equations[5].tolist() == [3 * SMOOTHNESS, 0, -SMOOTHNESS, 0, 0, 0, 0, 0]
+        equations[5, [0, 5]] += 1  # one texel is seen
+        pyramid.equations.write(equations)
+        change = pyramid.solved()[..., 0]
     assert change[:, :2].min() > 0.3
     assert np.abs(change[:, 2:]).max() == 0
 

@@ -135,12 +135,11 @@ uint first_of(__global const uint *keys, uint count, uint key)
     return from;
 }
 
-// Add samples to the four texels that each blends: to both sides of the equations. A
-// work-item has the samples whose first texel is in one row of a level; rows of one parity, 0 or 1, have no texel in
-// common.
+// Add samples to the equations of the four texels that each blends, as bake_solve.cl has them. A work-item has the
+// samples whose first texel is in one row of a level; rows of one parity, 0 or 1, have no texel in common.
 __kernel void add(__global const uint *keys, __global const uint *places, __global const Sample *samples,
     __global const float4 *errors, __global const int *starts, int side, int levels, int parity, float weight,
-    __global float *planes, __global float *sides, uint total, uint count)
+    __global float8 *equations, uint count)
 {
     int row = 2 * (int)get_global_id(0) + parity, level = 0;
     while (level < levels && row >= (side >> level))
@@ -151,30 +150,14 @@ __kernel void add(__global const uint *keys, __global const uint *places, __glob
     uint begin = (uint)(starts[level] + row * wide), end = first_of(keys, count, begin + wide);
     for (uint i = first_of(keys, count, begin); i < end; i++) {
         Sample s = samples[places[i]];
-        float4 error = errors[places[i] / 2];
-        float w[4] = {(1.0f - s.x) * (1.0f - s.y), s.x * (1.0f - s.y), (1.0f - s.x) * s.y, s.x * s.y};
-        size_t at = keys[i];
-        for (int k = 0; k < 4; k++) {
-            float mine = weight * s.share * w[k];
-            __global float *here = sides + at + (k & 1) + (k >> 1) * wide;
-            here[0] += mine * error.x;
-            here[total] += mine * error.y;
-            here[2 * (size_t)total] += mine * error.z;
-        }
-        // Each with itself, with the right one, the one below, below right, below left.
-        __global float *here = planes + at;
-        float part = weight * s.share;
-        here[0] += part * w[0] * w[0];
-        here[1] += part * w[1] * w[1];
-        here[wide] += part * w[2] * w[2];
-        here[wide + 1] += part * w[3] * w[3];
-        here += total;
-        here[0] += part * w[0] * w[1];
-        here[wide] += part * w[2] * w[3];
-        here += total;
-        here[0] += part * w[0] * w[2];
-        here[1] += part * w[1] * w[3];
-        here[total] += part * w[0] * w[3];
-        here[2 * (size_t)total + 1] += part * w[1] * w[2];
+        float8 w = 0.0f; // what the first has; the others have the same in other places, and 0 where s4 is taken
+        w.lo = (float4)(1.0f - s.x, s.x, 1.0f - s.x, s.x) * (float4)(1.0f - s.y, 1.0f - s.y, s.y, s.y);
+        w.s567 = errors[places[i] / 2].xyz;
+        float4 mine = weight * s.share * w.lo;
+        __global float8 *first = equations + keys[i], *below = first + wide;
+        first[0] += mine.x * w;
+        first[1] += mine.y * w.s14342567;
+        below[0] += mine.z * w.s23444567;
+        below[1] += mine.w * w.s34444567;
     }
 }

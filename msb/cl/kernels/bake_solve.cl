@@ -1,0 +1,131 @@
+// The equations of msb/bake/stencils.py, solved by conjugate gradients: red, green and blue at a time, in x, y and z.
+// Each work-item has RUN texels one after the other, so that sums are the same on every run.
+#define RUN 64
+#define NOTHING 1e-12f
+
+// Tie neighbours of one chart to each other.
+__kernel void tie(__global const int *charts, float weight, int side, __global float8 *equations, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i >= count)
+        return;
+    int x = (int)(i % side), y = (int)(i / side), own = charts[i];
+    float left = x > 0 && charts[i - 1] == own, right = x + 1 < side && charts[i + 1] == own;
+    float above = y > 0 && charts[i - side] == own, below = y + 1 < side && charts[i + side] == own;
+    float8 tied = (float8)(left + right + above + below, -right, -below, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f);
+    equations[i] += weight * tied;
+}
+
+// Right sides and, in w, the diagonal of a level from `start` on, with what smaller levels add to them: these begin at
+// `next`, or there are none and it is 0.
+__kernel void spread(__global const float8 *equations, uint start, uint next, int side, __global float4 *sums,
+    uint count)
+{
+    size_t i = get_global_id(0);
+    if (i >= count)
+        return;
+    float8 own = equations[start + i];
+    float4 sum = (float4)(own.s5, own.s6, own.s7, own.s0);
+    if (next)
+        sum += (float4)(0.25f, 0.25f, 0.25f, 0.0625f) * sums[next + i / side / 2 * (side / 2) + i % side / 2];
+    sums[start + i] = sum;
+}
+
+// What is left of the right sides, with the inverse of the diagonal in w; partial sums of its square so weighed.
+__kernel void begin(__global const float4 *sums, __global float4 *residual, __global float4 *direction,
+    __global float *made, __global float4 *partial, uint count)
+{
+    size_t run = get_global_id(0), end = min((run + 1) * RUN, (size_t)count);
+    if (run * RUN >= count)
+        return;
+    float4 total = 0.0f;
+    for (size_t i = run * RUN; i < end; i++) {
+        float4 left = sums[i];
+        left.w = left.w > NOTHING ? 1.0f / left.w : 0.0f;
+        residual[i] = left;
+        direction[i] = 0.0f;
+        vstore3((float3)(0.0f), i, made);
+        total += left.w * left * left;
+    }
+    partial[run] = total;
+}
+
+__kernel void turn(__global const float4 *residual, float4 again, __global float4 *direction, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i < count)
+        direction[i] = again * direction[i] + residual[i].w * residual[i];
+}
+
+// A texel of a smaller level, `side` texels wide and from `start` on, is the mean of four of that before it.
+__kernel void halve(__global float4 *direction, uint before, uint start, int side, uint count)
+{
+    size_t i = get_global_id(0);
+    if (i >= count)
+        return;
+    __global const float4 *four = direction + before + i / side * 4 * side + i % side * 2;
+    direction[start + i] = 0.25f * (four[0] + four[1] + four[2 * side] + four[2 * side + 1]);
+}
+
+// The left sides of a level, with what smaller levels add to them; partial sums of their products with `direction`.
+__kernel void apply(__global const float8 *equations, __global const float4 *direction, uint start, uint next, int side,
+    __global float4 *sums, __global float4 *partial, uint count)
+{
+    size_t run = get_global_id(0), end = min((run + 1) * RUN, (size_t)count);
+    if (run * RUN >= count)
+        return;
+    equations += start;
+    direction += start;
+    float4 total = 0.0f;
+    int x = (int)(run * RUN % side), y = (int)(run * RUN / side);
+    for (size_t i = run * RUN; i < end; i++) {
+        bool left = x > 0, right = x + 1 < side;
+        float8 own = equations[i];
+        float4 sum = own.s0 * direction[i];
+        if (right)
+            sum += own.s1 * direction[i + 1];
+        if (left)
+            sum += equations[i - 1].s1 * direction[i - 1];
+        if (y + 1 < side) {
+            sum += own.s2 * direction[i + side];
+            if (right)
+                sum += own.s3 * direction[i + side + 1];
+            if (left)
+                sum += own.s4 * direction[i + side - 1];
+        }
+        if (y > 0) {
+            sum += equations[i - side].s2 * direction[i - side];
+            if (left)
+                sum += equations[i - side - 1].s3 * direction[i - side - 1];
+            if (right)
+                sum += equations[i - side + 1].s4 * direction[i - side + 1];
+        }
+        if (next)
+            sum += 0.25f * sums[next + y / 2 * (side / 2) + x / 2];
+        sums[start + i] = sum;
+        total += sum * direction[i];
+        if (++x == side) {
+            x = 0;
+            y++;
+        }
+    }
+    partial[run] = total;
+}
+
+// Go so far along `direction`; partial sums of the square of what is left.
+__kernel void advance(__global const float4 *direction, __global const float4 *sums, float4 length,
+    __global float4 *residual, __global float *made, __global float4 *partial, uint count)
+{
+    size_t run = get_global_id(0), end = min((run + 1) * RUN, (size_t)count);
+    if (run * RUN >= count)
+        return;
+    float4 total = 0.0f;
+    for (size_t i = run * RUN; i < end; i++) {
+        vstore3(vload3(i, made) + length.xyz * direction[i].xyz, i, made);
+        float4 left = residual[i];
+        left.xyz -= length.xyz * sums[i].xyz;
+        residual[i] = left;
+        total += left.w * left * left;
+    }
+    partial[run] = total;
+}
