@@ -66,30 +66,33 @@ class Pyramid(OnDevice):
 
     @in_turn
     def solved(self) -> NDArray[np.float32]:
-        """Return the change (size, size, 3) that the equations ask for, by conjugate gradients."""
+        """Return the change (size, size, 3) that the equations ask for, by conjugate gradients.
+
+        The right sides are gone then: they hold what is left of them.
+        """
         own, levels, texels = self._own, self._levels(), self.size**2
         count, runs = np.uint32(texels), -(-texels // _RUN)
-        direction, sums = self._new((self.starts[-1], 4)), self._new((self.starts[-1], 4))
-        residual, partial = self._new((texels, 4)), self._new((runs, 4))
-        change = self._new((self.size, self.size, 3))
+        direction, sums = self._new((self.starts[-1], 4)), self._new((self.starts[-1], 3))
+        change, partial = self._new((self.size, self.size, 3)), self._new((runs, 4))
         for many, at in reversed(levels):
-            own.spread(many, _GROUP, self.equations, *at, sums, np.uint32(many))
-        own.begin(runs, _RUNS, sums, residual, direction, change, partial, count)
+            own.spread(many, _GROUP, self.equations, *at, direction, np.uint32(many))
+        own.begin(runs, _RUNS, self.equations, direction, change, partial, count)
         left, again = _total(partial), np.zeros(3)
         for _ in range(STEPS):
             if (left <= _NOTHING).all():
                 break
-            own.turn(texels, _GROUP, residual, _four(again), direction, count)
+            own.turn(texels, _GROUP, self.equations, _four(again), direction, count)
             for (_, (before, start, _)), (many, (_, _, side)) in pairwise(levels):
                 own.halve(many, _GROUP, direction, before, start, side, np.uint32(many))
             for many, at in reversed(levels):
                 given = self.equations, direction, *at, sums, partial, np.uint32(many)
                 own.apply(-(-many // _RUN), _RUNS, *given)
             length = _quotient(left, _total(partial))
-            own.advance(runs, _RUNS, direction, sums, _four(length), residual, change, partial, count)
+            ends = self.equations, change, partial, count
+            own.advance(runs, _RUNS, direction, sums, _four(length), *ends)
             last, left = left, _total(partial)
             again = _quotient(left, last)
-        for buffer in (direction, sums, residual, partial):
+        for buffer in (direction, sums, partial):
             buffer.release()
         found: NDArray[np.float32] = change.read()
         change.release()

@@ -16,45 +16,52 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
     equations[i] += weight * tied;
 }
 
-// Right sides and, in w, the diagonal of a level from `start` on, with what smaller levels add to them: these begin at
-// `next`, or there are none and it is 0.
-__kernel void spread(__global const float8 *equations, uint start, uint next, int side, __global float4 *sums,
+// Add to the right sides of a level, from `start` on, and to its diagonal, which goes to w, what smaller levels add to
+// them: these begin at `next`, or there are none and it is 0.
+__kernel void spread(__global float8 *equations, uint start, uint next, int side, __global float4 *direction,
     uint count)
 {
     size_t i = get_global_id(0);
     if (i >= count)
         return;
     float8 own = equations[start + i];
-    float4 sum = (float4)(own.s5, own.s6, own.s7, own.s0);
-    if (next)
-        sum += (float4)(0.25f, 0.25f, 0.25f, 0.0625f) * sums[next + i / side / 2 * (side / 2) + i % side / 2];
-    sums[start + i] = sum;
+    float4 first = (float4)(0.0f, 0.0f, 0.0f, own.s0);
+    if (next) {
+        size_t part_of = next + i / side / 2 * (side / 2) + i % side / 2;
+        own.s567 += 0.25f * equations[part_of].s567;
+        first.w += 0.0625f * direction[part_of].w;
+        equations[start + i] = own;
+    }
+    direction[start + i] = first;
 }
 
-// What is left of the right sides, with the inverse of the diagonal in w; partial sums of its square so weighed.
-__kernel void begin(__global const float4 *sums, __global float4 *residual, __global float4 *direction,
-    __global float *made, __global float4 *partial, uint count)
+// From here on w has the inverse of the diagonal, and the right sides are what is left of them; partial sums of its
+// square, so weighed.
+__kernel void begin(__global const float8 *equations, __global float4 *direction, __global float *change,
+    __global float4 *partial, uint count)
 {
     size_t run = get_global_id(0), end = min((run + 1) * RUN, (size_t)count);
     if (run * RUN >= count)
         return;
     float4 total = 0.0f;
     for (size_t i = run * RUN; i < end; i++) {
-        float4 left = sums[i];
-        left.w = left.w > NOTHING ? 1.0f / left.w : 0.0f;
-        residual[i] = left;
-        direction[i] = 0.0f;
-        vstore3((float3)(0.0f), i, made);
-        total += left.w * left * left;
+        float3 left = equations[i].s567;
+        float diagonal = direction[i].w, inverse = diagonal > NOTHING ? 1.0f / diagonal : 0.0f;
+        direction[i].w = inverse;
+        vstore3((float3)(0.0f), i, change);
+        total.xyz += inverse * left * left;
     }
     partial[run] = total;
 }
 
-__kernel void turn(__global const float4 *residual, float4 again, __global float4 *direction, uint count)
+__kernel void turn(__global const float8 *equations, float4 again, __global float4 *direction, uint count)
 {
     size_t i = get_global_id(0);
-    if (i < count)
-        direction[i] = again * direction[i] + residual[i].w * residual[i];
+    if (i >= count)
+        return;
+    float4 before = direction[i];
+    before.xyz = again.xyz * before.xyz + before.w * equations[i].s567;
+    direction[i] = before;
 }
 
 // A texel of a smaller level, `side` texels wide and from `start` on, is the mean of four of that before it.
@@ -69,7 +76,7 @@ __kernel void halve(__global float4 *direction, uint before, uint start, int sid
 
 // The left sides of a level, with what smaller levels add to them; partial sums of their products with `direction`.
 __kernel void apply(__global const float8 *equations, __global const float4 *direction, uint start, uint next, int side,
-    __global float4 *sums, __global float4 *partial, uint count)
+    __global float *sums, __global float4 *partial, uint count)
 {
     size_t run = get_global_id(0), end = min((run + 1) * RUN, (size_t)count);
     if (run * RUN >= count)
@@ -101,8 +108,8 @@ __kernel void apply(__global const float8 *equations, __global const float4 *dir
                 sum += equations[i - side + 1].s4 * direction[i - side + 1];
         }
         if (next)
-            sum += 0.25f * sums[next + y / 2 * (side / 2) + x / 2];
-        sums[start + i] = sum;
+            sum.xyz += 0.25f * vload3(next + y / 2 * (side / 2) + x / 2, sums);
+        vstore3(sum.xyz, start + i, sums);
         total += sum * direction[i];
         if (++x == side) {
             x = 0;
@@ -113,19 +120,19 @@ __kernel void apply(__global const float8 *equations, __global const float4 *dir
 }
 
 // Go so far along `direction`; partial sums of the square of what is left.
-__kernel void advance(__global const float4 *direction, __global const float4 *sums, float4 length,
-    __global float4 *residual, __global float *made, __global float4 *partial, uint count)
+__kernel void advance(__global const float4 *direction, __global const float *sums, float4 length,
+    __global float8 *equations, __global float *change, __global float4 *partial, uint count)
 {
     size_t run = get_global_id(0), end = min((run + 1) * RUN, (size_t)count);
     if (run * RUN >= count)
         return;
     float4 total = 0.0f;
     for (size_t i = run * RUN; i < end; i++) {
-        vstore3(vload3(i, made) + length.xyz * direction[i].xyz, i, made);
-        float4 left = residual[i];
-        left.xyz -= length.xyz * sums[i].xyz;
-        residual[i] = left;
-        total += left.w * left * left;
+        float4 way = direction[i];
+        vstore3(vload3(i, change) + length.xyz * way.xyz, i, change);
+        float3 left = equations[i].s567 - length.xyz * vload3(i, sums);
+        equations[i].s567 = left;
+        total.xyz += way.w * left * left;
     }
     partial[run] = total;
 }
