@@ -138,13 +138,14 @@ class SplattingPipeline(OnDevice):
                 **model.defines,
                 **own_members(model.own),
                 "LANES": LANES[self._device.style],
-                "EXTRAS": bool(self._outputs),
-                "EARLY_STOP": early_stop,
                 "ENGINE": engine,
                 "FACE_WORDS": self.record_words,
                 "COVERAGE": model.coverage.shape[1],
             }
-            self._program: Program = self._device.program(model.program, self._defines, model.package)
+            # All that comes before blending is the same whatever is blended, and so is compiled once.
+            self._program = self._built()
+            self._early_stop = early_stop
+            self._blend_program = self._built(EXTRAS=bool(self._outputs), EARLY_STOP=early_stop)
             arrays = {
                 "positions": model.positions.reshape(self._count, 9) if soup else model.positions,
                 "indices": None if soup else asset.buffers["indices"],
@@ -155,6 +156,11 @@ class SplattingPipeline(OnDevice):
             keep_model(self._scope, self._program, self._count, arrays)
             self._unordered: Arrays | None = arrays
             self._sort = DepthSort(self._device, self._program, order)
+
+    def _built(self, **blending: Define) -> Program:
+        """Return the method's program for what is blended: by default colours alone, until little is seen."""
+        chosen = {**self._defines, "EXTRAS": False, "EARLY_STOP": True, **blending}
+        return self._device.program(self._model.program, chosen, self._model.package)
 
     @in_turn
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:
@@ -201,7 +207,7 @@ class SplattingPipeline(OnDevice):
             pixels["face_id"] = self._scratch("face id", (height, width), np.int32, group="targets")
         for band in self._bands(camera, seen, len(planes), whole="raw" in self._outputs):
             with device.stage("blend"):
-                self._blend(self._program.blend, seen, band)
+                self._blend(self._blend_program.blend, seen, band)
             with device.stage("resolve"):
                 self._resolve(band, pixels, width, background)
         self._pixels, self._samples, self._visible = pixels, band.samples, seen.projected.visible
@@ -225,8 +231,7 @@ class SplattingPipeline(OnDevice):
             the mean of theirs, so that the weights of all faces add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
-        summing = {**self._defines, "EXTRAS": False, "SHARES": True}
-        program = device.program(self._model.program, summing, self._model.package)
+        share = self._built(EARLY_STOP=self._early_stop, SHARES=True).share
         shown = self._scratch("picture", (camera.height, camera.width, 3))
         if picture is None:
             shown.fill(0)
@@ -240,7 +245,7 @@ class SplattingPipeline(OnDevice):
             record = self._band_record(band, camera.width)
             spread = device.program("splat_resolve").spread
             spread((width, height), (WORK_GROUP, 1), shown, record, band.samples)
-            self._blend(program.share, seen, band, sums)
+            self._blend(share, seen, band, sums)
         numbers = self._scratch("share numbers", max(pairs, 1), np.uint32)
         arguments = seen.lists.list, seen.projected.faces, numbers, np.uint32(pairs)
         self._program.numbers_of(pairs, WORK_GROUP, *arguments)
