@@ -86,10 +86,7 @@ def textured(
     ):
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
-        # A chart from here to the horizon has as many texels here as there, so what is far is drawn together.
-        points = seen_points(mesh, cameras, device)
-        places = Space.of(points, cameras).inward(mesh.vertices) if len(points) else mesh.vertices
-        uvs = connected_atlas(places, mesh.faces, pixels, size)
+        uvs = connected_atlas(_places(mesh, cameras, device), mesh.faces, pixels, size)
     corners = mesh.faces.reshape(-1)
     colors = np.full((len(corners), 3), 128, np.uint8)
     if mesh.vertex_colors is not None:
@@ -124,6 +121,13 @@ def textured(
         texture = np.rint(np.clip(change, 0, 255, out=change), out=change).astype(np.uint8)
         made = replace(made, textures=(texture,))
     return made
+
+
+def _places(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Reals:
+    """Return the vertices (V, 3) with what is far drawn together: a chart from here to the horizon would have
+    as many texels here as there."""
+    points = seen_points(mesh, cameras, device)
+    return Space.of(points, cameras).inward(mesh.vertices) if len(points) else mesh.vertices
 
 
 def few_of(lessons: Lessons) -> Lessons:
