@@ -9,6 +9,8 @@ FOR_TEST := $(VENV)/.installed-test
 # Commands and tests start many interpreters; without bytecode each of them would compile all of msb anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+# What is imported is compiled then; compiling all that is installed takes half as long again.
+PIP_OPTIONS := -qq --disable-pip-version-check --no-compile
 FOR_DOCS := $(VENV)/.installed-docs
 ENGINES := .engines
 
@@ -29,7 +31,7 @@ $(FOR_DOCS): EXTRAS := docs
 
 $(FOR_DEMO) $(FOR_TEST) $(FOR_DOCS): pyproject.toml | $(BIN)/python
 	@echo "installing $(EXTRAS) into $(VENV): minutes, once"
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check --editable '.[$(EXTRAS)]'
+	@$(BIN)/python -m pip install $(PIP_OPTIONS) --editable '.[$(EXTRAS)]'
 	@touch $@
 
 demo: $(FOR_DEMO)
@@ -63,9 +65,9 @@ test: $(FOR_TEST)
 # every other OpenCL platform that is installed. With -j2 the two halves run side by side: each waits for much that is no core.
 test-all: test-slow test-elsewhere
 
-# A worker more than there are cores: browsers, clocks and killed processes are waited for.
+# Two workers more than there are cores: browsers, clocks and killed processes are waited for.
 test-slow: $(FOR_TEST)
-	$(BIN)/python -m pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 1)) --dist worksteal -m "slow and not torch" \
+	$(BIN)/python -m pytest -n $$(($$(getconf _NPROCESSORS_ONLN) + 2)) --dist worksteal -m "slow and not torch" \
 	  --ignore tests/test_import_rules.py
 
 test-elsewhere: $(FOR_TEST)
@@ -103,7 +105,7 @@ $(ENGINES)/.npm: benchmarks/opened_in/package-lock.json | system-packages
 $(ENGINES)/.pypi: benchmarks/opened_in/requirements.txt | system-packages $(BIN)/python
 	@mkdir -p $(ENGINES)
 	@echo "installing engines from PyPI into $(ENGINES)"
-	@if timeout 300 $(BIN)/python -m pip install -qq --disable-pip-version-check --upgrade --target $(ENGINES)/python -r $<; \
+	@if timeout 300 $(BIN)/python -m pip install $(PIP_OPTIONS) --upgrade --target $(ENGINES)/python -r $<; \
 	then touch $@; else echo "pip cannot install them here: their tests will be skipped" >&2; fi
 
 lint: $(FOR_TEST)

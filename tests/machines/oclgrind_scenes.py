@@ -126,7 +126,7 @@ def test_scan_and_sort(gpu: Device, watch: Watch) -> None:
 @pytest.mark.parametrize("sampling", ["official", "engine"])
 @pytest.mark.parametrize("method", SPLATTING)
 def test_splatting(method: str, sampling: Any, gpu: Device, watch: Watch) -> None:
-    asset = soup(method, random_triangles(1), degree=1)
+    asset = soup(method, random_triangles(1, 30), degree=1)
     renderer = dedicated_renderer(asset, device=gpu, sampling=sampling)
     drawn_equals_the_reference(renderer, asset, sampling=sampling)
     assert watch.findings() == []
@@ -165,7 +165,7 @@ def test_projection_decides_by_nothing_that_was_not_set(
     monkeypatch.setenv("OCLGRIND_UNINITIALIZED", "1")
     monkeypatch.delenv("OCLGRIND_DATA_RACES")
     with open_styled("gpu") as device:
-        renderer = dedicated_renderer(soup(method, random_triangles(1, 40)), device=device, sampling=sampling)
+        renderer = dedicated_renderer(soup(method, random_triangles(1, 16)), device=device, sampling=sampling)
         renderer.render(front_camera(16, 12), BACKGROUND)
         renderer.close()
     decided = [one for one in watch.findings() if "Controlflow depends on uninitialized" in one]
@@ -173,21 +173,21 @@ def test_projection_decides_by_nothing_that_was_not_set(
 
 
 def test_diffsoup(device: Device, watch: Watch) -> None:
-    asset = soup("diffsoup", random_triangles(1))
+    asset = soup("diffsoup", random_triangles(1, 30))
     drawn_equals_the_reference(dedicated_renderer(asset, device=device), asset)
     assert watch.findings() == []
 
 
 def test_standard(device: Device, watch: Watch) -> None:
     """Small triangles, those of a work-group, and those of many."""
-    sizes = [random_triangles(*given) for given in ((1, 40, 0.3), (2, 10, 2.0), (3, 2, 40))]
+    sizes = [random_triangles(*given) for given in ((1, 16, 0.3), (2, 5, 2.0), (3, 1, 40))]
     StandardRenderer(soup("two_dts", np.concatenate(sizes)), device=device).render(front_camera(), BACKGROUND)
     assert watch.findings() == []
 
 
 def test_textures(device: Device, watch: Watch) -> None:
     asset = textured_asset(
-        unshared(scattered(4, 20, 0.8, 1, 4)), 5, **CASES["cut out"] | {"sizes": ((8, 8, 4), (4, 4, 4))}
+        unshared(scattered(4, 6, 0.4, 0.5, 4)), 5, **CASES["cut out"] | {"sizes": ((8, 8, 4), (4, 4, 4))}
     )
-    StandardRenderer(asset, device=device).render(front_camera(16, 12), BACKGROUND)
+    StandardRenderer(asset, device=device).render(front_camera(12, 9), BACKGROUND)
     assert watch.findings() == []
