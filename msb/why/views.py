@@ -150,8 +150,9 @@ def squared_errors(ones: Sequence[Any], others: Sequence[Any]) -> NDArray[np.flo
     sums = []
     for one, other in zip(ones, others, strict=True):
         levels = [to_bytes(np.asarray(getattr(drawn, "image", drawn))) for drawn in (one, other)]
-        change = np.subtract(*levels, dtype=np.float64).reshape(-1)
-        sums.append((change @ change, change.size))
+        change = np.subtract(*levels, dtype=np.int32)
+        # Not a product of matrices, whose threads would then spin beside the kernels.
+        sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
     return np.array(sums, np.float64)
 
 

@@ -100,7 +100,7 @@ MACHINES = {
             # Optimised code has intrinsics that the interpreter does not know.
             "OCLGRIND_BUILD_OPTIONS": "-cl-opt-disable",
             "OCLGRIND_MAX_ERRORS": "1000000",
-            # It allocates for each work-item; what is given back to the system each time costs half as much again.
+            # It allocates for each work-item; to give that back each time takes half as long again.
             "MALLOC_TRIM_THRESHOLD_": "4000000000",
             "MALLOC_TOP_PAD_": "67108864",
         },
