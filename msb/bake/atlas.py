@@ -31,6 +31,8 @@ _PARTS = 65535
 """Charts lie at so many places along a side, which files hold in two bytes."""
 _LEAST = 1 / 4
 """How much finer or coarser than usual a chart may be."""
+_AT_ONCE = 8192
+"""Faces that xatlas cuts into charts at a time: of twice as many it needs four times as long."""
 
 
 class _Cells(NamedTuple):
@@ -210,10 +212,19 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     packing = xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = int(word), _PADDING, True
     cut = xatlas.Atlas()
-    cut.add_mesh(arrays["vertices"], arrays["faces"])
+    points, parts = arrays["vertices"], _parts(arrays["vertices"][arrays["faces"]].mean(axis=1))
+    for part in parts:
+        used, faces = np.unique(arrays["faces"][part], return_inverse=True)
+        cut.add_mesh(points[used], faces.reshape(-1, 3).astype(np.uint32))
     cut.generate()
-    _, faces, uv = cut[0]
-    chart = np.asarray(cut.get_mesh_vertex_assignment(0)[1]).astype(np.int64)
+    uvs: list[NDArray[np.float32]] = []
+    charts, faces = [], np.zeros(arrays["faces"].shape, np.int64)
+    for number, part in enumerate(parts):
+        _, own, uv = cut[number]
+        faces[part] = own.astype(np.int64) + sum(len(before) for before in uvs)
+        uvs.append(uv)
+        charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
+    uv, chart = np.concatenate(uvs), np.concatenate(charts)
     chart[chart >= cut.chart_count] = (
         0  # that of no chart is a huge number: faces without area, which none shows
     )
@@ -235,6 +246,19 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     sides = np.array([packed.width, packed.height])
     placed = np.rint(uv.astype(np.float64) * sides / sides.max() * _PARTS)[faces] / _PARTS
     return {"charts": int(packed.chart_count)}, {"uv": placed.reshape(-1, 2).astype(np.float32)}
+
+
+def _parts(middles: NDArray[np.float32]) -> list[NDArray[np.int64]]:
+    """Return the faces with these middles (F, 3), in halves of halves, none of them large."""
+    parts = [np.arange(len(middles))]
+    while len(parts[0]) > _AT_ONCE:
+        halves = []
+        for part in parts:
+            longest = np.ptp(middles[part], axis=0).argmax()
+            along = part[np.argsort(middles[part, longest], kind="stable")]
+            halves += [np.sort(half) for half in np.array_split(along, 2)]
+        parts = halves
+    return parts
 
 
 def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler, mip_levels, sample
-from msb.bake.atlas import connected_atlas, soup_atlas
+from msb.bake import atlas
+from msb.bake.atlas import connected_atlas, soup_atlas, unwrapped
 from msb.base.extras import is_installed
 from msb.errors import UsageError
 
@@ -123,6 +124,30 @@ def test_charts_are_scaled_by_what_they_show() -> None:
     near, _, far, _ = areas(uvs, 256)
     assert near / far == pytest.approx(9, rel=0.1)
     assert near > 5000
+
+
+@pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
+def test_parts_of_a_surface_that_are_cut_one_by_one_fit_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a flat sheet each face keeps its shape, whatever part it is cut in, and no two overlap."""
+    monkeypatch.setattr(atlas, "_AT_ONCE", 30)
+    row, column = np.mgrid[0:9, 0:13]
+    vertices = np.stack([column, row, 0 * row], axis=-1).reshape(-1, 3).astype(np.float32)
+    first = (np.arange(8)[:, None] * 13 + np.arange(12)).reshape(-1)
+    faces = np.stack([first, first + 1, first + 14, first, first + 14, first + 13], axis=1).reshape(-1, 3)
+    arrays = {"vertices": vertices, "faces": faces.astype(np.uint32), "pixels": np.full(len(faces), 50.0)}
+    info, made = unwrapped("256", arrays)
+    assert 8 <= info["charts"] <= 16  # 192 faces in 8 parts of 24, each connected
+    texels = areas(made["uv"], 256)
+    assert texels.min() > 0.8 * texels.max()
+    sides = np.linalg.norm(np.diff(made["uv"].reshape(-1, 3, 2)[:, [0, 1, 2, 0]], axis=1), axis=2)
+    shortest, _, longest = np.sort(sides, axis=1).T
+    np.testing.assert_allclose(longest / shortest, np.sqrt(2), rtol=0.1)
+    drawn = np.zeros((256, 256), int)
+    y, x = np.mgrid[0:256, 0:256] + 0.5
+    for a, b, c in 256 * made["uv"].reshape(-1, 3, 2).astype(float):
+        edges = [(q[0] - p[0]) * (y - p[1]) - (q[1] - p[1]) * (x - p[0]) for p, q in ((a, b), (b, c), (c, a))]
+        drawn += np.all(np.sign(edges) > 0, axis=0) | np.all(np.sign(edges) < 0, axis=0)
+    assert drawn.max() == 1
 
 
 @pytest.mark.slow
