@@ -8,13 +8,18 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from msb.bake.lessons import Lessons
+from msb.bake.painting import Painting
+from msb.bake.stencils import Pyramid
 from msb.cl import Device, exclusive_scan, sort_pairs
+from msb.meshes.mesh import Mesh
 from msb.reference import render_reference
 from msb.render.dedicated import dedicated_renderer
 from msb.render.splat.pipeline import SplattingPipeline
@@ -190,4 +195,22 @@ def test_textures(device: Device, watch: Watch) -> None:
         unshared(scattered(4, 6, 0.4, 0.5, 4)), 5, **CASES["cut out"] | {"sizes": ((8, 8, 4), (4, 4, 4))}
     )
     StandardRenderer(asset, device=device).render(front_camera(12, 9), BACKGROUND)
+    assert watch.findings() == []
+
+
+def test_texture_by_least_squares(gpu: Device, watch: Watch) -> None:
+    """Of one picture of a square: what is asked of its texels, and their solution."""
+    place = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    corners = np.concatenate([place - 0.5, np.full((4, 1), 3, np.float32)], axis=1)
+    faces, grey = np.array([[0, 1, 2], [0, 2, 3]]), np.full((8, 8, 3), 99, np.uint8)
+    square = Mesh(corners, faces, corner_uvs=place[faces].reshape(-1, 2), textures=(grey,))
+    lesson = np.full((9, 12, 3), 0.75, np.float32)
+    with (
+        Lessons([front_camera(12, 9)], BACKGROUND, lambda _: lesson) as view,
+        closing(Pyramid(8, gpu)) as pyramid,
+        closing(Painting(square, view, gpu)) as painting,
+    ):
+        pyramid.tie(np.zeros((8, 8), np.int32))
+        assert [*painting.ask(pyramid)] == [1]
+        np.testing.assert_allclose(pyramid.solved(), 0.75 - 99 / 255, atol=0.01)
     assert watch.findings() == []

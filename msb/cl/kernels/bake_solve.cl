@@ -54,6 +54,7 @@ __kernel void begin(__global const float8 *equations, __global float4 *direction
     partial[run] = total;
 }
 
+// The next direction: what is left, scaled by the diagonal, and some of the direction before.
 __kernel void turn(__global const float8 *equations, float4 again, __global float4 *direction, uint count)
 {
     size_t i = get_global_id(0);
