@@ -16,13 +16,16 @@ from tests.robustness.kill import Killer, finals, leftovers
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
 # Who is started in the background inherits that interrupts are ignored, under nohup hang-ups, too. Writing
-# is made slow, so that the signal comes in the middle of it.
+# is made slow, and says when it is in the middle, so that the signal comes there: not a moment earlier, when
+# zipfile has made half an archive, of which Python complains by itself.
 SLOW = (
-    "import signal, sys, time\n"
+    "import pathlib, signal, sys, time\n"
+    "begun = pathlib.Path(sys.argv.pop())\n"
     "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
     "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
     "import msb.asset.writer\nfrom msb.asset.writer import _pieces\n"
-    "def slowly(chunks):\n    for piece in _pieces(chunks):\n        yield piece\n        time.sleep(600)\n"
+    "def slowly(chunks):\n    for piece in _pieces(chunks):\n"
+    "        yield piece\n        begun.touch()\n        time.sleep(600)\n"
     "msb.asset.writer._pieces = slowly\n"
     "from msb.cli import main\nmain()"
 )
@@ -45,21 +48,24 @@ def test_a_killed_command_leaves_nothing_half_and_works_again(
     [("packed", signal.SIGINT), ("folder", signal.SIGTERM), ("packed", signal.SIGHUP)],
 )
 def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str) -> None:
-    line = ["export", "--form", form, ROOT / "data_stubs" / "checkpoint", tmp_path / "a.triasset"]
+    folder, begun = tmp_path / "out", tmp_path / "begun"
+    folder.mkdir()
+    line = ["export", "--form", form, ROOT / "data_stubs" / "checkpoint", folder / "a.triasset", begun]
     command = [sys.executable, "-c", SLOW, *map(str, line)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
         try:
             until = time.monotonic() + 300
-            while not leftovers(tmp_path) and process.poll() is None and time.monotonic() < until:
+            while not begun.exists() and process.poll() is None and time.monotonic() < until:
                 time.sleep(0.01)
-            assert leftovers(tmp_path), "it never began to write"
+            assert begun.exists(), "it never began to write"
+            assert leftovers(folder)
             process.send_signal(number)
             _, err = process.communicate(timeout=300)
         finally:
             process.kill()
     assert (process.returncode, err) == (128 + number, "")
-    assert not leftovers(tmp_path)
-    assert not list(finals(tmp_path))
+    assert not leftovers(folder)
+    assert not list(finals(folder))
 
 
 @pytest.mark.parametrize(("raised", "status"), [("KeyboardInterrupt", 130), ("SystemExit(143)", 143)])
