@@ -9,10 +9,11 @@ FOR_TEST := $(VENV)/.installed-test
 # Commands and tests start many interpreters; without bytecode each of them would compile all of msb anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-# What is imported is compiled then; compiling all that is installed takes half as long again.
-PIP_OPTIONS := -qq --disable-pip-version-check --no-compile
 FOR_DOCS := $(VENV)/.installed-docs
 ENGINES := .engines
+
+# What is imported is compiled then; compiling all that is installed takes half as long again.
+PIP_OPTIONS := -qq --disable-pip-version-check --no-compile
 
 .PHONY: blender-extension demo test test-all test-slow test-elsewhere docs engines system-packages lint bench clean
 

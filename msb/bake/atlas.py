@@ -15,6 +15,9 @@ from msb.errors import MeshError, UsageError
 if TYPE_CHECKING:
     from msb.base.children import Arrays
 
+    Reals = NDArray[np.float64]
+    Faces = NDArray[np.int64]
+
 LEVELS = (2, 1)
 """How many times a texture of a soup can be halved before its faces run into each other: the first of these
 that leaves a face `_ENOUGH` of the texels that it needs, along a side, and the last where none does."""
@@ -211,27 +214,10 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
     packing = xatlas.PackOptions()
     packing.resolution, packing.padding, packing.bilinear = int(word), _PADDING, True
-    cut = xatlas.Atlas()
-    points, parts = arrays["vertices"], _parts(arrays["vertices"][arrays["faces"]].mean(axis=1))
-    for part in parts:
-        used, faces = np.unique(arrays["faces"][part], return_inverse=True)
-        cut.add_mesh(points[used], faces.reshape(-1, 3).astype(np.uint32))
-    cut.generate()
-    uvs: list[NDArray[np.float32]] = []
-    charts, faces = [], np.zeros(arrays["faces"].shape, np.int64)
-    for number, part in enumerate(parts):
-        _, own, uv = cut[number]
-        faces[part] = own.astype(np.int64) + sum(len(before) for before in uvs)
-        uvs.append(uv)
-        charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
-    uv, chart = np.concatenate(uvs), np.concatenate(charts)
-    chart[chart >= cut.chart_count] = (
-        0  # that of no chart is a huge number: faces without area, which none shows
-    )
-    plane = uv.astype(np.float64) * (cut.width, cut.height)
+    plane, faces, chart = _cut(arrays["vertices"], arrays["faces"])
     of_face = chart[faces[:, 0]]
     area, pixels = (
-        np.bincount(of_face, values, len(uv)) for values in (_areas(plane[faces]), arrays["pixels"])
+        np.bincount(of_face, values, len(plane)) for values in (_areas(plane[faces]), arrays["pixels"])
     )
     scale = np.sqrt(pixels / np.where(area > 0, area, 1))
     usual = float(np.median(scale[pixels > 0])) if pixels.any() else 1.0
@@ -248,17 +234,43 @@ def unwrapped(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
     return {"charts": int(packed.chart_count)}, {"uv": placed.reshape(-1, 2).astype(np.float32)}
 
 
-def _parts(middles: NDArray[np.float32]) -> list[NDArray[np.int64]]:
+def _cut(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> tuple[Reals, Faces, Faces]:
+    """Return charts laid flat: places (n, 2) of vertices, faces (F, 3) of these, the chart (n,) of each."""
+    import xatlas
+
+    cut = xatlas.Atlas()
+    blocks = _blocks(vertices[faces].mean(axis=1))
+    for block in blocks:
+        used, own = np.unique(faces[block], return_inverse=True)
+        cut.add_mesh(vertices[used], own.reshape(-1, 3).astype(np.uint32))
+    cut.generate()
+    laid = np.zeros(faces.shape, np.int64)
+    places: list[Reals] = []
+    charts: list[Faces] = []
+    count = 0
+    for number, block in enumerate(blocks):
+        _, own, uv = cut[number]
+        laid[block] = own.astype(np.int64) + count
+        count += len(uv)
+        places.append(uv.astype(np.float64) * (cut.width, cut.height))
+        charts.append(np.asarray(cut.get_mesh_vertex_assignment(number)[1]).astype(np.int64))
+    chart = np.concatenate(charts)
+    # That of no chart is a huge number: faces without area, which none shows.
+    chart[chart >= cut.chart_count] = 0
+    return np.concatenate(places), laid, chart
+
+
+def _blocks(middles: NDArray[np.float32]) -> list[Faces]:
     """Return the faces with these middles (F, 3), in halves of halves, none of them large."""
-    parts = [np.arange(len(middles))]
-    while len(parts[0]) > _AT_ONCE:
+    blocks = [np.arange(len(middles))]
+    while len(blocks[0]) > _AT_ONCE:
         halves = []
-        for part in parts:
-            longest = np.ptp(middles[part], axis=0).argmax()
-            along = part[np.argsort(middles[part, longest], kind="stable")]
+        for block in blocks:
+            longest = np.ptp(middles[block], axis=0).argmax()
+            along = block[np.argsort(middles[block, longest], kind="stable")]
             halves += [np.sort(half) for half in np.array_split(along, 2)]
-        parts = halves
-    return parts
+        blocks = halves
+    return blocks
 
 
 def _areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ SMOOTHNESS = 0.5
 STEPS = 15
 """Of conjugate gradients."""
 _NOTHING = 1e-12
+"""Equals NOTHING in bake_solve.cl."""
 _GROUP = 64
 _RUN, _RUNS = 64, 8
 """Texels that a work-item sums over, RUN in bake_solve.cl, and such work-items of a group."""

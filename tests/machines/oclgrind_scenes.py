@@ -192,9 +192,9 @@ def test_standard(device: Device, watch: Watch) -> None:
 
 def test_textures(device: Device, watch: Watch) -> None:
     asset = textured_asset(
-        unshared(scattered(4, 6, 0.4, 0.5, 4)), 5, **CASES["cut out"] | {"sizes": ((8, 8, 4), (4, 4, 4))}
+        unshared(scattered(4, 20, 0.8, 1, 4)), 5, **CASES["cut out"] | {"sizes": ((8, 8, 4), (4, 4, 4))}
     )
-    StandardRenderer(asset, device=device).render(front_camera(12, 9), BACKGROUND)
+    StandardRenderer(asset, device=device).render(front_camera(16, 12), BACKGROUND)
     assert watch.findings() == []
 
 

@@ -158,8 +158,8 @@ class SplattingPipeline(OnDevice):
             self._sort = DepthSort(self._device, self._program, order)
 
     def _built(self, **blending: Define) -> Program:
-        """Return the method's program for what is blended: by default colours alone, until little is seen."""
-        chosen = {**self._defines, "EXTRAS": False, "EARLY_STOP": True, **blending}
+        """Return the method's program for what is blended: what most frames have if nothing is said."""
+        chosen = {**self._defines, "EXTRAS": True, "EARLY_STOP": True, **blending}
         return self._device.program(self._model.program, chosen, self._model.package)
 
     @in_turn
@@ -231,7 +231,7 @@ class SplattingPipeline(OnDevice):
             the mean of theirs, so that the weights of all faces add up to the alpha of the frame.
         """
         device, seen = self._device, self._list(camera)
-        share = self._built(EARLY_STOP=self._early_stop, SHARES=True).share
+        share = self._built(EXTRAS=False, EARLY_STOP=self._early_stop, SHARES=True).share
         shown = self._scratch("picture", (camera.height, camera.width, 3))
         if picture is None:
             shown.fill(0)
