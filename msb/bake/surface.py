@@ -36,7 +36,7 @@ from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from msb.cl import Device
     from msb.scenes import Camera
@@ -45,8 +45,13 @@ OBJECT_FACES = 8_000
 SCENE_FACES = 20_000, 50_000
 """Faces of a scene where it is not said how many: one for `_PIXELS_A_FACE` of a view, in these bounds."""
 _PIXELS_A_FACE = 2
-CELLS = 288, 288
-"""Cells along the longest side of an object, whose thin parts need as many, and of a scene."""
+CELLS = 144
+"""Cells along the longest side of what is seen, first; then half as many, or twice, where they are better."""
+_COARSEST = 18
+"""Cells below which fewer are not tried."""
+_WORTH = 0.75
+"""Of the error, what is so much less that twice as many cells were worth it, and may be again: else they
+hold more of how uneven the soup is than of its shape, and vertices that move do not mend that."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
 _FEW = 4_000
@@ -61,6 +66,17 @@ class Solid(NamedTuple):
     points: NDArray[np.float64]
     faces: NDArray[np.int64]
     space: Space
+
+
+class Fewer(NamedTuple):
+    """A closed surface with about as many faces as were `asked` for, made of one of so many as `whole`.
+
+    Its `error`, in the colours that fit best, is that in views that teach nothing."""
+
+    solid: Solid
+    asked: int
+    whole: int
+    error: float
 
 
 def surface(
@@ -87,12 +103,31 @@ def surface(
     need_extra("bench", "skimage", what="a closed surface")
     need_extra("trial", "fast_simplification", what="a closed surface")
     guide = guide.within(PIXELS_TO_MOVE)
-    guide.watch("solid", 0, 1)
-    solid = enclosed(soup, guide.lessons.cameras, CELLS, device=guide.device)
-    guide.watch("fewer faces", 0, 1)
-    least, most = SCENE_FACES if solid.space.contracted else (OBJECT_FACES, OBJECT_FACES)
-    count = min(max(pixels // _PIXELS_A_FACE, least), most) if faces is None else faces
-    return taught(solid, count, guide, seconds)
+
+    def of_cells(cells: int) -> Fewer:
+        guide.watch("solid", 0, 1)
+        solid = enclosed(soup, guide.lessons.cameras, (cells, cells), device=guide.device)
+        guide.watch("fewer faces", 0, 1)
+        least, most = SCENE_FACES if solid.space.contracted else (OBJECT_FACES, OBJECT_FACES)
+        count = min(max(pixels // _PIXELS_A_FACE, least), most) if faces is None else faces
+        return _fewer(solid, count, guide)
+
+    return _settled(_best(of_cells), guide, seconds)
+
+
+def _best(of_cells: Callable[[int], Fewer]) -> Fewer:
+    """Return the surface of as many cells as look best: a few of a soup that views hardly know, many of
+    leaves."""
+    best, coarse = of_cells(CELLS), of_cells(CELLS // 2)
+    if best.error < coarse.error:
+        fine = of_cells(2 * CELLS) if best.error < _WORTH * coarse.error else best
+        return fine if fine.error < _WORTH * best.error else best
+    cells = CELLS // 2
+    while coarse.error < best.error:
+        best, cells = coarse, cells // 2
+        if cells >= _COARSEST:
+            coarse = of_cells(cells)
+    return best
 
 
 def enclosed(
@@ -162,12 +197,15 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    count = max(count, FEWEST_FACES)
-    fewer = _fewer(solid, count, guide)
-    if not len(fewer.faces):
+    return _settled(_fewer(solid, count, guide), guide, seconds, steps)
+
+
+def _settled(fewer: Fewer, guide: Guide, seconds: float, steps: int | None = None) -> tuple[Mesh, list[str]]:
+    """Return a surface with its vertices where pictures want them, and what should be known of it."""
+    (points, made, space), count, whole, _ = fewer
+    if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
-    points, made, space = fewer
-    mesh = _mesh(fewer)
+    mesh = _mesh(fewer.solid)
     soup = Soup.of(mesh, shares=True)
     with guide.rasters(soup) as (raster, judge):
         soup.refit(raster)
@@ -180,19 +218,20 @@ def taught(
     notes = schedule.lacks("its vertices")
     if len(made) > _ABOUT * count:
         notes.append(f"it has {len(made):,} faces, not {count:,}: with fewer it did not stay closed")
-    elif len(made) * _ABOUT < min(count, len(solid.faces)):
+    elif len(made) * _ABOUT < min(count, whole):
         notes.append(f"it has {len(made):,} faces, not {count:,}: the others were of what nobody sees")
     if crossing := len(crossing_faces(space.inward(mesh.vertices.astype(np.float64)), made, space)):
         notes.append(f"{crossing:,} faces of the surface cross others: what mends that did not help")
     return mesh, notes
 
 
-def _fewer(solid: Solid, count: int, guide: Guide) -> Solid:
+def _fewer(solid: Solid, count: int, guide: Guide) -> Fewer:
     """Return a surface with about `count` faces of which none cross.
 
     The best of some: hardly any of its faces lie where nothing is seen, which is best unless something so
     coarse went through what is seen; or they lie everywhere; or, if they are few, they are made of twice as
     many, so that what is thin is mended on the way."""
+    count, whole = max(count, FEWEST_FACES), len(solid.faces)
     cameras = guide.lessons.cameras
     solid = Solid(*without_detail(*solid[:2], count, solid.space), solid.space)
     pixels = _pixels(solid, cameras, guide.device) / len(cameras)
@@ -200,7 +239,10 @@ def _fewer(solid: Solid, count: int, guide: Guide) -> Solid:
     begun = [spared, solid]
     if count <= _FEW:
         begun.append(_collapsed(spared, 2 * count, guide))
-    return min((_collapsed(each, count, guide) for each in begun), key=lambda made: _error(made, guide))
+    made = [_collapsed(each, count, guide) for each in begun]
+    return min(
+        (Fewer(each, count, whole, _error(each, guide)) for each in made), key=lambda fewer: fewer.error
+    )
 
 
 def _collapsed(solid: Solid, count: int, guide: Guide) -> Solid:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -44,7 +45,7 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Coarse grids and few steps."""
-    monkeypatch.setattr(made, "CELLS", (48, 64))
+    monkeypatch.setattr(made, "CELLS", 48)
     monkeypatch.setattr(settle, "STEPS", 20)
     monkeypatch.setattr(settle, "LOOK", 10)
 
@@ -148,9 +149,30 @@ def test_the_best_of_three_ways_to_fewer_faces_is_taken(monkeypatch: pytest.Monk
         return uncrossed(points, faces, space) if len(asked) in (1, good + 2) else cut
 
     monkeypatch.setattr(made, "uncrossed", all_but_one_cut)
+    monkeypatch.setattr(made, "_best", lambda of_cells: of_cells(made.CELLS))
     mesh = surface_of(*ball(), around(12), around(4, 4.2))
     assert len(asked) == 4  # twice as many faces come first
     assert 300 < len(mesh.faces) <= 400
+
+
+@pytest.mark.parametrize(
+    ("errors", "taken"),
+    [
+        ({144: 4, 72: 5}, 144),
+        ({144: 4, 72: 6, 288: 3.5}, 144),
+        ({144: 4, 72: 6, 288: 2}, 288),
+        ({144: 4, 72: 3, 36: 3}, 72),
+        ({144: 4, 72: 3, 36: 2, 18: 1}, 18),
+        ({144: math.inf, 72: 3, 36: 5}, 72),
+        ({144: math.inf, 72: math.inf, 36: math.inf, 18: math.inf}, 144),
+    ],
+)
+def test_the_number_of_cells_is_the_one_that_looks_best(errors: dict[int, float], taken: int) -> None:
+    nothing = made.Solid(
+        np.zeros((0, 3)), np.zeros((0, 3), np.int64), Space(np.zeros(3), 1.0, False, *_box())
+    )
+    tried = {cells: made.Fewer(nothing, 0, 0, error) for cells, error in errors.items()}
+    assert made._best(lambda cells: tried[cells]) is tried[taken]
 
 
 @pytest.mark.usefixtures("quick")
