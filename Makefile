@@ -58,6 +58,9 @@ demo: $(FOR_DEMO)
 	  $(BIN)/python -m webbrowser "file://$(CURDIR)/out/demo/report/index.html" >/dev/null; \
 	else echo "open it in a browser: file://$(CURDIR)/out/demo/report/index.html"; fi
 
+# There are as many workers as cores; threads of BLAS beside them only wait for one another.
+test test-slow test-elsewhere: export OPENBLAS_NUM_THREADS := 1
+
 # What a change is checked with: no test marked slow, nothing installed but Python packages.
 test: $(FOR_TEST)
 	$(BIN)/python -m pytest -n auto --dist worksteal -m "not slow"

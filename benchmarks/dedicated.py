@@ -111,7 +111,12 @@ def traffic(peer: Peer, asset: Asset, visible: np.ndarray, written: np.ndarray) 
 
 
 def stages(
-    method: str, faces: int, rounds: int, selected: tuple[str | None, Any], alone: bool
+    method: str,
+    faces: int,
+    sizes: Sequence[Sequence[int]],
+    rounds: int,
+    selected: tuple[str | None, Any],
+    alone: bool,
 ) -> list[dict[str, Any]]:
     """Return a row for each image size; `alone` leaves out what the pipeline is compared with."""
     from msb.cl import open_device
@@ -122,7 +127,7 @@ def stages(
         ours = SplattingPipeline(asset, device=device, outputs=())
         plain = SplattingPipeline(asset, device=device, outputs=(), early_stop=False, exact_tiles=False)
         c = None if alone else peer(device)
-        for width, height in SIZES:
+        for width, height in sizes:
             view = camera(width, height)
             visible = ours.render(view, BLACK).visible
             assert visible is not None
@@ -171,7 +176,7 @@ def _ratio(values: Sequence[float], others: Sequence[float]) -> float:
     return median(value / other for value, other in zip(values, others, strict=True))
 
 
-def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
+def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict[str, Any]]:
     """Return the milliseconds of 2DTS's blend stage and of other ways to do the same, a row an image size."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
@@ -185,7 +190,7 @@ def blends(faces: int, rounds: int) -> list[dict[str, Any]]:
             "work-groups": SplattingPipeline(asset, device=gpu, outputs=()),
             "no early stop": SplattingPipeline(asset, device=whole, outputs=(), early_stop=False),
         }
-        for width, height in SIZES:
+        for width, height in sizes:
             view = camera(width, height)
             for pipeline in ways.values():
                 for _ in range(WARM_UP):
@@ -287,6 +292,8 @@ def on_one_thread(options: argparse.Namespace) -> list[dict[str, Any]]:
         out = Path(name, "one.json")
         command = [sys.executable, "-m", "benchmarks.dedicated", "--parts", "stages", "--alone"]
         command += ["--faces", str(moderate(options.faces))]
+        for width, height in options.size:
+            command += ["--size", str(width), str(height)]
         command += ["--method", *options.method, "--rounds", str(options.rounds), "--json", str(out)]
         environment = {**os.environ, "POCL_MAX_PTHREAD_COUNT": "1"}
         subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL)
@@ -310,6 +317,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--faces", type=int, nargs="+", default=FACES)
     parser.add_argument("--method", nargs="+", choices=BLENDED, default=BLENDED)
+    parser.add_argument(
+        "--size", type=int, nargs=2, action="append", metavar=("WIDTH", "HEIGHT"), help=f"default: {SIZES}"
+    )
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
     parser.add_argument("--alone", action="store_true", help="our pipeline, compared with nothing")
@@ -317,6 +327,7 @@ def main() -> None:
     parser.add_argument("--style", choices=("cpu", "gpu"), help="of kernels; default: what suits the device")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
+    options.size = options.size or SIZES
 
     from msb.cl import open_device
 
@@ -335,16 +346,16 @@ def main() -> None:
         for method in options.method:
             for faces in options.faces:
                 selected = options.device, options.style
-                rows += stages(method, faces, options.rounds, selected, options.alone)
-                print_stages(rows[-len(SIZES) :], head=len(rows) == len(SIZES))
+                rows += stages(method, faces, options.size, options.rounds, selected, options.alone)
+                print_stages(rows[-len(options.size) :], head=len(rows) == len(options.size))
                 sys.stdout.flush()
         if not own_cpu:
             print_paper(rows)
     if "blend" in options.parts and own_cpu:
         found["blend"] = rows = []
         for faces in sorted({min(options.faces), moderate(options.faces)}):
-            rows += blends(faces, options.rounds)
-            print_blends(rows[-len(SIZES) :], head=len(rows) == len(SIZES))
+            rows += blends(faces, options.size, options.rounds)
+            print_blends(rows[-len(options.size) :], head=len(rows) == len(options.size))
             sys.stdout.flush()
     if "threads" in options.parts and own_cpu and "stages" in found:
         found["one thread"] = on_one_thread(options)

@@ -14,10 +14,10 @@ from tests.conftest import ROOT
 SMALL = {
     "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
     "bake_scale": "--faces 2000 --views 3 --size 64 48 --geometry kept",
-    "dedicated": "--faces 2000 --method two_dts --rounds 1",
+    "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
     "export": "--triangles 2000 --rounds 1",
     "repair": "--sizes 5 --rounds 1",
-    "scale": "--faces 2000 --method diffsoup --method triangle_splatting_plus",
+    "scale": "--faces 2000 --method triangle_splatting_plus",
     "sizes": "--faces 2000 --command info",
     "standard": "--scenes large --tools msb --rounds 1",
 }

@@ -18,7 +18,6 @@ from msb.render.standard.supersampling import box_filter, enlarged
 from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
 from tests.conftest import ROOT
 from tests.render.standard_scenes import (
-    KINDS,
     camera,
     check_agreement,
     check_equal,
@@ -62,10 +61,9 @@ def test_agrees_with_another_renderer(styled: Device, case: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("case", CASES)
-def test_every_scene_as_its_twin(styled: Device, case: str, kind: str) -> None:
-    check_near(styled, textured_asset(scene(kind, 15), 16, **CASES[case]))
+def test_faces_of_every_kind_as_their_twin(styled: Device, case: str) -> None:
+    check_near(styled, textured_asset(scene("everything", 15), 16, **CASES[case]))
 
 
 @pytest.mark.slow
