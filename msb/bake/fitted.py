@@ -30,7 +30,7 @@ PIXELS_TO_MOVE = 1 << 18
 """Of the largest picture by which faces are moved."""
 _COARSE = 20_000
 """Faces up to which those of a method without static colours, which has its look within each face, are cut
-in four."""
+in four, if so many may move."""
 _PIXELS_A_FACE, _PIXELS_A_PIECE = 2.5, 5.5
 """Pixels of a view that show the model for each face that moves, as smaller ones follow where pixels happen
 to lie; and pixels of a view for each face where the largest are halved."""
@@ -76,7 +76,7 @@ def fitted(
     usual = None if pixels is None else max(1, int(covered * pixels / _PIXELS_A_FACE))
     most = faces or usual
     if why_not(asset.manifest, "standard") is not None:
-        soup = soup.cut() if 4 * soup.count <= _COARSE else soup
+        soup = soup.cut() if 4 * soup.count <= min(_COARSE, most or _COARSE) else soup
     elif pixels is not None and most is not None:
         soup = soup.halved(_cuts(owned, min(most, int(pixels / _PIXELS_A_PIECE))))
     with guide.within(PIXELS_TO_MOVE).rasters(soup) as (raster, judge):

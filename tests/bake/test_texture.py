@@ -259,6 +259,21 @@ def test_charts_do_not_run_into_each_other(device: Device) -> None:
     assert np.abs(change[:, 2:]).max() == 0
 
 
+def test_a_texel_that_no_picture_shows_stays_what_it_is(device: Device) -> None:
+    """Alone in its chart; those beside it make up what a smaller level lacks."""
+    chart = np.ones((4, 4), np.int32)
+    chart[0, 0] = 0
+    with closing(Pyramid(4, device)) as pyramid:
+        pyramid.tie(chart)
+        equations = pyramid.equations.read()
+        assert equations[0].tolist() == [SMOOTHNESS, 0, 0, 0, 0, 0, 0, 0]
+        equations[pyramid.starts[1], [0, 5]] += 100  # a pixel that shows the mean of all around it
+        pyramid.equations.write(equations)
+        change = pyramid.solved()[..., 0]
+    assert change[:2, :2].mean() == pytest.approx(1, abs=0.02)
+    assert change[0, 0] < 0.1 * change[1, 1]
+
+
 @pytest.mark.slow
 def test_of_one_chart_what_is_near_has_more_texels_than_what_is_far() -> None:
     if not is_installed("xatlas"):

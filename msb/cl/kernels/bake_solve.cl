@@ -3,7 +3,8 @@
 #define RUN 64
 #define NOTHING 1e-12f
 
-// Tie neighbours of one chart to each other.
+// Tie neighbours of one chart to each other; a texel without any, to what it is. Else what no picture shows would be
+// whatever its mean with others, in a smaller level, asks for.
 __kernel void tie(__global const int *charts, float weight, int side, __global float8 *equations, uint count)
 {
     size_t i = get_global_id(0);
@@ -12,7 +13,7 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
     int x = (int)(i % side), y = (int)(i / side), own = charts[i];
     float left = x > 0 && charts[i - 1] == own, right = x + 1 < side && charts[i + 1] == own;
     float above = y > 0 && charts[i - side] == own, below = y + 1 < side && charts[i + side] == own;
-    float8 tied = (float8)(left + right + above + below, -right, -below, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f);
+    float8 tied = (float8)(fmax(left + right + above + below, 1.0f), -right, -below, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f);
     equations[i] += weight * tied;
 }
 
