@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import msb
 from msb.bake.descent import Schedule, descend
 from msb.bake.fitted import _cuts, fitted
 from msb.bake.kept import FINE, choosing, kept
@@ -22,6 +23,7 @@ from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.topology import audit_arrays
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
+from tests.tiny import MODELS, SCENES
 
 
 def db(error: float) -> float:
@@ -283,3 +285,17 @@ def test_small_faces_are_chosen_by_larger_pictures_where_those_show_them(faces: 
     view = Camera(648, 420, 600.0, 600.0, 324.0, 210.0, np.eye(4))
     with Lessons([view], (0, 0, 0), lambda one: np.zeros((one.height, one.width, 3), np.float32)) as lessons:
         assert choosing(Guide(lessons, lessons), faces).lessons.largest == pixels
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["diffsoup", "mesh_splatting"])
+def test_few_small_pictures_do_for_large_triangles(method: str) -> None:
+    """They are not cut smaller than pictures tell; what none of these shows does not glow in another."""
+    baked = msb.bake(
+        MODELS / "walled" / method,
+        scene=SCENES / "mipnerf360" / "pebble",
+        geometry="fitted",
+        seconds=0,  # moving them ends by the clock
+    )
+    assert baked.report.own is not None
+    assert baked.report.own.after_16 > 32
