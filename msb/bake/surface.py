@@ -50,7 +50,7 @@ CELLS = 144
 _COARSEST = 18
 """Cells below which fewer are not tried."""
 _WORTH = 0.75
-"""Of the error, what is so much less that twice as many cells were worth it, and may be again: else they
+"""Of the error, what is so much less that twice as many cells were worth it, and are tried again: else they
 hold more of how uneven the soup is than of its shape, and vertices that move do not mend that."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
@@ -121,7 +121,7 @@ def _best(of_cells: Callable[[int], Fewer]) -> Fewer:
     best, coarse = of_cells(CELLS), of_cells(CELLS // 2)
     if best.error < coarse.error:
         fine = of_cells(2 * CELLS) if best.error < _WORTH * coarse.error else best
-        return fine if fine.error < _WORTH * best.error else best
+        return fine if fine.error < best.error else best
     cells = CELLS // 2
     while coarse.error < best.error:
         best, cells = coarse, cells // 2
