@@ -119,9 +119,8 @@ def _best(of_cells: Callable[[int], Fewer]) -> Fewer:
     """Return the surface of as many cells as look best: a few of a soup that views hardly know, many of
     leaves."""
     best, coarse = of_cells(CELLS), of_cells(CELLS // 2)
-    if best.error < coarse.error:
-        fine = of_cells(2 * CELLS) if best.error < _WORTH * coarse.error else best
-        return fine if fine.error < best.error else best
+    if best.error < _WORTH * coarse.error:
+        return min(best, of_cells(2 * CELLS), key=lambda fewer: fewer.error)
     cells = CELLS // 2
     while coarse.error < best.error:
         best, cells = coarse, cells // 2
@@ -239,7 +238,7 @@ def _fewer(solid: Solid, count: int, guide: Guide) -> Fewer:
     begun = [spared, solid]
     if count <= _FEW:
         begun.append(_collapsed(spared, 2 * count, guide))
-    made = [_collapsed(each, count, guide) for each in begun]
+    made = (_collapsed(each, count, guide) for each in begun)
     return min(
         (Fewer(each, count, whole, _error(each, guide)) for each in made), key=lambda fewer: fewer.error
     )

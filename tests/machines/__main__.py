@@ -49,14 +49,12 @@ ELSEWHERE_ALIKE = ("cl/test_loader", "cl/test_trial", "render/test_arguments", "
 QUICK = *ALL_CORES, "-m", "not slow", *(f"--ignore=tests/{name}.py" for name in ELSEWHERE_ALIKE)
 OWN_STYLE = "-k", "not gpu"
 """On a CPU, nobody draws by the kernels for a GPU but who asks for them."""
+GOLDEN = tuple(f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard"))
 PICTURES = (
     "tests/bake/test_raster.py",
-    *(
-        f"tests/render/test_{name}.py"
-        for name in ("diffsoup", "splat_shares", "splatting_golden", "standard", "work_groups")
-    ),
+    *GOLDEN,
+    *(f"tests/render/test_{name}.py" for name in ("splat_shares", "work_groups")),
 )
-GOLDEN = tuple(f"tests/render/test_{name}.py" for name in ("diffsoup", "splatting_golden", "standard"))
 COMPARED = tuple(f"tests/render/test_{name}.py" for name in ("splat_order", "splatting", "standard_far"))
 MACHINES = {
     # The system's PoCL, another version; `make test` has the wheel's alone, and both styles of kernels. What
