@@ -76,7 +76,7 @@ class Bake:
         self._device, self._watch = device, watch
         self._pixels = max(camera.width * camera.height for camera in views.taught)
         self._taught = master.lessons(views.taught, self._scale(levels))
-        first = range(len(views.teaching))
+        first = range(len(views.taught) - len(views.aside))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
         self._guide = Guide(self._teaching, self._aside, options.seed, device, watch)

@@ -149,8 +149,9 @@ class Report:
         Of the first file; None before one is written.
     seconds : float
         From the model in memory to what is written.
-    taught, held_back : int
-        Numbers of views.
+    taught, between, held_back : int
+        Numbers of views: of those that teach, of those made between these, which teach as well where they are
+        few, and of those that the numbers are of.
     views, teacher : str
         Where the views are from, and what taught.
     unseen_area : float
@@ -183,6 +184,7 @@ class Report:
     texture: tuple[int, int] | None
     seconds: float
     taught: int
+    between: int
     held_back: int
     views: str
     teacher: str
@@ -276,7 +278,12 @@ class Report:
             "texture": None if self.texture is None else list(self.texture),
             "bytes": self.bytes,
             "seconds": self.seconds,
-            "views": {"taught": self.taught, "held_back": self.held_back, "from": self.views},
+            "views": {
+                "taught": self.taught,
+                "between": self.between,
+                "held_back": self.held_back,
+                "from": self.views,
+            },
             "unseen_area": self.unseen_area,
             "psnr": psnr,
             "verdict_before": self.before.to_dict(),

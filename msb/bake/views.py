@@ -16,6 +16,7 @@ from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
 from msb.errors import MetricError, UsageError
 from msb.scenes.around import around
+from msb.scenes.between import between
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import (
     Scene,
@@ -41,6 +42,10 @@ MOST_PIXELS = 1 << 20
 """Of a picture that teaches; larger cameras are scaled."""
 _FEWEST_TO_SPARE = 3
 """Views that teach from which on some are kept aside."""
+_ENOUGH = 40
+"""Views that teach; where there are fewer, what lies between them is drawn as well."""
+_MOST_BETWEEN = 8
+"""Views between others, for each of these."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,9 @@ class BakeViews:
         Those that teach; those of them that are kept aside to judge choices by; those that are for the
         numbers alone. There are none of the last where there is one view, and none of the second where fewer
         than three are left.
+    between : tuple of Camera
+        Views between those of the first two, which teach as well where these are few: of triangles that a
+        handful of pictures moved, other views see what nobody wanted.
     origin : {"scene", "given", "training", "turntable", "inside"}
         Where they are from; the last two are made here.
     said : str
@@ -68,6 +76,7 @@ class BakeViews:
     teaching: tuple[Camera, ...]
     aside: tuple[Camera, ...]
     held_back: tuple[Camera, ...]
+    between: tuple[Camera, ...]
     origin: str
     said: str
     background: Color
@@ -77,7 +86,7 @@ class BakeViews:
     @property
     def taught(self) -> tuple[Camera, ...]:
         """All that any choice is made by."""
-        return (*self.teaching, *self.aside)
+        return (*self.teaching, *self.between, *self.aside)
 
 
 def bake_views(
@@ -159,7 +168,7 @@ def _of_scene(
     found = Views(train, "given", f"{len(train)} training views of {scene.name}")
     found = _that_see(asset, found, device)
     taught = _smaller(found.cameras, notes)
-    return _parted(taught, list(scene.test), "scene", found.said, scene.background, scene, notes)
+    return _parted(taught, list(scene.test), "scene", found.said, scene.background, scene, notes, photographs)
 
 
 def _made(asset: Asset, up: str | None, notes: list[str], device: str | None) -> Views:
@@ -204,8 +213,20 @@ def _parted(
     background: Color,
     scene: Scene | None,
     notes: list[str],
+    photographs: bool = False,
 ) -> BakeViews:
     teaching, aside = split_every_8th(taught) if len(taught) >= _FEWEST_TO_SPARE else (taught, [])
+    more: list[Camera] = []
+    if not photographs:  # there is none of where nobody stood
+        more = between(taught, min(_ENOUGH - len(taught), _MOST_BETWEEN * (len(taught) - 1)))
     return BakeViews(
-        tuple(teaching), tuple(aside), tuple(held_back), origin, said, background, scene, tuple(notes)
+        tuple(teaching),
+        tuple(aside),
+        tuple(held_back),
+        tuple(more),
+        origin,
+        said,
+        background,
+        scene,
+        tuple(notes),
     )

@@ -222,6 +222,8 @@ def _show(report: Report, paths: tuple[Path, ...], output: Output) -> None:
     if output.quiet:
         return
     views = f"{report.taught} view{'s' if report.taught != 1 else ''}"
+    if report.between:
+        views = f"{views} and {report.between} between them"
     echo(f"taught by {views}, {report.teacher}: {one_line(report.views)}")
     for level in report.lods:
         echo(f"{one_line(str(level.output))}: {level.said}")

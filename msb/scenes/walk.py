@@ -51,7 +51,7 @@ def walk(
     chosen = [stops[k * len(stops) // _STOPS] for k in range(_STOPS)] if len(stops) > _STOPS else stops
     centers = np.stack([camera.center for camera in capture])
     offset = reach * np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()
-    aim = _looked_at(capture)
+    aim = looked_at(capture)
     keys = [
         _moved(camera.scaled(min(1.0, size / max(camera.width, camera.height))), offset * np.array(side), aim)
         for camera, side in zip(chosen, cycle(_ASIDE), strict=False)
@@ -60,7 +60,7 @@ def walk(
     return [around[frame % len(around)] for frame in range(frames)]
 
 
-def _looked_at(cameras: Sequence[Camera]) -> NDArray[np.float64]:
+def looked_at(cameras: Sequence[Camera]) -> NDArray[np.float64]:
     """Return the point (3,) whose squared distances from the axes of all cameras have the least sum."""
     centers = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.camera_to_world[:3, 2] for camera in cameras])

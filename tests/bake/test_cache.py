@@ -19,7 +19,7 @@ from tests.bake.test_views import ring
 
 @pytest.fixture
 def views() -> BakeViews:
-    return bake_views(mesh_asset(), cameras=ring(3))
+    return replace(bake_views(mesh_asset(), cameras=ring(3)), between=())
 
 
 def taught(folder: Path, views: BakeViews, asset: msb.Asset | None = None) -> tuple[np.ndarray, list[str]]:

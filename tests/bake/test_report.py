@@ -16,6 +16,7 @@ REPORT = Report(
     texture=(512, 512),
     seconds=46.9,
     taught=49,
+    between=0,
     held_back=7,
     views="49 training views of pebble",
     teacher="dedicated",
@@ -70,7 +71,7 @@ def test_the_json_has_the_keys_that_others_rely_on() -> None:
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     assert data["schema"] == "msb.bake/1"
     assert data["texture"] == [512, 512]
-    assert {"taught", "held_back"} <= data["views"].keys()
+    assert {"taught", "between", "held_back"} <= data["views"].keys()
     assert data["psnr"]["own"] == {"before": 18.18, "after": 33.34, "after_16": 34.05}
     assert data["psnr"]["photographs"].keys() == {"dedicated", "before", "after", "after_16"}
     assert data["verdict_after"] == {"level": "bad", "sentence": SOUP.sentence}

@@ -39,7 +39,7 @@ def poses(cameras: tuple[msb.Camera, ...]) -> set[bytes]:
 
 
 def are_apart(views: BakeViews) -> bool:
-    parts = [poses(part) for part in (views.teaching, views.aside, views.held_back)]
+    parts = [poses(part) for part in (views.teaching, views.between, views.aside, views.held_back)]
     return sum(map(len, parts)) == len(set().union(*parts))
 
 
@@ -48,7 +48,7 @@ def test_training_views_of_a_scene_teach_and_its_test_views_are_held_back() -> N
     views = bake_views(asset, SCENE)
     scene = read_scene(SCENE)
     assert poses(views.held_back) == poses(scene.test)
-    assert poses(views.taught) == poses(scene.train)
+    assert poses((*views.teaching, *views.aside)) == poses(scene.train)
     assert len(views.aside) == -(-len(scene.train) // 8)
     assert are_apart(views)
     assert (views.origin, views.background) == ("scene", scene.background)
@@ -68,6 +68,17 @@ def test_of_cameras_every_eighth_is_held_back(solid: msb.Asset) -> None:
 def test_few_cameras_teach_first(solid: msb.Asset, count: int, parts: tuple[int, ...]) -> None:
     views = bake_views(solid, cameras=ring(count))
     assert tuple(len(part) for part in (views.teaching, views.aside, views.held_back)) == parts
+
+
+def test_where_few_views_teach_those_between_them_do_as_well(solid: msb.Asset) -> None:
+    assert [len(bake_views(solid, cameras=ring(n)).between) for n in (1, 2, 3, 16, 44, 48)] == [0, 0, 8, 26, 2, 0]
+    views = bake_views(solid, cameras=ring(24))
+    assert views.taught == (*views.teaching, *views.between, *views.aside)
+    assert are_apart(views)
+    asset, scene = msb.open(MODELS / "pebble" / "triangle_splatting"), read_scene(SCENE)
+    assert len(bake_views(asset, scene).taught) == 40
+    # There are no photographs of where nobody stood.
+    assert bake_views(asset, scene, photographs=True).between == ()
 
 
 def test_all_cameras_of_the_training_are_taken(tmp_path: Path) -> None:
@@ -113,7 +124,7 @@ def test_what_sees_nothing_is_refused_and_does_not_count(solid: msb.Asset) -> No
     with pytest.raises(MetricError, match=r"no camera sees the mesh \(2 cameras given\)"):
         bake_views(solid, cameras=blind)
     views = bake_views(solid, cameras=[*ring(4), *blind])
-    assert len(views.taught) + len(views.held_back) == 4
+    assert [len(part) for part in (views.teaching, views.aside, views.held_back)] == [2, 1, 1]
     assert "2 see none of it" in views.said
 
 

@@ -107,7 +107,7 @@ def test_pictures_of_a_cache_make_the_same(here: Here, files: tuple[Path, Path])
     for out in outs:
         result = here(*line, "-o", out)
         assert result.status == 0, result
-    assert "note: 9 of 9 pictures were drawn by a bake before" in result.err
+    assert "note: 42 of 42 pictures were drawn by a bake before" in result.err
     assert outs[0].read_bytes() == outs[1].read_bytes()
     refused = here(*line[:-1], cameras, "-o", model.parent / "c.glb")
     assert refused.status != 0
@@ -124,7 +124,7 @@ def test_what_is_printed_is_a_sentence(here: Here, files: tuple[Path, Path]) -> 
     assert first.startswith(f"{out}: plain mesh before ")
     assert "with 16 samples) to its own look, on 2 views it never used; 4 triangles, 0.00 MB" in first
     assert first.endswith("OK as before")
-    assert second == "taught by 7 views, dedicated: 9 cameras given"
+    assert second == "taught by 7 views and 33 between them, dedicated: 9 cameras given"
     assert f"note: {out}: left out: colours, which .stl has no place for" in result.err
     quiet = here("bake", "-qf", "--geometry", "kept", "--cameras", cameras, model, "-o", out)
     assert (quiet.out.count("\n"), quiet.err) == (1, "")
