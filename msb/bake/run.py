@@ -118,7 +118,8 @@ def bake(
         The scene it was trained on: its training views teach, its test views are for the report alone.
     cameras : iterable of Camera, optional
         Views instead of a scene's; every 8th is for the report alone. Default: those of the training where
-        they lie beside the model, else 40 views round it or inside it.
+        they lie beside the model, else 40 views round it or inside it. Where fewer than 40 teach, the model
+        is drawn between them as well.
     geometry : {"auto", "kept", "fitted", "surface"}
         The model's own triangles, triangles that were moved until the opaque picture is right, or one closed
         surface, which tools for solids can use. "auto" makes the first two, and takes what looks better in
