@@ -71,8 +71,7 @@ def test_it_does_not_matter_how_the_world_lies(turn: float) -> None:
     world[:3, 3] = 7.0
     cameras = ring(7)
     moved = [
-        Camera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.world_to_camera @ inverse(world))
-        for c in cameras
+        Camera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.world_to_camera @ inverse(world)) for c in cameras
     ]
     for one, other in zip(between(cameras, 6), between(moved, 6), strict=True):
         np.testing.assert_allclose(other.world_to_camera @ world, one.world_to_camera, atol=1e-9)
