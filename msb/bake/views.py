@@ -43,9 +43,9 @@ MOST_PIXELS = 1 << 20
 _FEWEST_TO_SPARE = 3
 """Views that teach from which on some are kept aside."""
 _ENOUGH = 40
-"""Views that teach; where there are fewer, what lies between them is drawn as well."""
+"""Views that teach: where there are fewer, the model is drawn between them as well."""
 _MOST_BETWEEN = 8
-"""Views between others, for each of these."""
+"""Views that are made for each of those after the first: between two alone there is little to see."""
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,9 @@ def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
     radius = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()) or 1.0
     while len(every) < len(cameras) + count:
         poses = np.stack([camera.world_to_camera for camera in every])
+        turns = poses[:, :3, :3]
         # The trace of the rotation from one to the other is 1 + 2 cos of its angle.
-        pairs = np.argwhere(np.triu(np.einsum("mij,nij->mn", *[poses[:, :3, :3]] * 2) > 0, 1))
+        pairs = np.argwhere(np.triu(np.einsum("mij,nij->mn", turns, turns) > 0, 1))
         halfway = _halfway(poses[pairs[:, 0]], poses[pairs[:, 1]], aim)
         gaps = _gaps(halfway, poses, radius)
         widest = gaps.min(axis=1)
