@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from msb.scenes.paths import interpolated
-from msb.scenes.walk import looked_at
+from msb.scenes.walk import looked_at, radius_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,8 +31,7 @@ def between(cameras: Sequence[Camera], count: int) -> list[Camera]:
     """
     aim = looked_at(cameras)
     every = list(cameras)
-    centers = np.stack([camera.center for camera in cameras])
-    radius = float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()) or 1.0
+    radius = radius_of(cameras) or 1.0
     while len(every) < len(cameras) + count:
         poses = np.stack([camera.world_to_camera for camera in every])
         turns = poses[:, :3, :3]

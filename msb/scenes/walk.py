@@ -49,8 +49,7 @@ def walk(
         CAMERA_PATH, as of `interpolated`.
     """
     chosen = [stops[k * len(stops) // _STOPS] for k in range(_STOPS)] if len(stops) > _STOPS else stops
-    centers = np.stack([camera.center for camera in capture])
-    offset = reach * np.linalg.norm(centers - centers.mean(axis=0), axis=1).max()
+    offset = reach * radius_of(capture)
     aim = looked_at(capture)
     keys = [
         _moved(camera.scaled(min(1.0, size / max(camera.width, camera.height))), offset * np.array(side), aim)
@@ -58,6 +57,12 @@ def walk(
     ]
     around = interpolated(keys, PACE * len(keys), closed=True)
     return [around[frame % len(around)] for frame in range(frames)]
+
+
+def radius_of(cameras: Sequence[Camera]) -> float:
+    """Return the largest distance of a camera from the middle of all."""
+    centers = np.stack([camera.center for camera in cameras])
+    return float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
 
 
 def looked_at(cameras: Sequence[Camera]) -> NDArray[np.float64]:
