@@ -5,7 +5,7 @@ The renderer, the engines, `msb convert` and the viewers all use this rule to dr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -27,6 +27,8 @@ _LIGHT = (0.36, 0.8, 0.48)
 """Where the rest comes from: above, a little from the front and right; along (right, up, front)."""
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
 """Axis -> the two others, in the order of a right-handed frame."""
+_AT_ONCE = 1 << 14
+"""Faces whose normals are made together."""
 
 
 @dataclass(frozen=True)
@@ -117,14 +119,25 @@ def daylight(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[
     It is a + (1 - a) |n . l|: n is the face's normal, l the direction of the light, a the ambient part. Both
     sides are alike, because winding need not be consistent. Faces without a normal have a alone.
     """
-    points = np.asarray(vertices, np.float64)
-    corners = [points[column] for column in np.asarray(faces, np.int64).T]
-    normals = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    length = np.linalg.norm(normals, axis=1)
-    facing = np.divide(
-        np.abs(normals @ light_toward(axis)), length, out=np.zeros(len(normals)), where=length > 0
-    )
+    facing, light = np.zeros(len(faces)), light_toward(axis)
+    for here, _, normals in normals_of(vertices, faces):
+        length = np.linalg.norm(normals, axis=1)
+        np.divide(np.abs(normals @ light), length, out=facing[here], where=length > 0)
     return np.asarray(AMBIENT + (1 - AMBIENT) * facing)
+
+
+def normals_of(
+    vertices: NDArray[Any], faces: NDArray[Any]
+) -> Iterator[tuple[slice, NDArray[np.float64], NDArray[np.float64]]]:
+    """Yield which faces, their first corners (n, 3), and their normals (n, 3), twice their areas long.
+
+    They are few enough for the cache: the first touch of new memory takes longer than all the arithmetic.
+    """
+    for start in range(0, len(faces), _AT_ONCE):
+        here = slice(start, start + _AT_ONCE)
+        corners = np.asarray(vertices[faces[here]], np.float64)
+        sides = corners[:, 1:] - corners[:, :1]
+        yield here, corners[:, 0], np.cross(sides[:, 0], sides[:, 1])
 
 
 def light_toward(axis: str) -> NDArray[np.float64]:

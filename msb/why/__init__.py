@@ -18,7 +18,7 @@ from msb.api.opening import as_asset
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
 from msb.base.callable_packages import make_callable
-from msb.render.splat.order import shared_order
+from msb.render.splat.order import few_frames
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
 from msb.views import choose_views
@@ -134,13 +134,13 @@ def why(
     if settings is not None:
         check_type("settings", settings, Mapping, "a mapping from names to values")
     model = with_settings(as_asset(asset), settings or {})
-    chosen = choose_views(model, cameras, device=device).seeing(model, device)
+    chosen = choose_views(model, cameras, device=device)
     stated = model.manifest.appearance.get("background")
     color = own_background(model.manifest) if background is None else check_background(background, stated)
     views = Views(model, chosen, color, device)
     causes = Causes()
-    causes.views = chosen
-    with shared_order():
+    causes.views = views.chosen
+    with few_frames():
         for known in CAUSES:
             causes.append(_measured(known, views))
             step()

@@ -40,18 +40,11 @@ _Change = tuple["Asset", dict[str, Any]]
 
 def _supersampling(views: Views) -> _Pair:
     manifest = views.asset.manifest
-    if factors := samples(views):
-        return views.own(settings=dict.fromkeys(factors, 1)), views.official()
+    if views.samples:
+        return views.own(settings=dict.fromkeys(views.samples, 1)), views.official()
     if why_not(manifest, "dedicated") is None:
         raise DoesNotApplyError("its own renderer takes one sample a pixel, too")
-    return views.plain(), views.of_mesh(views.mesh(), supersample=4)
-
-
-def samples(views: Views) -> dict[str, int]:
-    """Return the setting by which the method's own renderer takes several samples a pixel, empty if none."""
-    values = effective_settings(views.asset.manifest)
-    factors = {name: values.get(name) for name in ("supersample", "render_up_scale")}
-    return {name: value for name, value in factors.items() if isinstance(value, int) and value > 1}
+    return views.plain(), views.several()
 
 
 def _shading(views: Views) -> _Pair:

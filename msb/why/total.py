@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from msb.asset.look import stored_threshold, visible_faces
-from msb.why.causes import BAKED, lit, samples, taken_for_linear
+from msb.why.causes import BAKED, lit, taken_for_linear
 from msb.why.views import EQUAL, DoesNotApplyError, Views, difference
 
 TITLE = "All of it at once (standard tier against its own look)"
@@ -64,12 +63,8 @@ def measured_total(views: Views, costs: Mapping[str, float | None]) -> Total:
     except DoesNotApplyError as error:
         return Total(None, str(error))
     db = difference(plain, own)
-    shown = visible_faces(views.asset, stored_threshold(views.asset))
-    light = views.light if shown is None else views.light[shown]
-    wrong = difference(taken_for_linear(lit(views.culled(), light)), own)
-    right = db
-    if factors := samples(views):
-        right = difference(views.of_mesh(views.mesh(), supersample=max(factors.values())), own)
+    wrong = difference(taken_for_linear(lit(views.culled(), views.light)), own)
+    right = difference(views.several(), own)
     asset = views.asset
     settings: dict[str, Any] = {}
     for change in BAKED.values():

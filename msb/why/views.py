@@ -7,18 +7,20 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.look import daylight, up_axis
+from msb.asset.look import daylight, normals_of, up_axis
+from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from msb.render import Renderer
 from msb.render.device_scope import in_turn
 from msb.render.images import to_bytes
 from msb.render.standard.renderer import StandardRenderer
+from msb.render.standard.supersampling import box_mean, enlarged
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -39,8 +41,27 @@ class DoesNotApplyError(Exception):
     """The asset cannot be drawn with this cause; the text says why."""
 
 
+class _Plain(NamedTuple):
+    """What the standard tier shows of an asset."""
+
+    frames: list[Frame]
+    """As `msb render` draws it."""
+    culled: list[Frame]
+    """Without back faces."""
+    several: list[Image]
+    """With as many samples a pixel each way as the method takes itself; four if its renderer is this one."""
+
+
 class Views:
-    """The views of one asset, drawn in its different ways; each way is drawn once."""
+    """The views of one asset, drawn in its different ways; each way is drawn once.
+
+    Attributes
+    ----------
+    chosen : msb.views.Views
+        Those of the given views that see the asset.
+    samples : mapping
+        The setting by which the method's own renderer takes several samples a pixel each way, empty if none.
+    """
 
     def __init__(
         self,
@@ -49,11 +70,20 @@ class Views:
         background: tuple[float, float, float],
         device: str | None,
     ) -> None:
-        self.asset, self.cameras, self.background, self.device = asset, views.cameras, background, device
-        self._blind = None if views.cameras else views.nothing
+        self.asset, self.background, self.device = asset, background, device
+        values = effective_settings(asset.manifest)
+        self.samples: dict[str, int] = {}
+        for name in ("supersample", "render_up_scale"):
+            if isinstance(value := values.get(name), int) and value > 1:
+                self.samples[name] = value
         self._official: list[Image] | None = None
-        self._plain: list[Frame] | None = None
-        self._culled: list[Frame] | None = None
+        self._look = None if why_not(asset.manifest, "standard") else self._drawn_plain(views.cameras)
+        seen = [] if self._look is None else [(frame.alpha > 0).any() for frame in self._look.frames]
+        self.chosen = views if seen and all(seen) else views.seeing(asset, device)
+        if self._look is not None and 0 < len(self.chosen.cameras) < len(views.cameras):
+            self._look = self._drawn_plain(self.chosen.cameras)
+        self.cameras = self.chosen.cameras
+        self._blind = None if self.cameras else views.nothing
 
     def own(self, asset: Asset | None = None, **options: Any) -> list[Image]:
         """Return images of the dedicated tier, of another asset of its method or with other settings."""
@@ -82,25 +112,40 @@ class Views:
 
     def plain(self) -> list[Frame]:
         """Return the frames of the standard tier as `msb render` draws it."""
-        if self._plain is None:
-            self._check("standard")
-            self._plain = self._drawn(self.asset, "standard", {})
-        return self._plain
-
-    def of_mesh(self, mesh: Mesh, supersample: int = 1) -> list[Image]:
-        """Return the images of any mesh on the standard tier."""
-        return images_of(mesh, self.cameras, self.background, self.device, supersample)
+        return self._plain().frames
 
     def culled(self) -> list[Frame]:
-        """Return the frames of `mesh()`, drawn without its back faces."""
-        if self._culled is None:
-            mesh, frames = self.mesh(), []
-            with contextlib.closing(_Culling(asset_from_mesh(mesh), device=self.device)) as renderer:
-                for camera, front in zip(self.cameras, self._facing(mesh), strict=True):
-                    renderer.show(front)
-                    frames.append(renderer.render(camera.in_units(), self.background))
-            self._culled = frames
-        return self._culled
+        """Return the same without back faces."""
+        return self._plain().culled
+
+    def several(self) -> list[Image]:
+        """Return the images of the standard tier with several samples a pixel."""
+        return self._plain().several
+
+    def _plain(self) -> _Plain:
+        self._check("standard")
+        assert self._look is not None
+        return self._look
+
+    def _drawn_plain(self, cameras: Sequence[Camera]) -> _Plain:
+        """Return what the standard tier shows: one renderer draws all, since to make it takes longer."""
+        is_own = why_not(self.asset.manifest, "dedicated") is not None
+        samples = max(self.samples.values(), default=4 if is_own else 1)
+        units = [camera.in_units() for camera in cameras]
+        with contextlib.closing(_Culling(self.asset, device=self.device)) as renderer:
+            frames = [renderer.render(camera, self.background) for camera in units]
+            several, culled = [frame.image for frame in frames], []
+            if samples > 1:
+                larger = (enlarged(camera, samples) for camera in units)
+                several = [box_mean(renderer.render_image(one, self.background), samples) for one in larger]
+            for camera, front in zip(units, self._facing(cameras), strict=True):
+                renderer.show(front)
+                culled.append(renderer.render(camera, self.background))
+        return _Plain(frames, culled, several)
+
+    def of_mesh(self, mesh: Mesh) -> list[Image]:
+        """Return the images of any mesh on the standard tier."""
+        return images_of(mesh, self.cameras, self.background, self.device)
 
     @cached_property
     def light(self) -> Image:
@@ -109,12 +154,14 @@ class Views:
         light = daylight(buffers["positions"], buffers["indices"], up_axis(self.asset))
         return light.astype(np.float32)
 
-    def _facing(self, mesh: Mesh) -> list[NDArray[np.bool_]]:
-        """Return which faces each camera sees from the front."""
-        corners = mesh.vertices[mesh.faces].astype(np.float64)
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        height = np.einsum("fi,fi->f", corners[:, 0], normal)
-        return [normal @ camera.center > height for camera in self.cameras]
+    def _facing(self, cameras: Sequence[Camera]) -> NDArray[np.bool_]:
+        """Return which faces each camera sees from the front, (n, F)."""
+        positions, indices = self.asset.buffers["positions"], self.asset.buffers["indices"]
+        front = np.zeros((len(cameras), len(indices)), bool)
+        for here, first, normals in normals_of(positions, indices):
+            height = np.einsum("fi,fi->f", first, normals)
+            front[:, here] = [normals @ camera.center > height for camera in cameras]
+        return front
 
     def _check(self, tier: Tier) -> None:
         """Refuse a tier that the asset does not have, and every one where no camera sees it."""
@@ -168,7 +215,7 @@ def decibels(errors: NDArray[np.float64]) -> float:
 
 
 class _Culling(StandardRenderer):
-    """Draws the faces of a mesh that are to be shown."""
+    """Draws the faces of an asset that are to be shown: all, if nothing else is said."""
 
     def __init__(self, asset: Asset, device: str | None) -> None:
         super().__init__(asset, device=device)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msb.asset import Asset
 from msb.cl import Device
 from msb.registry import Order
 from msb.render.splat import order as splat_order
@@ -83,22 +81,13 @@ def test_rows_run_along_a_curve_through_space(pipeline: SplattingPipeline) -> No
     np.testing.assert_array_equal(np.lexsort((numbers, keys)), np.arange(COUNT))
 
 
-def test_a_shared_order_is_that_of_the_same_arrays(device: Device) -> None:
-    first = soup("mesh_splatting", triangles_of_all_sizes())
-    fainter = replace(first, buffers={**first.buffers, "opacity": first.buffers["opacity"] - 3})
-    assets = first, fainter, soup("mesh_splatting", triangles_of_all_sizes(1))
-    alone = [ordered_image(asset, device) for asset in assets]
-    with splat_order.shared_order():
-        shared = [ordered_image(asset, device) for asset in assets]
-    assert not (alone[0] == alone[1]).all()
-    np.testing.assert_array_equal(shared, alone)
-
-
-def ordered_image(asset: Asset, device: Device) -> NDArray[np.float32]:
-    made = SplattingPipeline(asset, device=device, outputs=())
-    with closing(made):
+def test_models_of_which_few_frames_are_drawn_stay_as_they_are_stored(device: Device) -> None:
+    asset = soup("mesh_splatting", triangles_of_all_sizes())
+    with splat_order.few_frames(), closing(SplattingPipeline(asset, device=device)) as made:
         made._order_faces(at_frame=1)
-        return made.render(front_camera(32, 24), (0.0, 0.0, 0.0)).image
+        np.testing.assert_array_equal(made._static["numbers"].read(), np.arange(COUNT))
+        made.render(front_camera(32, 24), (0.0, 0.0, 0.0))
+        assert made._sort.by_rows
 
 
 def test_everything_is_in_the_row_where_it_belongs(pipeline: SplattingPipeline) -> None:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 _ENGINE_NEAR = 0.01
 """Equals ENGINE_NEAR in splat_engine.cl."""
+_LEAST = -105.0
+"""The logarithm of what is 0 in float32. Powers that end below it are slow to raise to, and where sigma is as
+small as after training most do."""
 CLIPPED = Culling(nearest=_ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
@@ -92,9 +95,12 @@ class Model:
 def rim(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:
     """Return a little less than the phi at which o phi^sigma = 1/255; 2 where alpha is less everywhere."""
     share = 1 / (255.0 * np.maximum(opacity, 1e-30).astype(np.float64))
+    found = np.where(share < 1.0001, np.float32(0), np.float32(2))
     with np.errstate(divide="ignore"):  # a sigma that is 0 in float32: phi^0 is 1 everywhere inside
-        rim = np.minimum(share, 1) ** (1 / sigma.astype(np.float64)) * 0.9999
-    return np.where(share < 1.0001, rim, 2).astype(np.float32)
+        power = np.broadcast_to(1 / np.asarray(sigma, np.float64), share.shape)
+        near = (share >= np.exp(_LEAST / power)) & (share < 1.0001)
+        found[near] = np.minimum(share[near], 1) ** power[near] * 0.9999
+    return found
 
 
 def contour(opacity: NDArray[np.float32], sigma: NDArray[np.float32] | np.float32) -> NDArray[np.float32]:

@@ -8,11 +8,10 @@ blended in the order of the asset.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +41,17 @@ _MODEL_SHARE = 1 / 4
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
 """Name -> an array of the model that kernels read; "positions" and "indices" are always there."""
 
-_kept: ContextVar[dict[Any, Any] | None] = ContextVar("_kept", default=None)
+_few: ContextVar[bool] = ContextVar("_few", default=False)
 
 
 @contextmanager
-def shared_order() -> Iterator[None]:
-    """Put arrays that several models have in order once, in a block; they stay in memory until its end."""
-    token = _kept.set({})
+def few_frames() -> Iterator[None]:
+    """Leave models as they are stored, in a block: of each, too few frames are drawn to gain by an order."""
+    token = _few.set(True)
     try:
         yield
     finally:
-        _kept.reset(token)
+        _few.reset(token)
 
 
 def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays) -> None:
@@ -80,9 +79,11 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
 
     In a soup, all per-face arrays are permuted together. In a mesh, the index rows are permuted, and the
     vertex arrays are sorted along the same curve. The kept model becomes a copy in memory, also if the arrays
-    were a mapped file before. Where memory is too small for that copy, the model stays as it is and the
-    result is False.
+    were a mapped file before. Where memory is too small for that copy, or in a block of `few_frames`, the
+    model stays as it is and the result is False.
     """
+    if _few.get():
+        return False
     kept, device = scope.kept, scope.device
     given = {name: array for name, array in arrays.items() if array is not None}
     if sum(array.nbytes for array in given.values()) > _MODEL_SHARE * device.record.global_memory:
@@ -90,17 +91,12 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
     indices = given.pop("indices", None)
     try:
         positions = given["positions"]
-        geometry = [positions] if indices is None else [positions, indices]
-        make = partial(_curve_order, device, kept["bounds"], count, by_size=indices is None)
-        faces = rows = _once(make, "faces", *geometry)
+        faces = rows = _curve_order(device, kept["bounds"], count, by_size=indices is None)
         if indices is not None:
-            rows = _once(partial(_vertex_order, device, positions), "rows", positions)
-        ordered = {
-            name: _once(partial(_in_order, array, rows), name, array, positions)
-            for name, array in given.items()
-        }
+            rows = _vertex_order(device, positions)
+        ordered = {name: _in_order(array, rows) for name, array in given.items()}
         if indices is not None:
-            ordered["indices"] = _once(partial(_renumbered, indices, faces, rows), "indices", *geometry)
+            ordered["indices"] = _renumbered(indices, faces, rows)
     except MemoryError:
         return False
     except DeviceError as error:
@@ -115,17 +111,6 @@ def order_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays
         kept[name] = device.share(array, name, kept[name].group)
     _bound(scope, program, count)
     return True
-
-
-def _once(make: Callable[[], Any], name: str, *sources: NDArray[Any]) -> Any:
-    """Return what `make` does of arrays; in a `shared_order` what it made of the same ones before."""
-    kept = _kept.get()
-    if kept is None:
-        return make()
-    key = (name, *((array.ctypes.data, array.shape, array.strides) for array in sources))
-    if key not in kept:
-        kept[key] = make(), sources  # whose memory nobody else may have meanwhile
-    return kept[key][0]
 
 
 def _lanes_up(device: Device, count: int) -> int:
