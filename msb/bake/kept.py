@@ -29,12 +29,12 @@ FEWEST = 2.0
 """Pixels of a face in a view, in the mean, below which a search would follow noise."""
 
 
-def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
+def kept(asset: Asset, guide: Guide, shares: Shares | None = None, *, every: bool = False) -> Mesh:
     """Return the triangles of `asset` that are shown, with the static colours that the lessons ask for.
 
-    Which triangles are left out, pictures say that teach nothing. Vertices that triangles share
-    stay shared, and have one colour; of a mesh, what is not manifold or not consistently wound is repaired. A
-    triangle that no view sees keeps its colour.
+    Which triangles are left out, pictures say that teach nothing; none if `every` one is to stay. Vertices
+    that triangles share stay shared, and have one colour; of a mesh, what is not manifold or not
+    consistently wound is repaired. A triangle that no view sees keeps its colour.
 
     Raises
     ------
@@ -44,13 +44,14 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     soup = Soup.of(plain, shares=True)
     mesh = None if soup.shared is None else plain
     del plain  # of millions of faces it is much, and of a soup no longer needed
-    guide.watch("choosing faces", 0, _ROUNDS)
-    with choosing(guide, soup.count).rasters(soup) as (raster, judge):
-        best = Best(judge)
-        choose(soup, asset, raster, best, shares)
-        if raster.pixels_a_face(soup.count) >= FEWEST:
-            search(best.soup, raster, best, guide.random(), guide.watch)
-        soup = best.soup
+    if not every:
+        guide.watch("choosing faces", 0, _ROUNDS)
+        with choosing(guide, soup.count).rasters(soup) as (raster, judge):
+            best = Best(judge)
+            choose(soup, asset, raster, best, shares)
+            if raster.pixels_a_face(soup.count) >= FEWEST:
+                search(best.soup, raster, best, guide.random(), guide.watch)
+            soup = best.soup
     return soup.mesh() if mesh is None else repair_mesh(soup.on(mesh), Options())[0]
 
 

@@ -205,7 +205,9 @@ class Bake:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
         options = self._options
         if name == "kept":
-            return kept(self._asset, self._guide, shares), []
+            # All that a plain mesh has is its own look, unless photographs teach.
+            every = why_not(self._asset.manifest, "dedicated") is not None and options.teacher == "dedicated"
+            return kept(self._asset, self._guide, shares, every=every), []
         # A surface has its number of faces from the end, not from the soup that it is made of.
         most = options.faces if name == "fitted" else None
         if most not in self._soups:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
-from msb.asset.texture import MAX_SIDE
+from msb.asset.look import tint_of
+from msb.asset.texture import MAX_SIDE, textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
 from msb.bake.report import Geometry, Look
 from msb.bake.teacher import Source
-from msb.base.extras import need_extra
+from msb.base.extras import is_installed, need_extra
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -68,10 +69,8 @@ class Options:
 
     def look(self, name: Geometry, asset: Asset) -> Look:
         """Return where the colours of a geometry go."""
-        # What has no static colours has its look within each face, which colours of corners do not show.
-        has_colors = why_not(asset.manifest, "standard") is None
-        usual: Look = "vertex" if name == "kept" and has_colors and self.texture is None else "texture"
-        return self.color or usual
+        is_vertex = name == "kept" and self.texture is None and _fits_vertices(asset)
+        return self.color or ("vertex" if is_vertex else "texture")
 
     def check_model(self, asset: Asset) -> None:
         """Refuse what would be found to be missing when most of the work is done."""
@@ -79,6 +78,17 @@ class Options:
         is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
         if (is_auto or self.geometry == "kept") and not is_soup and self.look("kept", asset) == "texture":
             need_xatlas()
+
+
+def _fits_vertices(asset: Asset) -> bool:
+    """Return whether colours at the corners can be what is seen: not of what has its look within each face;
+    nor of a mesh whose faces have colours of their own, if there is what makes a texture."""
+    if why_not(asset.manifest, "standard") is not None:
+        return False
+    tint = tint_of(asset)
+    is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
+    is_smooth = is_soup or (tint is not None and tint.domain == "vertex")
+    return (is_smooth and textures_of(asset) is None) or not (is_soup or is_installed("xatlas"))
 
 
 def need_libraries(geometry: str) -> None:

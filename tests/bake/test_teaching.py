@@ -14,6 +14,7 @@ from msb.bake.descent import Schedule, descend
 from msb.bake.fitted import _cuts, fitted
 from msb.bake.kept import FINE, choosing, kept
 from msb.bake.lessons import Lessons
+from msb.bake.options import Options
 from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
 from msb.bake.soup import Soup
@@ -23,6 +24,7 @@ from msb.meshes.mesh import Mesh
 from msb.scenes import Camera
 from msb.topology import audit_arrays
 from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
+from tests.conftest import TETRAHEDRON
 from tests.tiny import MODELS, SCENES
 
 
@@ -275,6 +277,33 @@ def test_a_mesh_whose_triangles_are_kept_becomes_manifold_and_wound_one_way() ->
     assert (after.counts.nonmanifold_edges, after.counts.nonmanifold_vertices) == (0, 0)
     assert after.winding_consistent
     assert made.vertex_colors is not None
+
+
+def test_every_triangle_is_kept_where_that_is_asked_for_whatever_pictures_show() -> None:
+    corners, colors = tiles()
+    views = cameras(3)
+    with (
+        lessons_of(corners[::2], colors[::2], views[1:]) as lessons,
+        lessons_of(corners[::2], colors[::2], views[:1]) as aside,
+    ):
+        made = kept(asset_from_mesh(mesh_of(corners, colors)), Guide(lessons, aside), every=True)
+    np.testing.assert_array_equal(made.vertices[made.faces], corners)
+
+
+@pytest.mark.parametrize("has_xatlas", [True, False])
+@pytest.mark.parametrize(
+    ("colors", "look"), [("vertex_colors", "vertex"), ("face_colors", "texture"), (None, "texture")]
+)
+def test_kept_triangles_get_a_texture_where_corners_cannot_have_their_colours(
+    colors: str | None, look: str, has_xatlas: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("msb.bake.options.is_installed", lambda _: has_xatlas)
+    vertices, faces = TETRAHEDRON
+    alone = np.full((4, 3), 9, np.uint8)
+    mesh = Mesh(vertices, faces.astype(np.int64), **({colors: alone} if colors else {}))
+    assert Options(geometry="kept").look("kept", asset_from_mesh(mesh)) == (look if has_xatlas else "vertex")
+    soup = Mesh(vertices[faces].reshape(-1, 3), np.arange(12).reshape(-1, 3), face_colors=alone)
+    assert Options().look("kept", asset_from_mesh(soup)) == "vertex"
 
 
 @pytest.mark.parametrize(
