@@ -87,7 +87,7 @@ def _fits_vertices(asset: Asset) -> bool:
         return False
     tint = tint_of(asset)
     is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
-    is_smooth = is_soup or (tint is not None and tint.domain == "vertex")
+    is_smooth = tint is not None and (is_soup or tint.domain == "vertex")
     return (is_smooth and textures_of(asset) is None) or not (is_soup or is_installed("xatlas"))
 
 
