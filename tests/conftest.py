@@ -25,7 +25,6 @@ UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
 """In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
 SHORT = {
     "MSB_BAKE_SECONDS": "1",
-    "MSB_BAKE_TEXTURE": "128",
     "MSB_BENCH_REPEAT": "2",
     "MSB_BENCH_SECONDS": "0",
     "MSB_REPORT_TOPOLOGY": "none",
