@@ -22,6 +22,9 @@ SMOOTH = 0.3
 """The weight of differences along edges, in pixels."""
 PRIOR = 0.05
 """The weight of the colours there are, in pixels."""
+_REACH, _LEAST = 8.0, 0.05
+"""How far from the mean of a face's pixels its corners may be: so often what these differ by, and so much
+more. Corners of a face of which all is seen are up to three times as far; limits below eight cost dB."""
 _STRIP = 3
 """Rings of faces beside what no pixel shows."""
 _FAINT = 1e-6
@@ -69,22 +72,45 @@ def _of_faces(
     system = squares + SMOOTH * (3 * np.eye(3) - 1) + PRIOR * np.eye(3)
     sides = sides + PRIOR * colors
     found = np.clip(np.linalg.solve(system, sides), -1, 2)
+    low, high = _bounds(squares, found)
     for channel in range(3):
-        x = found[..., channel]
-        rows = np.flatnonzero(((x < 0) | (x > 1)).any(axis=1))
-        found[rows, :, channel] = _held(system[rows], sides[rows, :, channel], x[rows])
-    bounded: NDArray[np.float64] = np.clip(found, 0, 1)
+        x, least, most = found[..., channel], low[:, None, channel], high[:, None, channel]
+        rows = np.flatnonzero(((x < least) | (x > most)).any(axis=1))
+        found[rows, :, channel] = _held(
+            system[rows], sides[rows, :, channel], x[rows], least[rows], most[rows]
+        )
+    bounded: NDArray[np.float64] = np.clip(found, low[:, None], high[:, None])
     return bounded
 
 
+def _bounds(
+    squares: NDArray[np.float64], found: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the most (n, 3) that corners may have of each channel.
+
+    They are in 0 to 1, and not far from the mean of the pixels, as the corners `found` (n, 3, 3) show them:
+    what shows a tip alone would have the rest guessed, and glow from elsewhere.
+    """
+    share = squares.sum(axis=2)
+    count = np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
+    mean = (share[:, None] @ found)[:, 0] / count
+    off = found - mean[:, None]
+    reach = _REACH * np.sqrt(np.maximum((off * (squares @ off)).sum(axis=1) / count, 0)) + _LEAST
+    return np.clip(mean - reach, 0, 1), np.clip(mean + reach, 0, 1)
+
+
 def _held(
-    system: NDArray[np.float64], side: NDArray[np.float64], x: NDArray[np.float64]
+    system: NDArray[np.float64],
+    side: NDArray[np.float64],
+    x: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return x (n, 3) with what leaves [0, 1] held at the bound, and the others solved again."""
+    """Return x (n, 3) with what leaves its bounds (n, 1) held there, and the others solved again."""
     held = np.zeros(x.shape, bool)
     for _ in range(_ROUNDS):
-        held |= (x < 0) | (x > 1)
-        x = np.clip(x, 0, 1)
+        held |= (x < low) | (x > high)
+        x = np.clip(x, low, high)
         free = ~held
         rest = side - np.einsum("nij,nj->ni", system, np.where(held, x, 0.0))
         own = np.where(free[:, :, None] & free[:, None, :], system, 0.0) + held[:, :, None] * np.eye(3)
@@ -105,14 +131,35 @@ def of_mesh(
     rows, columns = np.repeat(faces, 3, axis=1).reshape(-1), np.tile(faces, (1, 3)).reshape(-1)
     system = sparse.coo_matrix((squares.reshape(-1), (rows, columns)), shape=(count, count)).tocsr()
     system = system + SMOOTH * edges + PRIOR * sparse.identity(count, format="csr")
-    found = np.zeros((count, 3), np.float32)
-    for channel in range(3):
-        before = colors[:, channel].astype(np.float64)
-        right = PRIOR * before
-        for corner in range(3):
-            right += np.bincount(faces[:, corner], sides[:, corner, channel], minlength=count)
-        found[:, channel] = _bounded(system, right, _solved(system, right, before))
-    return found
+    right = PRIOR * colors.astype(np.float64)
+    for corner in range(3):
+        for channel in range(3):
+            one = sides[:, corner, channel]
+            right[:, channel] += np.bincount(faces[:, corner], one, minlength=count)
+    found = np.stack(
+        [_solved(system, right[:, k], colors[:, k].astype(np.float64)) for k in range(3)], axis=1
+    )
+    low, high = _vertex_bounds(squares, faces, found)
+    bounded = [_bounded(system, right[:, k], found[:, k], low[k], high[k]) for k in range(3)]
+    return np.stack(bounded, axis=1).astype(np.float32)
+
+
+def _vertex_bounds(
+    squares: NDArray[np.float64], faces: NDArray[np.int64], found: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the most (3, V) of each channel that one of a vertex's faces allows, of those that
+    are seen; if none is, all that there is."""
+    low, high = np.ones((3, len(found))), np.zeros((3, len(found)))
+    seen = np.flatnonzero(squares.any(axis=(1, 2)))
+    for first in range(0, len(seen), _AT_ONCE):
+        some = seen[first : first + _AT_ONCE]
+        least, most = _bounds(squares[some], found[faces[some]])
+        for channel in range(3):
+            for corner in faces[some].T:
+                np.minimum.at(low[channel], corner, least[:, channel])
+                np.maximum.at(high[channel], corner, most[:, channel])
+    free = low > high
+    return np.where(free, 0.0, low), np.where(free, 1.0, high)
 
 
 def continued(
@@ -153,19 +200,25 @@ def laplacian(faces: NDArray[np.int64], count: int) -> csr_matrix:
     return sparse.diags(np.asarray(both.sum(axis=1)).ravel()).tocsr() - both
 
 
-def _bounded(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return x with what leaves [0, 1] held at the bound, and the others solved again."""
+def _bounded(
+    system: csr_matrix,
+    right: NDArray[np.float64],
+    x: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return x with what leaves its bounds held there, and the others solved again."""
     held = np.zeros(len(x), bool)
     for _ in range(_ROUNDS):
-        out = (x < 0) | (x > 1)
-        x = np.clip(x, 0, 1)
+        out = (x < low) | (x > high)
+        x = np.clip(x, low, high)
         if not (out & ~held).any():
             break
         held |= out
         free = np.flatnonzero(~held)
         rest = right - system @ np.where(held, x, 0.0)
         x[free] = _solved(system[free][:, free].tocsr(), rest[free], x[free])
-    return np.clip(x, 0, 1)
+    return np.clip(x, low, high)
 
 
 def _solved(system: csr_matrix, right: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,10 +15,14 @@ FAN = np.array([[0, 1, 2], [2, 1, 3], [3, 1, 4], [1, 0, 4], [0, 1, 2]])
 EDGES = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (1, 4), (3, 4), (0, 4)]
 
 
-def seen_of(faces: NDArray[np.int64], wanted: NDArray[np.float64], views: int, seed: int) -> Seen:
-    """Return what pixels at random places of the faces say of the colours `wanted` at vertices."""
+def seen_of(
+    faces: NDArray[np.int64], wanted: NDArray[np.float64], views: int, seed: int, tip: float = 1.0
+) -> Seen:
+    """Return what pixels at random places of the faces, or of a `tip` of each, say of the colours `wanted` at
+    vertices."""
     random = np.random.default_rng(seed)
     weights = random.dirichlet((1, 1, 1), (len(faces), views))
+    weights = tip * weights + [1 - tip, 0, 0]
     shown = np.einsum("fpi,fic->fpc", weights, wanted[faces])
     squares = np.einsum("fpi,fpj->fij", weights, weights)[:, *np.triu_indices(3)]
     sides = np.einsum("fpi,fpc->fic", weights, shown).reshape(len(faces), 9)
@@ -75,6 +79,20 @@ def test_faces_that_share_nothing_get_those_of_their_own_system() -> None:
     found = of_soup(seen, before)
     wanted = best(faces, laplacian(faces, 12).toarray(), seen, before.reshape(12, 3))
     np.testing.assert_allclose(found.reshape(12, 3), wanted, atol=1e-4)
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_a_face_of_which_a_tip_is_seen_is_not_guessed_wildly(is_shared: bool) -> None:
+    """At its tip a face goes from 0.45 to 0.55; on at this slope it would reach 0 and 1."""
+    faces, tip = np.array([[0, 1, 2]]), 0.05
+    wanted = 0.5 + np.array([[0.0], [1.0], [-1.0]]) * np.full(3, 0.05 / tip)
+    seen, before = seen_of(faces, wanted, 40_000, 5, tip), np.full((3, 3), 0.5, np.float32)
+    found = of_mesh(seen, faces, before, laplacian(faces, 3)) if is_shared else of_soup(seen, before[None])[0]
+    assert 0.2 < found.min() < 0.45
+    assert 0.55 < found.max() < 0.8
+    plain = best(faces, laplacian(faces, 3).toarray(), seen, before)
+    assert plain.min() == 0
+    assert plain.max() == 1
 
 
 def test_what_is_not_seen_goes_on_as_what_is_seen_some_faces_away() -> None:
