@@ -92,7 +92,9 @@ class Unit:
         sizes = areas(mesh.vertices, mesh.faces)
         sizes = sizes[sizes > 0]
         length = float(np.sqrt(np.median(sizes))) if len(sizes) else mesh.diagonal
-        used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
+        is_used = np.zeros(len(mesh.vertices), bool)
+        is_used[mesh.faces] = True
+        used = mesh.vertices[is_used].astype(np.float64)
         return cls(length or 1.0, np.median(used, axis=0) if len(used) else np.zeros(3))
 
     def enter(self, mesh: TriedMesh) -> TriedMesh:
