@@ -77,11 +77,11 @@ class Views:
             if isinstance(value := values.get(name), int) and value > 1:
                 self.samples[name] = value
         self._official: list[Image] | None = None
-        self._look = None if why_not(asset.manifest, "standard") else self._drawn_plain(views.cameras)
-        seen = [] if self._look is None else [(frame.alpha > 0).any() for frame in self._look.frames]
+        self._standard = None if why_not(asset.manifest, "standard") else self._drawn_plain(views.cameras)
+        seen = [] if self._standard is None else [(frame.alpha > 0).any() for frame in self._standard.frames]
         self.chosen = views if seen and all(seen) else views.seeing(asset, device)
-        if self._look is not None and 0 < len(self.chosen.cameras) < len(views.cameras):
-            self._look = self._drawn_plain(self.chosen.cameras)
+        if self._standard is not None and 0 < len(self.chosen.cameras) < len(views.cameras):
+            self._standard = self._drawn_plain(self.chosen.cameras)
         self.cameras = self.chosen.cameras
         self._blind = None if self.cameras else views.nothing
 
@@ -124,8 +124,8 @@ class Views:
 
     def _plain(self) -> _Plain:
         self._check("standard")
-        assert self._look is not None
-        return self._look
+        assert self._standard is not None
+        return self._standard
 
     def _drawn_plain(self, cameras: Sequence[Camera]) -> _Plain:
         """Return what the standard tier shows: one renderer draws all, since to make it takes longer."""
