@@ -127,7 +127,8 @@ def bake(
     for_solid : bool
         With "auto": make fitted triangles and a surface, and take the surface, unless its verdict is bad.
     color : {"texture", "vertex"}, optional
-        Default: colours of vertices for kept triangles of a model with static colours, else a texture.
+        Default: colours of vertices for kept triangles of a model whose static colours are of vertices, else
+        a texture.
     teacher : {"dedicated", "photographs"}
         What teaches: the look of the method, or the photographs of the scene.
     faces : int, optional

@@ -65,7 +65,7 @@ class BakeOptions:
     ] = False
     color: Annotated[
         Literal["texture", "vertex"] | None,
-        Option("Default: vertex for kept, if the model has static colours; else texture."),
+        Option("Default: vertex for kept, if the model has static colours there; else texture."),
     ] = None
     teacher: Annotated[
         Literal["dedicated", "photographs"],
