@@ -29,11 +29,11 @@ FEWEST = 2.0
 """Pixels of a face in a view, in the mean, below which a search would follow noise."""
 
 
-def kept(asset: Asset, guide: Guide, shares: Shares | None = None, *, every: bool = False) -> Mesh:
+def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
     """Return the triangles of `asset` that are shown, with the static colours that the lessons ask for.
 
-    Which triangles are left out, pictures say that teach nothing; none if `every` one is to stay. Vertices
-    that triangles share stay shared, and have one colour; of a mesh, what is not manifold or not
+    Which triangles are left out, pictures say that teach nothing; of a model that is its own look none is.
+    Vertices that triangles share stay shared, and have one colour; of a mesh, what is not manifold or not
     consistently wound is repaired. A triangle that no view sees keeps its colour.
 
     Raises
@@ -44,7 +44,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None, *, every: boo
     soup = Soup.of(plain, shares=True)
     mesh = None if soup.shared is None else plain
     del plain  # of millions of faces it is much, and of a soup no longer needed
-    if not every:
+    if not guide.has_look:
         guide.watch("choosing faces", 0, _ROUNDS)
         with choosing(guide, soup.count).rasters(soup) as (raster, judge):
             best = Best(judge)

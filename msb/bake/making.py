@@ -79,7 +79,8 @@ class Bake:
         first = range(len(views.taught) - len(views.aside))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
-        self._guide = Guide(self._teaching, self._aside, options.seed, device, watch)
+        is_plain = why_not(asset.manifest, "dedicated") is not None and options.teacher == "dedicated"
+        self._guide = Guide(self._teaching, self._aside, options.seed, device, watch, is_plain)
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
 
     def _scale(self, levels: bool) -> int:
@@ -205,9 +206,7 @@ class Bake:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
         options = self._options
         if name == "kept":
-            # All that a plain mesh has is its own look, unless photographs teach.
-            every = why_not(self._asset.manifest, "dedicated") is not None and options.teacher == "dedicated"
-            return kept(self._asset, self._guide, shares, every=every), []
+            return kept(self._asset, self._guide, shares), []
         # A surface has its number of faces from the end, not from the soup that it is made of.
         most = options.faces if name == "fitted" else None
         if most not in self._soups:

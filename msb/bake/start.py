@@ -77,6 +77,8 @@ class Guide:
     device : str or Device, optional
     watch : callable
         Is told how far the search is, and may end it.
+    has_look : bool
+        Whether the pictures are those of the model's own triangles as they are, of which each is right.
     """
 
     lessons: Lessons
@@ -84,6 +86,7 @@ class Guide:
     seed: int = 0
     device: str | Device | None = None
     watch: Watch = nobody
+    has_look: bool = False
 
     def within(self, pixels: int) -> Guide:
         """Return the same with pictures of so many pixels at most."""

@@ -279,14 +279,14 @@ def test_a_mesh_whose_triangles_are_kept_becomes_manifold_and_wound_one_way() ->
     assert made.vertex_colors is not None
 
 
-def test_every_triangle_is_kept_where_that_is_asked_for_whatever_pictures_show() -> None:
+def test_every_triangle_of_what_is_its_own_look_is_kept_whatever_pictures_show() -> None:
     corners, colors = tiles()
     views = cameras(3)
     with (
         lessons_of(corners[::2], colors[::2], views[1:]) as lessons,
         lessons_of(corners[::2], colors[::2], views[:1]) as aside,
     ):
-        made = kept(asset_from_mesh(mesh_of(corners, colors)), Guide(lessons, aside), every=True)
+        made = kept(asset_from_mesh(mesh_of(corners, colors)), Guide(lessons, aside, has_look=True))
     np.testing.assert_array_equal(made.vertices[made.faces], corners)
 
 
