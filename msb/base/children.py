@@ -79,9 +79,7 @@ def run_each(
     running: dict[str, tuple[subprocess.Popen[bytes], Path, float]] = {}
     waiting = list(words)
     with _shared_folder() as folder:
-        (folder / "given").mkdir()
-        for name, array in arrays.items():
-            write_npy(folder / "given" / f"{name}.npy", array)
+        _give(arrays, folder)
         try:
             while waiting or running:
                 while waiting and len(running) < at_once:
@@ -181,6 +179,18 @@ def _shared_folder() -> Iterator[Path]:
         tempfile.TemporaryDirectory(prefix="msb-apart-", ignore_cleanup_errors=True) as name,
     ):
         yield Path(name)
+
+
+def _give(arrays: Arrays, folder: Path) -> None:
+    (folder / "given").mkdir()
+    for name, array in arrays.items():
+        write_npy(folder / "given" / f"{name}.npy", array)
+
+
+def check_room(arrays: Arrays) -> None:
+    """Refuse at once a temporary folder without room for what children will be given, OUTPUT_UNWRITABLE."""
+    with _shared_folder() as folder:
+        _give(arrays, folder)
 
 
 def _serve(function: str, word: str, folder: Path, memory: float) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from msb.api.auditing import audit_stored
 from msb.api.opening import stored_mesh
 from msb.asset.tiers import why_not
+from msb.base.children import check_room
 from msb.base.limits import Limits
 from msb.base.own_folder import check_own_folder
 from msb.errors import MsbError, OutputError
@@ -167,6 +168,7 @@ def compare(
     step : callable
         Called after each row; there is one for each of `strategies`, and one more.
     """
+    check_room({name: asset.buffers[name] for name in ("positions", "indices")})
     views = choose_views(asset, cameras).seeing(asset, device)
     judge = _Judge(views, tasks, options.limits, device)
     audit, _ = audit_stored(stored_mesh(asset))
