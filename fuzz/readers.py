@@ -84,17 +84,13 @@ def cfg_args(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    from msb.meshes import read_mesh as read
-
-    read(path)
-
-
-def packed(path: Path) -> None:
-    """Read compressed arrays, which are decoded in this process: a child is more than a reader may start."""
+    """Read a mesh; compressed arrays are decoded here, since the guard lets no reader start a child."""
     from unittest.mock import patch
 
+    from msb.meshes import read_mesh as read
+
     with patch("msb.meshes.gltf_packed.run_apart", run_here):
-        mesh(path)
+        read(path)
 
 
 def run_here(work: Any, word: str, arrays: Any, limits: Any) -> Any:

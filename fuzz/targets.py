@@ -89,7 +89,7 @@ TARGETS: dict[str, Target] = {
     "neus_npz": Target(readers.neus, seeds.matrices, "cameras.npz"),
     "image_png": Target(readers.image, lambda: seeds.pictures("png"), "a.png"),
     "image_jpeg": Target(readers.image, lambda: seeds.pictures("jpg"), "a.jpg"),
-    "glb_packed": Target(readers.packed, seeds.packed, "mesh.glb"),
+    "glb_packed": Target(readers.mesh, seeds.packed, "mesh.glb"),
     "mtl": Target(
         readers.materials, seeds.materials, "a.mtl", beside={"a.obj": OBJ_TEXTURED, "map.png": picture()}
     ),

@@ -18,6 +18,8 @@ from msb.metrics.matlab import find_variables
 
 _MAX_VOXELS = 1 << 29
 """Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for."""
+_LARGEST = 1e30
+"""Largest number of a file, far beyond any scan's, so that what is computed of it overflows nowhere."""
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 
@@ -52,12 +54,12 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     grid = _read_mat(grid_file, ("ObsMask", "BB", "Res"))
     plane = _read_mat(folder / "ObsMask" / f"Plane{scan}.mat", ("P",))["P"]
     resolution = float(grid["Res"][0, 0])
-    if not resolution > 0:
-        raise _bad(grid_file, f"the side of a voxel (Res) is {resolution}; it must be positive")
+    if not resolution >= 1 / _LARGEST:
+        text = f"the side of a voxel (Res) is {resolution}; it must be positive, {1 / _LARGEST} at least"
+        raise _bad(grid_file, text)
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
     points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
-    if not np.isfinite(points).all():
-        raise _bad(cloud, "a coordinate is not a finite number")
+    _check_numbers(cloud, "a coordinate", points)
     # float32 as upstream: it decides which points lie on the border of the box.
     box = np.asarray(grid["BB"], np.float32)
     return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
@@ -77,9 +79,14 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         text = f"it cannot be read as a MATLAB 5 file: {library_reason(error)}"
         raise _bad(place, text) from error
     for name, array in arrays.items():
-        if name != "ObsMask" and not np.isfinite(array).all():
-            raise _bad(place, f"{name} does not hold finite numbers")
+        if name != "ObsMask":
+            _check_numbers(place, name, array)
     return arrays
+
+
+def _check_numbers(path: Path, what: str, array: NDArray[Any]) -> None:
+    if not (np.isfinite(array).all() and np.abs(array).max(initial=0) <= _LARGEST):
+        raise _bad(path, f"{what} is not a finite number between {-_LARGEST} and {_LARGEST}")
 
 
 def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
