@@ -13,6 +13,7 @@ from tests.conftest import ROOT
 
 SMALL = {
     "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
+    "before": "HEAD --faces 2000 --rounds 1 --row info --row dedicated/two_dts",
     "bake_scale": "--faces 2000 --views 3 --size 64 48 --geometry kept",
     "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
     "export": "--triangles 2000 --rounds 1",
@@ -35,6 +36,8 @@ def run(*words: str) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
 def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) -> None:
+    if name == "before" and not (ROOT / ".git").exists():
+        pytest.skip("this copy has no commits to compare with")
     kept = tmp_path / "results" / f"{name}.json"
     printed = run(f"benchmarks.{name}", *SMALL[name].split(), "--json", str(kept))
     assert "not run" not in printed
