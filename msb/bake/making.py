@@ -182,6 +182,9 @@ class Bake:
         if options.geometry != "auto":
             return [options.geometry], []
         if options.for_solid:
+            is_solid = self._guide.has_look and Verdict.of(audit(self._asset)).level == "ok"
+            if is_solid and options.faces is None:
+                return ["kept"], ["its own triangles are kept, which are a solid already"]
             return ["fitted", "surface"], []
         if options.faces is not None:
             return ["fitted"], []

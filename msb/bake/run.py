@@ -125,7 +125,8 @@ def bake(
         surface, which tools for solids can use. "auto" makes the first two, and takes what looks better in
         views that taught neither.
     for_solid : bool
-        With "auto": make fitted triangles and a surface, and take the surface, unless its verdict is bad.
+        With "auto": make fitted triangles and a surface, and take the surface, unless its verdict is bad. A
+        plain mesh of which the verdict is OK keeps its own triangles, unless `faces` is given.
     color : {"texture", "vertex"}, optional
         Default: colours of vertices for kept triangles of a model whose static colours are of vertices, else
         a texture.

@@ -61,7 +61,10 @@ class BakeOptions:
     ] = "auto"
     for_solid: Annotated[
         bool,
-        Option("Of auto: make fitted and surface; take the surface, unless its verdict is BAD."),
+        Option(
+            "Of auto: make fitted and surface; take the surface, unless its verdict is BAD. A plain mesh "
+            "that is OK is kept."
+        ),
     ] = False
     color: Annotated[
         Literal["texture", "vertex"] | None,

@@ -183,6 +183,7 @@ def test_a_surface_is_taken_for_solids_unless_it_is_bad(
     monkeypatch.setattr(making, "fitted", fitted)
     monkeypatch.setattr(making, "surface", surface)
     model, cameras = files
+    solid(faces=3).save(model, overwrite=True)
     result = here(
         *("bake", "--for-solid", "--color", "vertex", "--cameras", cameras, model),
         *("--json", "-", "-o", model.parent / "a.glb"),
@@ -198,6 +199,14 @@ def test_a_surface_is_taken_for_solids_unless_it_is_bad(
         assert f"; {both} by views kept aside; " in data["sentence"]
     else:
         assert data["tried"] == {}
+
+
+def test_what_is_a_solid_already_is_kept(here: Here, files: tuple[Path, Path]) -> None:
+    model, cameras = files
+    line = ["bake", "--for-solid", "--cameras", cameras, model, "--json", "-", "-o", model.parent / "a.glb"]
+    data = here(*line).json
+    assert (data["geometry"], data["faces"], data["verdict_after"]["level"]) == ("kept", 4, "ok")
+    assert "its own triangles are kept, which are a solid already" in data["notes"]
 
 
 REFUSED = {
