@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 CAMERAS = "cameras.json"
 """What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:
 scene/__init__.py), and a run beside the assets it makes."""
+_DEEPEST = 40
+"""Folders at the end of the name that a config gives, with which the scene is looked for elsewhere."""
 _LEVELS = 6
 """Folders above a model from which the scene is looked for, if it is not where the config says."""
 
@@ -49,6 +51,6 @@ def _scene(root: Path, method: str) -> Path | None:
     if not isinstance(named, str) or not named:
         return None
     parts = Path(named.replace("\\", "/")).parts
-    ends = [Path(*parts[k:]) for k in range(len(parts) - 1)]
+    ends = (Path(*parts[k:]) for k in range(max(0, len(parts) - _DEEPEST), len(parts) - 1))
     moved = (above / end for end in ends for above in (root, *root.parents[:_LEVELS]))
     return next((place for place in (Path(named), *moved) if place.is_dir()), None)

@@ -134,7 +134,7 @@ def stored_member(archive: zipfile.ZipFile, file: IO[bytes], name: str, size: in
     info.external_attr = 0o100644 << 16
     info.file_size = size
     large = size >= _ZIP64_FROM
-    info.extra = _padding(file.tell() + _LOCAL_HEADER + len(name) + (_ZIP64_EXTRA if large else 0))
+    info.extra = _padding(file.tell() + _LOCAL_HEADER + len(name.encode()) + (_ZIP64_EXTRA if large else 0))
     return archive.open(info, "w", force_zip64=large)
 
 

@@ -20,7 +20,7 @@ from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 from msb.meshes.sampled import with_sampled_colors, without_textures
 from msb.meshes.transform import turned_upright
-from msb.meshes.writing import as_float32, check_indices
+from msb.meshes.writing import as_float32, check_indices, check_writable
 
 if TYPE_CHECKING:
     from msb.asset.manifest import Domain, Parameters
@@ -60,16 +60,21 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
         by_vertex = mesh.corner_uvs is None
         buffers["uv"] = mesh.vertex_uvs if by_vertex else mesh.corner_uvs  # type: ignore[assignment]
         domains["uv"] = "vertex" if by_vertex else "corner"
-        if (at := first_bad(buffers["uv"])) is not None:
-            values = buffers["uv"][at[0]].tolist()
-            text = f"texture coordinate {at[0]} is {values}; texture coordinates must be finite"
-            raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"uv[{at[0]}]")
+        _check_uvs(mesh)
         for number, image in enumerate(mesh.textures):
             buffers[f"texture.{number}"], domains[f"texture.{number}"] = image, "global"
         if len(mesh.textures) > 1:
             assert mesh.face_textures is not None
             buffers["face_texture"], domains["face_texture"] = mesh.face_textures, "face"
     return buffers, domains, appearance
+
+
+def _check_uvs(mesh: Mesh) -> None:
+    """Refuse textures that are read at no place."""
+    uvs = mesh.vertex_uvs if mesh.corner_uvs is None else mesh.corner_uvs
+    if mesh.textures and uvs is not None and (at := first_bad(uvs)) is not None:
+        text = f"texture coordinate {at[0]} is {uvs[at[0]].tolist()}; texture coordinates must be finite"
+        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"uv[{at[0]}]")
 
 
 def mesh_from_asset(asset: Asset) -> Mesh:
@@ -137,7 +142,9 @@ def as_held(mesh: Mesh, suffix: str) -> Mesh:
     that is known; faces have vertices of their own if it shares none.
     """
     held = FORMATS[suffix]
-    check_indices(mesh)
+    check_writable(mesh)
+    if held.keeps:
+        _check_uvs(mesh)
     if "textures" not in held.keeps:
         mesh = with_sampled_colors(mesh) if held.keeps else without_textures(mesh)
     made = mesh if held.is_soup or "face_colors" in held.keeps else with_vertex_colors(mesh)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, unquote_to_bytes
 
+from msb.asset.strict_json import has_lone_surrogate
 from msb.base.files import read_file
 from msb.errors import InputError, shorten
 
@@ -23,12 +24,11 @@ def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
     """Return what a `uri` of glTF means: the data in it (RFC 2397), or the first bytes of a file beside."""
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
-        data = unquote_to_bytes(uri[embedded.end() :])
-        if not embedded[0].lower().endswith(";base64,"):
-            return data
         try:
-            return base64.b64decode(data, validate=True)
-        except ValueError:
+            data = unquote_to_bytes(uri[embedded.end() :])
+            is_base64 = embedded[0].lower().endswith(";base64,")
+            return base64.b64decode(data, validate=True) if is_base64 else data
+        except ValueError:  # half of a surrogate pair is one, too
             raise source.error("MESH_FILE_INVALID", "the data is not base64", pointer=pointer) from None
     return read_beside(source, unquote(uri), pointer, most)
 
@@ -57,7 +57,7 @@ def read_beside(source: Source, name: str, pointer: str, most: int) -> bytes:
 
 def _why_not(name: str) -> str | None:
     """Return why no file of this name can lie in the folder or below it."""
-    if not name or "\0" in name:
+    if not name or "\0" in name or has_lone_surrogate(name):
         return "is no name of a file"
     if _SCHEME.match(name):
         return "names a scheme, a host or a drive"

@@ -33,6 +33,8 @@ _STEEP = 1.5
 """Bits that a step is coarser where the distance is twice as far."""
 _TEXEL = 4
 """Texture coordinates are kept to 2 ** -4 of a texel or better."""
+_MANTISSA = 23
+"""Bits of a mantissa beside its sign: what is tiled very often has coarser texture coordinates."""
 _MOST_COMPACT = 1 << 18
 """Faces whose order is searched for; more would take more than half a minute."""
 
@@ -114,7 +116,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         attributes["COLOR_0"] = with_alpha(stored_light(mesh.vertex_colors, web.levels))
     if mesh.vertex_uvs is not None and mesh.textures:
         side = max(max(image.shape[:2]) for image in mesh.textures)
-        bits = math.ceil(math.log2(side)) + _TEXEL
+        most = max(float(np.abs(mesh.vertex_uvs).max(initial=0)), 1.0)
+        bits = min(math.ceil(math.log2(side)) + _TEXEL, _MANTISSA - math.frexp(most)[1])
         parts.exponents["TEXCOORD_0"] = np.full(1, -bits)
         attributes["TEXCOORD_0"] = (np.rint(mesh.vertex_uvs * 2.0**bits) * 0.5**bits).astype(np.float32)
     parts.exponents["POSITION"] = np.zeros(1, np.int64)

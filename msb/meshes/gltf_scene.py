@@ -65,7 +65,7 @@ def read_scene(document: Document) -> Mesh:
     _refuse_extensions(document)
     placed = list(placed_meshes(document))
     shown = list(dict.fromkeys(mesh for mesh, _ in placed))
-    unpack(document, shown, _limit(document))
+    unpack(document, shown, _limit)
     primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
     sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
     _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
@@ -178,7 +178,10 @@ def _colors(part: Part, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | N
     none; else it is as stored, and has no effect.
     """
     factor, own = np.array(part.look.factor, np.float32), part.look.cutoff
-    factor[3] = 1 if cutoff is None or own is None else factor[3] * cutoff / own
+    if cutoff is None or own is None:
+        factor[3] = 1
+    else:  # in doubles: a cut-off may be too small or too large for the floats of a colour
+        factor[3] = part.look.factor[3] * (cutoff / own)
     colors = part.colors
     if colors is None:
         if (factor == 1).all():

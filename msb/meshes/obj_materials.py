@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -23,13 +24,17 @@ if TYPE_CHECKING:
     from msb.meshes.text import Words
 
 _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
-_LIBRARY = re.compile(r"\S.*?\.mtl(?=\s|$)", re.IGNORECASE)
-_MAX_LIBRARY = 1 << 24
+_BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
+"""What stands between the names of libraries, which may have spaces in them."""
+_MAX_LIBRARIES = 1 << 24
+"""Bytes of all libraries together."""
+_MAX_WORDS = 1 << 12
+"""Characters of a line map_Kd, as many as the path of a file has."""
 _WHITE = (255, 255, 255)
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
 """Options of a map with more than one argument; `-o`, `-s` and `-t` may have fewer than three."""
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
 Texture = str | tuple[int, ...]
@@ -57,13 +62,15 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
     found: dict[str, _Material] = {}
     left_out: LeftOut = {}
     uses: list[tuple[int, str]] = [(-1, "")]
+    libraries: dict[str, None] = {}
     for statement in _STATEMENT.finditer(text.data):
         words = _decoded(statement[2])
         if statement[1] == b"usemtl":
             uses.append((statement.start(), words))
         else:
-            for name in _LIBRARY.findall(words) or [words]:
-                _read_library(text, name, found, left_out)
+            names = [name for name in _BETWEEN.split(words) if name.lower().endswith(".mtl")]
+            libraries |= dict.fromkeys(names or [words])
+    _read_libraries(text, libraries, found, left_out)
     unknown = next((name for _, name in uses[1:] if name not in found), "")
     if unknown and not any(each.startswith("materials (") for each in left_out):
         left_out[f"material {shorten(unknown, 60)} (no file of materials has it)"] = None
@@ -194,15 +201,27 @@ def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dic
     return images
 
 
-def _read_library(text: Source, name: str, found: dict[str, _Material], left_out: LeftOut) -> None:
-    """Add the materials of the file `name` to those `found`; the first of a name counts."""
-    try:
-        data = read_beside(text, name.replace("\\", "/"), "mtllib", _MAX_LIBRARY)
-    except MeshFileError as error:
-        left_out[f"materials ({shorten(error.message, 200)})"] = None
-        return
+def _read_libraries(
+    text: Source, names: Iterable[str], found: dict[str, _Material], left_out: LeftOut
+) -> None:
+    """Add the materials of the files `names` to those `found`; the first of a name counts."""
+    room = _MAX_LIBRARIES
+    for name in names:
+        try:
+            data = read_beside(text, name.replace("\\", "/"), "mtllib", room)
+        except MeshFileError as error:
+            left_out[f"materials ({shorten(error.message, 200)})"] = None
+            continue
+        _read_library(data[:room], found, left_out)
+        if len(data) > room:
+            left_out[f"materials beyond {_MAX_LIBRARIES >> 20} MiB of files"] = None
+            return
+        room -= len(data)
+
+
+def _read_library(data: bytes, found: dict[str, _Material], left_out: LeftOut) -> None:
     material = _Material()
-    for line in data[:_MAX_LIBRARY].removeprefix(codecs.BOM_UTF8).splitlines():
+    for line in data.removeprefix(codecs.BOM_UTF8).splitlines():
         word, _, rest = _decoded(line).partition(" ")
         rest = rest.strip()
         if word == "newmtl":
@@ -210,6 +229,8 @@ def _read_library(text: Source, name: str, found: dict[str, _Material], left_out
             found.setdefault(rest, material)
         elif word == "Kd":
             material.color = _color(rest)
+        elif word.lower() == "map_kd" and len(rest) > _MAX_WORDS:
+            left_out[f"an image whose name has more than {_MAX_WORDS:,} letters"] = None
         elif word.lower() == "map_kd":
             material.image, is_plain = _without_options(rest)
             if not is_plain:

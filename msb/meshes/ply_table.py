@@ -28,8 +28,9 @@ class PlyTable:
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Return the properties `names` as a new (count, len(names)) float32 array."""
         values = np.zeros((self.count, len(names)), np.float32)
-        for number, name in enumerate(names):
-            values[:, number] = self._columns[name]
+        with np.errstate(over="ignore"):  # whoever asks refuses what is infinite
+            for number, name in enumerate(names):
+                values[:, number] = self._columns[name]
         return values
 
 

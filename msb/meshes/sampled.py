@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _BLUR = -1.0
 """Levels of mip maps between the size of a face and what its corners see, which was best on a sphere."""
+_HUGE = 1e100
+"""Products of larger coordinates may be infinite."""
 _INWARDS = 0.25
 """How far towards the middle of its face a corner's sample lies: beyond a chart's border is another chart."""
 
@@ -37,6 +39,8 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
     uvs = mesh.vertex_uvs[corners] if mesh.corner_uvs is None else mesh.corner_uvs  # type: ignore[index]
     seen = _seen(mesh, uvs.reshape(-1, 3, 2).astype(np.float64))
     points = mesh.vertices[mesh.faces].astype(np.float64)
+    if (most := np.abs(points).max(initial=0.0)) > _HUGE:
+        points /= most
     area = np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1)
     weight = np.repeat(area + np.finfo(np.float32).tiny, 3)
     total = np.bincount(corners, weight, len(mesh.vertices))

@@ -160,9 +160,10 @@ class _Reader:
                 made.uvs[1][:, 1] = 1 - made.uvs[1][:, 1]
         if varname is None or made.uvs is None:
             made.colors = self._primvar(mesh, "displayColor", 3, shape, order, polygon)
-            plain = looks[0][0].color
-            if made.colors is None and plain is not None and len(looks) == 1:
-                made.colors = "vertex", np.tile(np.array(plain, np.float32), (len(points), 1))
+            if made.colors is None:
+                made.colors = _plain_colors(looks, len(points), polygon, len(counts))
+        elif any(look.color is not None for look, _ in looks):
+            self.left_out["colours of materials"] = None
         return made
 
     def _array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
@@ -274,6 +275,21 @@ class _Reader:
             self.left_out["subdivision"] = None
         if mesh.GetPointsAttr().GetNumTimeSamples() > 1:
             self.left_out["later times"] = None
+
+
+def _plain_colors(
+    looks: list[tuple[_Look, Any]], vertices: int, polygon: NDArray[np.int64], polygons: int
+) -> tuple[str, Floats] | None:
+    """Return the colours of materials: of vertices if one has all faces, else of faces, white without any."""
+    if all(look.color is None for look, _ in looks):
+        return None
+    if len(looks) == 1:
+        return "vertex", np.tile(np.array(looks[0][0].color, np.float32), (vertices, 1))
+    own = np.ones((polygons, 3), np.float32)
+    for look, faces in looks:
+        if look.color is not None:
+            own[faces] = look.color
+    return "face", own[polygon]
 
 
 def _shader(source: Any) -> Any:

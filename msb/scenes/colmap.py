@@ -17,6 +17,7 @@ from msb.base.paths import SpelledFiles
 from msb.errors import shorten
 from msb.scenes import colmap_binary, colmap_text
 from msb.scenes.camera import Camera
+from msb.scenes.checks import check_name
 from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
@@ -154,4 +155,5 @@ def _camera(
     pose[:3, :3] = rotation_from_quaternion(shot.quaternion)
     pose[:3, 3] = shot.translation
     with shot_file.locating(shot.pointer, what):
+        check_name(name)  # before a file is looked for by it
         return Camera(*intrinsics, pose, name, None if images is None else images.find(name))

@@ -97,8 +97,7 @@ def _refuse_distortion(model: Node | None, fisheye: Node | None, distortions: li
 
 def _image_name(path: str) -> str:
     """Return the image's name below the file's folder: without "./", with ".png" if it has no suffix."""
-    while path.startswith("./"):
-        path = path[2:]
+    path = re.sub(r"^(?:\./)++", "", path)
     return path if PurePosixPath(path).suffix.lower() in _IMAGE_SUFFIXES else f"{path}.png"
 
 

@@ -13,6 +13,7 @@ from msb.asset.texture import Sampler
 from msb.base import extras
 from msb.errors import UsageError
 from msb.meshes import Mesh, read_mesh, write_mesh
+from msb.meshes.assets import as_held
 from msb.meshes.face_order import compact_order
 from msb.meshes.formats import Style, Web
 from msb.meshes.glb_web import Grid
@@ -128,6 +129,16 @@ def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texe
         expected = mesh.corner_uvs.reshape(3, 3, 2)[shown == texture].reshape(-1, 2)
         near = np.abs(uvs[:, None] - expected).max(axis=2).min(axis=0)
         assert (near < 1 / 32 / 16).all()
+
+
+@pytest.mark.parametrize("most", [255.9, 256.0, 3000.0])
+def test_coordinates_that_are_tiled_often_do_not_wrap(most: float, tmp_path: Path) -> None:
+    image = np.zeros((16, 4096, 3), np.uint8)
+    mesh = Mesh(CORNERS, FACES, corner_uvs=UVS * np.float32(most), textures=(image,), sampler=Sampler())
+    write_mesh(as_held(mesh, ".glb"), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))
+    again = read_mesh(tmp_path / "a.glb").vertex_uvs
+    assert again is not None
+    assert abs(again.max() - mesh.corner_uvs.max()) <= most * 2**-22
 
 
 def test_without_the_extra_one_line_names_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

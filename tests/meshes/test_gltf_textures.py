@@ -157,6 +157,15 @@ def test_cut_offs_are_made_one_and_alpha_counts_nowhere_else(read: Read) -> None
     mesh = read(masked.bytes(), ".glb")
     assert (mesh.sampler.alpha_cutoff, len(mesh.textures)) == (0.25, 1)
     assert_colors(mesh.vertex_colors, np.uint8([[255, 255, 255, 102]] * 4 + [[255] * 4] * 4))
+    own = np.tile([1, 1, 1, 0.5], (4, 1))
+    for cutoff in (1e-46, 1e300):  # no floats hold them
+        odd = two_parts({}, {})
+        for material in odd.root["materials"]:
+            material |= {"alphaMode": "MASK", "alphaCutoff": cutoff}
+        odd.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = odd.accessor(own, "f4", "VEC4")
+        colors = read(odd.bytes(), ".glb").vertex_colors
+        assert colors is not None
+        assert np.isfinite(colors).all()
     opaque = read(two_parts({}, {"alphaMode": "BLEND"}).bytes(), ".glb")
     assert opaque.sampler.alpha_cutoff is None
     assert opaque.textures[0].shape[2] == 3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from msb.errors import MeshFileError
-from msb.meshes import Mesh, read_mesh, text
+from msb.meshes import Mesh, obj_materials, read_mesh, text
 
 from .builders import OBJ_SQUARE, OBJ_TEXTURED, SQUARE, SQUARE_FACES, TEXELS, picture
 
@@ -94,6 +94,35 @@ def test_what_cannot_be_read_is_left_out_and_the_mesh_is_there(
     folder: Path, mtl: bytes | None, words: str
 ) -> None:
     assert words in ", ".join(read(folder, OBJ_TEXTURED, mtl).left_out)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"Kd %sx 0 0",
+        b"Kd 0 0 0%s.%sx",
+        b"map_Kd -s%s 1 map.png",
+        b"map_Kd %s",
+        b"map_Kd " + b"-bm 1 " * 10**6,
+    ],
+)
+def test_a_long_line_of_a_library_takes_no_longer_than_it_is(line: bytes, folder: Path) -> None:
+    mtl = ONE + line.replace(b"%s", b"1" * 10**6) + b"\n"
+    assert read(folder, OBJ_TEXTURED, mtl).textures
+
+
+def test_each_library_is_read_once_and_all_of_them_have_a_limit(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len(read(folder, b"mtllib a.mtl\n" * 10**5 + OBJ_TEXTURED).textures) == 1
+    assert len(read(folder, b"mtllib " + b"a" * 10**6 + b"\n" + OBJ_TEXTURED).textures) == 1
+    (folder / "b c.mtl").write_bytes(ONE)
+    (folder / "d.MTL").write_bytes(ONE + b"newmtl two\n")
+    two = OBJ_TEXTURED.replace(b"a.mtl", b"b c.mtl  d.MTL").replace(b"usemtl one", b"usemtl two")
+    assert read(folder, two).left_out == ("UVs",)
+    monkeypatch.setattr(obj_materials, "_MAX_LIBRARIES", len(ONE))
+    left_out = read(folder, two).left_out
+    assert {"materials beyond 0 MiB of files", "material two (no file of materials has it)"} <= set(left_out)
 
 
 def test_who_needs_the_surface_alone_opens_nothing(folder: Path) -> None:

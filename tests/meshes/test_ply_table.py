@@ -33,6 +33,7 @@ def test_columns_of_every_form(data: bytes, tmp_path: Path) -> None:
     found = table.columns(["c", "a"])
     assert found.dtype == np.float32
     np.testing.assert_array_equal(found, [[3, 1.5], [4, -1.0], [255, 0.25]])
+    np.testing.assert_array_equal(table.columns(["b"]), [[2.5], [np.inf], [7.0]])
 
 
 BAD = {

@@ -10,7 +10,7 @@ import pytest
 
 import msb
 from msb.asset.texture import Sampler
-from msb.errors import OutputError, UsageError
+from msb.errors import AssetError, OutputError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import as_held, asset_from_mesh
 from msb.meshes.files import write_whole
@@ -74,6 +74,22 @@ def test_without_a_place_textures_are_colours_of_vertices(suffix: str, tmp_path:
     write_whole(held, tmp_path / f"a{suffix}")
     assert equal(read_mesh(tmp_path / f"a{suffix}").vertex_colors, held.vertex_colors)
     assert as_held(replace(tinted, vertex_colors=None), ".stl").vertex_colors is None
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])
+def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None:
+    uvs = UVS.copy()
+    uvs[4, 1] = np.nan
+    with pytest.raises(AssetError, match=r"texture coordinate 4 is \[.*nan\]"):
+        as_held(textured(corner_uvs=uvs), suffix)
+    with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT"):
+        as_held(textured(vertices=np.full_like(CORNERS, np.inf)), suffix)
+    assert not as_held(textured(corner_uvs=uvs), ".stl").textures
+
+
+def test_colours_of_a_mesh_too_large_to_be_squared_are_sampled() -> None:
+    usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * size), ".ply") for size in (1, 1e200))
+    assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1
 
 
 def test_a_vertex_sees_the_texture_at_the_size_of_its_faces() -> None:

@@ -146,13 +146,44 @@ def test_an_image_elsewhere_is_refused(tmp_path: Path) -> None:
     assert "only files in the folder of the mesh" in caught.value.message
 
 
+SUBSETS = """        def Material "%s" {
+            token outputs:surface.connect = </root/quad/%s/s.outputs:surface>
+            def Shader "s" {
+                uniform token info:id = "UsdPreviewSurface"
+                color3f inputs:diffuseColor = %s
+                token outputs:surface
+            }
+        }
+        def GeomSubset "of_%s" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+            uniform token elementType = "face"
+            uniform token familyName = "materialBind"
+            int[] indices = [%d]
+            rel material:binding = </root/quad/%s>
+        }
+"""
+
+
+def test_plain_colours_of_parts_are_those_of_their_faces(tmp_path: Path) -> None:
+    path = tmp_path / "a.usda"
+    before, _, after = STAGE.partition("        color3f[]")
+    own = "".join(
+        SUBSETS % (name, name, color, name, face, name)
+        for name, color, face in (("red", "(1, 0, 0)", 0), ("green", "(0, 1, 0)", 1))
+    )
+    text = before + own + after.partition('            interpolation = "uniform"\n        )\n')[2]
+    text = text.replace("Counts = [4]", "Counts = [3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
+    path.write_text(text)
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.face_colors, np.array([[255, 0, 0], [0, 255, 0]], np.uint8))
+
+
 def test_a_package_is_stored_and_aligned(tmp_path: Path) -> None:
-    path = tmp_path / "a.usdz"
+    path = tmp_path / "Fläche.usdz"
     write_whole(textured(), path)
     data = path.read_bytes()
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-    assert [member.filename for member in members] == ["asset.usdc", "a_0.png", "a_1.png"]
+    assert [member.filename for member in members] == ["asset.usdc", "Fläche_0.png", "Fläche_1.png"]
     for member in members:
         head = data[member.header_offset :][:30]
         start = member.header_offset + 30 + sum(np.frombuffer(head, "<u2", 2, 26).tolist())

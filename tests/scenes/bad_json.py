@@ -82,6 +82,7 @@ BAD_JSON: dict[str, Bad] = {
     "path up": in_transforms("frames/0/file_path", "./../a.png", code="INVALID"),
     "path surrogate": of_json(b'{"frames": [{"file_path": "\\ud800"}]}', "transforms.json"),
     "path hidden absolute": in_transforms("frames/0/file_path", ".//etc/a.png", code="INVALID"),
+    "path of dots": in_transforms("frames/0/file_path", "./" * 10**6 + "../a.png", code="INVALID"),
     "path twice": in_transforms("frames/1/file_path", "././part/view_0.png"),
     "width fraction": in_transforms("frames/0/w", 40.5),
     "focal missing": in_transforms("frames/0/fl_x"),

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import msb
+from msb.base.paths import SpelledFiles
+from msb.errors import SceneError
 from msb.scenes import colmap_binary, read_points
 from msb.scenes.colmap_models import MODEL_NAMES, MODELS
 
@@ -93,6 +95,15 @@ def test_names_hold_spaces_and_other_scripts(tmp_path: Path) -> None:
         "images.bin": many(shot_bin(name=name.encode() + b"\0", points=3)),
     }
     assert msb.read_cameras(write(tmp_path / "bin", files))[0].name == name
+
+
+def test_no_file_is_looked_for_by_a_name_that_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(SpelledFiles, "find", None)
+    files = images(b"1 1 0 0 0 0 0 0 7 " + "é/".encode() * 100_000 + b"x", b"")
+    with pytest.raises(SceneError, match=r"CAMERA_INVALID: .*the name is"):
+        msb.read_cameras(write(tmp_path / "sparse" / "0", files))
 
 
 def test_a_byte_order_mark_before_text_is_no_word(tmp_path: Path) -> None:

@@ -91,7 +91,9 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     cameras = []
     for index, image in enumerate(images):
         with source.locating(f"world_mat_{index}"):
-            lens, pose = decompose(world[index] @ scale[index])
+            with np.errstate(all="ignore"):  # what overflows is refused as no camera
+                projection = world[index] @ scale[index]
+            lens, pose = decompose(projection)
             size = image_size(image)
             focal, middle = lens.diagonal(), lens[:, 2]
             lens_numbers = float(focal[0]), float(focal[1]), float(middle[0]), float(middle[1])
@@ -99,19 +101,19 @@ def read_neus(path: Path, images: Sequence[Path]) -> list[Camera]:
     return cameras
 
 
+@np.errstate(all="ignore")
 def decompose(projection: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the intrinsics (3, 3) and the world-to-camera matrix (4, 4) of a projection to pixels."""
     left, last = projection[:3, :3], projection[:3, 3]
     # RQ by QR, J being the exchange matrix: (J M)^T = Q R gives M = (J R^T J)(J Q^T).
-    with np.errstate(all="ignore"):
-        q, r = np.linalg.qr(left[::-1].T)
-        lens, rotation = r.T[::-1, ::-1], q.T[::-1]
-        sign = np.sign(np.diag(lens))
-        lens, rotation = lens * sign, rotation * sign[:, None]
-        if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
-            raise SceneError("SCENE_LAYOUT", "the projection is singular; it must be that of a camera")
-        if np.linalg.det(rotation) < 0:  # a projection counts up to its sign
-            rotation, last, left = -rotation, -last, -left
+    q, r = np.linalg.qr(left[::-1].T)
+    lens, rotation = r.T[::-1, ::-1], q.T[::-1]
+    sign = np.sign(np.diag(lens))
+    lens, rotation = lens * sign, rotation * sign[:, None]
+    if not (np.isfinite(lens).all() and abs(np.linalg.det(left)) > 1e-12 * np.linalg.norm(left) ** 3 > 0):
+        raise SceneError("SCENE_LAYOUT", "the projection is singular; it must be that of a camera")
+    if np.linalg.det(rotation) < 0:  # a projection counts up to its sign
+        rotation, last, left = -rotation, -last, -left
     pose = np.eye(4)
     pose[:3, :3] = rotation
     pose[:3, 3] = rotation @ np.linalg.solve(left, last)
