@@ -2,7 +2,8 @@
 
 The page asks for the next task and posts what it drew (web/remote.js); nothing but the browser itself is
 needed, no driver and no debugging protocol. The address holds a secret, so that other users of the machine
-can neither read the asset nor answer in the page's place.
+can neither read the asset nor answer in the page's place. The browser is told another address, which leads to
+it once: every user can see what a program was started with.
 """
 
 from __future__ import annotations
@@ -132,13 +133,14 @@ class Page:
     ) -> None:
         self._tasks: queue.Queue[bytes] = queue.Queue()
         self._answers: queue.Queue[bytes] = queue.Queue()
-        self._secret = secrets.token_urlsafe(16)
-        handler = _handler(f"/{self._secret}/", content, self._tasks, self._answers)
+        root, once = (f"/{secrets.token_urlsafe(16)}/" for _ in range(2))
+        lead = {once: f"{root}page.html?{query}"}
+        handler = _handler(root, lead, content, self._tasks, self._answers)
         self._server = _Server(("127.0.0.1", 0), handler)
         threading.Thread(target=self._server.serve_forever, daemon=True, name="page").start()
         self._folder = tempfile.TemporaryDirectory(prefix="msb-browser-", ignore_cleanup_errors=True)
         self._log: IO[bytes] = (Path(self._folder.name) / "log").open("w+b")
-        address = f"http://127.0.0.1:{self._server.server_address[1]}/{self._secret}/page.html?{query}"
+        address = f"http://127.0.0.1:{self._server.server_address[1]}{once}"
         command = [browser, *_FLAGS, *(_SOFTWARE if software else _ANY)]
         if webgpu:
             command += [*_WEBGPU, *(_WEBGPU_SOFTWARE if software else ())]
@@ -156,10 +158,11 @@ class Page:
                 **apart(),
             )
         except OSError as error:
-            _end(None, self._server, self._log, self._folder)
+            _end(None, self._server, self._tasks, self._log, self._folder)
             raise DeviceError("ENGINE_FAILED", f"{browser} does not start: {error.strerror}") from error
         # Also when nobody closes this before the program ends.
-        self.close = weakref.finalize(self, _end, self._process, self._server, self._log, self._folder)
+        parts = self._process, self._server, self._tasks, self._log, self._folder
+        self.close = weakref.finalize(self, _end, *parts)
         try:
             self.about = self._wait(_LONGEST_SECONDS if webgpu else _START_SECONDS).head
         except BaseException:
@@ -213,6 +216,7 @@ class Page:
 def _end(
     process: subprocess.Popen[bytes] | None,
     server: ThreadingHTTPServer,
+    tasks: queue.Queue[bytes],
     log: IO[bytes],
     folder: tempfile.TemporaryDirectory[str],
 ) -> None:
@@ -224,6 +228,7 @@ def _end(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+    tasks.put(b"")  # whoever waits for one in a thread holds the whole content
     server.shutdown()
     server.server_close()
     log.close()
@@ -231,8 +236,14 @@ def _end(
 
 
 def _handler(
-    root: str, content: Mapping[str, bytes], tasks: queue.Queue[bytes], answers: queue.Queue[bytes]
+    root: str,
+    lead: dict[str, str],
+    content: Mapping[str, bytes],
+    tasks: queue.Queue[bytes],
+    answers: queue.Queue[bytes],
 ) -> type[BaseHTTPRequestHandler]:
+    """Return what serves `content` and the tasks below `root`, and each redirect of `lead` once."""
+
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
@@ -240,6 +251,11 @@ def _handler(
             path = self.path.partition("?")[0]
             if path == f"{root}next":
                 self._send(tasks.get(), "application/json")
+            elif (place := lead.pop(path, None)) is not None:
+                self.send_response(302)
+                self.send_header("Location", place)
+                self.send_header("Content-Length", "0")
+                self.end_headers()
             elif path.startswith(root) and path[len(root) :] in content:
                 kind = _KINDS.get(path.rpartition(".")[2], "application/octet-stream")
                 self._send(content[path[len(root) :]], kind)

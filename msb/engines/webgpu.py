@@ -83,7 +83,7 @@ class WgpuRenderer(Engine):
         if needed > limit:
             text = f"{gpu.name} takes buffers of {limit} bytes, this mesh needs one of {needed}"
             raise DeviceError("DEVICE_MEMORY", text)
-        with gpu.reporting("opening the device"):
+        with gpu.setting_up():
             gpu.open(("max-buffer-size", "max-texture-dimension-2d"), timed=True)
             self._make_mesh()
             self._pipelines = {ids: self._pipeline(ids) for ids in {False, self._numbered}}

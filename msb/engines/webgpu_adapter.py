@@ -139,6 +139,16 @@ class Gpu:
             text = shorten(lines[-1] if lines else type(error).__name__, 200)
             raise DeviceError("ENGINE_FAILED", f"{self.name}: {doing}: {text}") from error
 
+    @contextlib.contextmanager
+    def setting_up(self) -> Iterator[None]:
+        """Open the device and fill it in a block; if the block fails, nothing of it stays there."""
+        try:
+            with self.reporting("opening the device"):
+                yield
+        except BaseException:
+            self.close()
+            raise
+
     def buffer(self, use: str, size: int, *usages: str, data: NDArray[Any] | None = None) -> None:
         """Make a buffer in place of the one of that use, and fill it if `data` is given."""
         usage = 0

@@ -6,6 +6,7 @@ Pictures are display-referred: a PNG gets the numbers of the frame, clamped and 
 from __future__ import annotations
 
 import io
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -170,6 +171,9 @@ def _encode_mp4(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
         for image in frames:
             pixels = to_bytes(image)
             pixels = np.ascontiguousarray(pixels[: len(pixels) // 2 * 2, : pixels.shape[1] // 2 * 2])
+            if not pixels.size:
+                text = "an MP4 film needs pictures of 2 x 2 pixels or more; a GIF takes smaller ones"
+                raise UsageError("USAGE", text)
             if stream is None:
                 stream = film.add_stream("libx264", rate=fps, options={"crf": "16", "preset": "medium"})
                 stream.height, stream.width = pixels.shape[:2]
@@ -193,18 +197,16 @@ def _write_gif(file: Any, frames: Iterable[NDArray[Any]], fps: int) -> None:
 
 def image_names(views: Sequence[Camera]) -> list[str]:
     """Return a file name for each view: its camera's, without suffix unless two would then be the same."""
-    short = [_without_suffix(view.name or f"{index:05d}") for index, view in enumerate(views)]
-    names = []
-    for index, (view, name) in enumerate(zip(views, short, strict=True)):
-        alone = short.count(name) == 1
-        names.append(
-            name if alone else f"{view.name or name}" if _unique(views, view) else f"{name}_{index:05d}"
-        )
+    whole = [view.name or f"{index:05d}" for index, view in enumerate(views)]
+    short = [_without_suffix(name) for name in whole]
+    of_whole, of_short = Counter(whole), Counter(short)
+    names = [
+        brief if of_short[brief] == 1 else name if of_whole[name] == 1 else f"{brief}_{index:05d}"
+        for index, (name, brief) in enumerate(zip(whole, short, strict=True))
+    ]
+    while len(counts := Counter(names)) < len(names):
+        names = [name if counts[name] == 1 else f"{name}_{index:05d}" for index, name in enumerate(names)]
     return names
-
-
-def _unique(views: Sequence[Camera], view: Camera) -> bool:
-    return sum(other.name == view.name for other in views) == 1
 
 
 def _without_suffix(name: str) -> str:

@@ -17,6 +17,7 @@ from PIL import Image
 import msb
 from msb.adapters.exporter import adapters
 from msb.errors import MsbError, Unsupported, UsageError
+from msb.meshes import Mesh, write_mesh
 from tests.adapters import models
 from tests.adapters.models import VALUES, write_model, write_web_export
 from tests.conftest import ROOT
@@ -255,6 +256,13 @@ def test_a_damaged_web_export_says_what_is_wrong(case: str, tmp_path: Path) -> N
         content.save(folder / name)
     error = refused(folder)
     assert (error.code, text in error.message) == ("CHECKPOINT_DAMAGED", True), str(error)
+
+
+def test_a_web_export_without_faces_is_empty(tmp_path: Path) -> None:
+    folder = write_web_export(tmp_path / "scene")
+    none = Mesh(np.zeros((3, 3), np.float32), np.zeros((0, 3), np.int64))
+    write_mesh(none, folder / "mesh.ply", suffix=".ply")
+    assert "the model is empty" in refused(folder).message
 
 
 def test_a_bomb_of_a_texture_is_refused_before_it_is_decoded(tmp_path: Path) -> None:

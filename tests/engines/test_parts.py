@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import io
+import queue
 import sys
+import tempfile
+import threading
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -206,11 +211,59 @@ def test_only_the_page_is_served() -> None:
     with ThreeJsRenderer(mesh_asset(scene("small", 1))) as renderer:
         page = renderer._page
         port = page._server.server_address[1]
-        for path in ("", "page.html", "mesh.glb", "next", f"{page._secret}/", f"{page._secret}/../page.html"):
+        shown = page._process.args[-1].partition(f":{port}/")[2]
+        for path in ("", "page.html", "mesh.glb", "next", shown, f"{shown}page.html", f"{shown}../page.html"):
             with pytest.raises(HTTPError) as info:
                 urlopen(f"http://127.0.0.1:{port}/{path}", timeout=10)
             assert info.value.code == 404
             info.value.close()
+
+
+def test_a_renderer_that_fails_when_it_opens_leaves_nothing_on_the_device(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    need("wgpu")
+    closed = []
+    monkeypatch.setattr(WgpuRenderer, "_make_mesh", lambda _: 1 / 0)
+    close = webgpu.Gpu.close
+    monkeypatch.setattr(webgpu.Gpu, "close", lambda gpu: (closed.append(gpu), close(gpu)))
+    with pytest.raises(ZeroDivisionError):
+        WgpuRenderer(mesh_asset(scene("small", 1)))
+    assert [gpu.device for gpu in closed] == [None]
+
+
+def test_an_address_that_all_users_see_leads_to_the_page_once_and_a_closed_page_holds_nothing() -> None:
+    from http.client import HTTPConnection
+
+    tasks: queue.Queue[bytes] = queue.Queue()
+    handler = browser._handler("/s/", {"/once/": "/s/page.html?x"}, {"page.html": b"hi"}, tasks, tasks)
+    server = browser._Server(("127.0.0.1", 0), handler)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+
+    def ask(path: str) -> tuple[int, str | None, bytes]:
+        connection = HTTPConnection(*server.server_address[:2], timeout=10)
+        connection.request("GET", path)
+        reply = connection.getresponse()
+        found = reply.status, reply.getheader("Location"), reply.read()
+        connection.close()
+        return found
+
+    assert ask("/once/") == (302, "/s/page.html?x", b"")
+    assert [ask(path)[0] for path in ("/once/", "/s/", "/s/../page.html", "/")] == [404] * 4
+    assert ask("/s/page.html?x")[2] == b"hi"
+
+    before = set(threading.enumerate())
+    waiting = HTTPConnection(*server.server_address[:2], timeout=10)
+    waiting.request("GET", "/s/next")
+    end = time.monotonic() + 30
+    while not (new := set(threading.enumerate()) - before) and time.monotonic() < end:
+        time.sleep(0.01)
+    (thread,) = new
+    waiting.close()  # as a browser that is ended does
+    assert thread.is_alive()
+    browser._end(None, server, tasks, io.BytesIO(), tempfile.TemporaryDirectory())
+    thread.join(30)
+    assert not thread.is_alive()
 
 
 def test_missing_data_is_refused_before_an_engine_starts(monkeypatch: pytest.MonkeyPatch) -> None:

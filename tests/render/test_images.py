@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 
 from msb.errors import OutputError, UsageError
-from msb.render.images import Writers, to_bytes, write_film, write_image
+from msb.render.images import Writers, image_names, to_bytes, write_film, write_image
+from msb.scenes import Camera
 
 RANDOM = np.random.default_rng(0)
 IMAGE = (RANDOM.random((31, 46, 3)) * 1.4 - 0.2).astype(np.float32)
@@ -86,8 +87,22 @@ def test_a_film_that_fails_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(OutputError):
         write_film(tmp_path / "f.mp4", frames(), 24)
     assert list(tmp_path.iterdir()) == []
+    pytest.importorskip("av")
+    with pytest.raises(UsageError, match="an MP4 film needs pictures of 2 x 2 pixels or more"):
+        write_film(tmp_path / "f.mp4", [IMAGE[:1]], 24)
+    assert list(tmp_path.iterdir()) == []
     with pytest.raises(UsageError, match=r'the film is "f.avi"; it must end in \.mp4 or \.gif'):
         write_film(tmp_path / "f.avi", [IMAGE], 24)
+
+
+def test_no_two_views_have_one_name() -> None:
+    def names(*given: str | None) -> list[str]:
+        return image_names([Camera(4, 4, 1, 1, 2, 2, np.eye(4), name) for name in given])
+
+    assert names("a.png", "b/c.jpg", None) == ["a", "b/c", "00002"]
+    assert names("a.png", "a.jpg") == ["a.png", "a.jpg"]
+    assert names("a.png", "a.png") == ["a_00000", "a_00001"]
+    assert names("a.png", "a.jpg", "a.png.png") == ["a.png_00000", "a.jpg", "a.png_00002"]
 
 
 def test_writers_work_aside_keep_few_waiting_and_report_what_failed(tmp_path: Path) -> None:

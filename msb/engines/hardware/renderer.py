@@ -112,7 +112,7 @@ class HardwareRenderer:
             stops=stops,
             debug=debug,
         )
-        with gpu.reporting("opening the device"):
+        with gpu.setting_up():
             gpu.open(_LIMITS, timed=gpu.kind == "gpu")
             self._runs = DevicePlan(gpu, self._plan)
         self._size: tuple[int, int] | None = None

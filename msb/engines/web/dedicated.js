@@ -160,8 +160,10 @@ export class Dedicated {
 
   // Takes the plan of that number from the next frame on.
   async use(number) {
+    this.wanted = number;
     if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
     const made = await this.compiled.get(number);
+    if (this.wanted !== number) return;  // another one was chosen while this one was compiled
     const before = this.plan?.buffers || {};
     Object.assign(this, made, { number, plan: this.about.plans[number], size: null });
     const { arrays, buffers } = this.plan;

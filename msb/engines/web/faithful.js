@@ -22,14 +22,20 @@ async function referenceOf(k) {
 
 let here = null;
 async function measure() {
-  const found = [], chosen = official.number;
-  await official.use(0);  // the official order and sampling
-  for (let k = 0; k < about.tests.length; k += 1) {
-    byId("verdict").textContent = `Measuring ${k + 1} of ${about.tests.length} ...`;
-    found.push(psnr(await pixelsOf(k), await referenceOf(k)));
+  const found = [], chosen = official.wanted;
+  const modes = document.querySelectorAll("#settings select:enabled");
+  for (const select of modes) select.disabled = true;
+  try {
+    await official.use(0);  // the official order and sampling
+    for (let k = 0; k < about.tests.length; k += 1) {
+      byId("verdict").textContent = `Measuring ${k + 1} of ${about.tests.length} ...`;
+      found.push(psnr(await pixelsOf(k), await referenceOf(k)));
+    }
+    here = found;
+    await official.use(chosen);
+  } finally {
+    for (const select of modes) select.disabled = !official;
   }
-  here = found;
-  await official.use(chosen);
   showFaithful();
   show();
 }

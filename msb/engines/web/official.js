@@ -176,7 +176,7 @@ async function setMode(changed) {
   const fits = (plan) => plan.sampling === mode.sampling && plan.order === mode.order;
   let number = about.plans.findIndex(fits);
   if (number < 0) number = about.plans.findIndex((plan) => plan.sampling === mode.sampling);
-  if (!official || number === official.number) return;
+  if (!official || number === official.wanted) return;
   note("Compiling shaders ...");
   try {
     await official.use(number);

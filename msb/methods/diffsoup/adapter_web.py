@@ -44,6 +44,8 @@ def read(place: Place, content: Content, options: Options) -> Model:
     buffers, _, _ = mesh_buffers(read_mesh(place.file))
     buffers.pop("color", None)
     faces = len(buffers["indices"])
+    if not faces:
+        raise CheckpointError("CHECKPOINT_DAMAGED", "it has no faces: the model is empty", file=place.file)
     texels, level = _read_textures(folder, faces)
     buffers["features.lattice"] = np.concatenate([texels[0], texels[1][:, :, :3]], axis=2)
     buffers["features.opacity"] = np.ascontiguousarray(texels[1][:, :, 3])

@@ -64,10 +64,13 @@ def _config_of(path: Path) -> dict[str, Any]:
         text = match[1]
     try:
         data = yaml.load(text, _PlainLoader)  # a SafeLoader: plain values only
-    except (yaml.YAMLError, ValueError) as error:
+    # What a value with a tag does not say ends in errors of Python's, such as KeyError for "!!bool maybe".
+    except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
         where = "" if mark is None else f" in line {mark.line + 1}"
         raise unusable(path, f"it is not valid YAML{where}") from None
     if not isinstance(data, dict) or not isinstance(data.get("model"), dict):
         raise unusable(path, 'it has no section "model"')
+    if any(isinstance(value, int) and value.bit_length() > 63 for value in data["model"].values()):
+        raise unusable(path, "a number in it has more than 63 bits")
     return data
