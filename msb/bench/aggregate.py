@@ -93,11 +93,6 @@ def _tasks(result: Result) -> float | None:
     return sum(one.outcome in ("works", "care") for one in trials) if trials else None
 
 
-def _psnr_16(result: Result) -> float | None:
-    photographs = None if result.bake is None else result.bake.psnr["photographs"]
-    return None if photographs is None else photographs["after_16"]
-
-
 _STRUCTURE: dict[str, tuple[str, Better | None]] = {
     "vf_ratio": ("V/F", None),
     "mean_valence": ("Valence", None),
@@ -126,7 +121,7 @@ _OTHERS: dict[str, Metric] = {
     "holes": Metric("Holes (%)", "%", 2, "lower", _at("walk.holes"), 0.01),
     "train_seconds": Metric("Train time (min)", "min", 1, "lower", _at("training.seconds"), 60.0),
     "train_memory": Metric("Peak mem. (MiB)", "MiB", 0, "lower", _at("training.peak_memory_bytes"), _MIB),
-    "psnr_16": Metric("PSNR, 16 samples", "dB", 2, "higher", _psnr_16),
+    "psnr_16": Metric("PSNR, 16 samples", "dB", 2, "higher", _at("bake.psnr.photographs.after_16")),
     "faces": Metric("Triangles", "1", 0, None, _faces),
     "tasks": Metric("Tasks", "1", 0, "higher", _tasks),
     "bake_seconds": Metric("Seconds", "s", 0, "lower", _at("bake.seconds")),

@@ -51,7 +51,7 @@ def compute(job: Job) -> Done:
     """Compute the job's parts and write the cell's record; other recorded parts stay if still valid."""
     check_run(job.root, job.run)
     start = time.perf_counter()
-    record = _kept(job)
+    record = _kept(job, _old(job))
     if any(part in MAIN for part in job.parts):
         # From here to the new record there is none: images and numbers of two runs must not stand together.
         with contextlib.suppress(FileNotFoundError):
@@ -68,6 +68,23 @@ def compute(job: Job) -> Done:
                 raise
             record["reasons"][part] = reason_of(error)
     record["seconds"] += time.perf_counter() - start
+    result = _write(job, record)
+    return Done(job.cell, result.status, time.perf_counter() - start)
+
+
+def write_lost(job: Job, reason: Reason) -> None:
+    """Write the record of a job whose process died before it could do so."""
+    old = _old(job)
+    if old is None or any(part in MAIN for part in job.parts):
+        write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
+        return
+    record = _kept(job, old)
+    record["reasons"] |= dict.fromkeys(job.parts, reason)
+    _write(job, record)
+
+
+def _write(job: Job, record: dict[str, Any]) -> Result:
+    """Write the record of a job's cell, with the parts that it has by now, and return it."""
     failed = next((record["reasons"].pop(part) for part in MAIN if part in record["reasons"]), None)
     result = Result(
         cell=job.cell,
@@ -81,29 +98,51 @@ def compute(job: Job) -> Done:
         **record,
     )
     write_result(job.folder, result)
-    return Done(job.cell, result.status, time.perf_counter() - start)
+    return result
 
 
-def _kept(job: Job) -> dict[str, Any]:
+def _old(job: Job) -> Result | None:
+    """Return the record that there is of a job's cell, None where there is none that can be read."""
+    try:
+        return Results(job.root).read(job.cell)
+    except MsbError:
+        return None
+
+
+def _kept(job: Job, old: Result | None) -> dict[str, Any]:
     """Return what of the record there is outlives this job, as arguments of `Result`."""
     kept: dict[str, Any] = {"inputs": {}, "reasons": {}, "seconds": 0.0}
-    try:
-        old = Results(job.root).read(job.cell)
-    except MsbError:
+    if old is None:
         return kept
     for part in MEASURES:
         if part in job.parts:
             continue
-        if part in old.inputs:
+        if part in old.inputs and _holds(part, job, old):
             kept["inputs"][part] = dict(old.inputs[part])
             keys = _KEYS.get(part, (part,))
             kept |= {key: getattr(old, key) for key in keys if getattr(old, key) is not None}
             kept["seconds"] = old.seconds
-        elif part in old.reasons:
+        elif part in old.reasons and _same_asset(job, old):
             kept["reasons"][part] = old.reasons[part]
     if old.status == "failed" and not any(part in MAIN for part in job.parts) and old.reason:
         kept["reasons"]["quality"] = old.reason
     return kept
+
+
+def _holds(part: Part, job: Job, old: Result) -> bool:
+    """Return whether a part on record is of the cell as it is now: a new model must not have old numbers."""
+    held, wanted = old.inputs[part], job.wanted.get(part)
+    if wanted is not None:
+        return held == wanted
+    # Nobody asks for it any more, so of its inputs only those are known that the images or the audit share.
+    known = {name: value for main in MAIN for name, value in job.wanted.get(main, {}).items()}
+    return _same_asset(job, old) and all(known.get(name, value) == value for name, value in held.items())
+
+
+def _same_asset(job: Job, old: Result) -> bool:
+    assets = old.asset, None if job.model is None else job.model.asset
+    before, now = (None if asset is None else asset.sha256 for asset in assets)
+    return before == now
 
 
 def write_result(folder: Path, result: Result) -> None:

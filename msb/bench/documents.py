@@ -90,6 +90,30 @@ class Looks(Record):
     dedicated: Look
 
 
+class OwnPsnr(Record):
+    """How near a bake comes to the model's own look (`msb.bake.report.Psnr`)."""
+
+    before: float | None
+    after: float
+    after_16: float
+
+
+class PhotographsPsnr(Record):
+    """How near the model and a bake of it come to the photographs (`msb.bake.report.Psnr`)."""
+
+    dedicated: float | None
+    before: float | None
+    after: float
+    after_16: float
+
+
+class BakePsnr(Record):
+    """The two, each None where there is nothing to compare with."""
+
+    own: OwnPsnr | None
+    photographs: PhotographsPsnr | None
+
+
 class BakeDocument(Record):
     """What `msb bake --json` writes (`msb.bake.report.Report.to_dict`)."""
 
@@ -105,7 +129,7 @@ class BakeDocument(Record):
     seconds: float
     views: dict[str, Any]
     unseen_area: float
-    psnr: dict[str, dict[str, float | None] | None]
+    psnr: BakePsnr
     verdict_before: AuditVerdict
     verdict_after: AuditVerdict
     lods: tuple[dict[str, Any], ...]

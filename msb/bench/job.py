@@ -37,7 +37,9 @@ class Job:
     views: Views
     """The scene's state when the run was planned."""
     parts: Mapping[Part, Inputs]
-    """The parts to compute, each with the inputs to record. Other parts of a record stay."""
+    """The parts to compute, each with the inputs to record. Other parts of a record stay while they hold."""
+    wanted: Mapping[Part, Inputs] = field(default_factory=dict)
+    """The present inputs of each part that the cell should have, whether it is computed now or not."""
     model: Model | None = None
     """None where there are official renderings only."""
     settings: Mapping[str, Any] = field(default_factory=dict)

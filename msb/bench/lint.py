@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from msb.base.files import is_file
 from msb.base.paths import SpelledFiles, normal_form
-from msb.errors import MetricError
+from msb.errors import MetricError, shorten
 from msb.metrics.ground_truth import ground_truth
 from msb.metrics.image_files import read_image, read_mask, read_pixels
 from msb.metrics.images import PSNR_CAP
@@ -161,7 +161,8 @@ def lint_images(folder: Path, scene: Scene, step: Callable[[], None] = lambda: N
     Raises
     ------
     MetricError
-        METRIC_IMAGE_NAMES: the names are not those of views. METRIC_IMAGE: a file is damaged.
+        METRIC_IMAGE_NAMES: the names are not those of views, or `gt` and `renders` have other views.
+        METRIC_IMAGE: a file is damaged.
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     """
@@ -171,9 +172,14 @@ def lint_images(folder: Path, scene: Scene, step: Callable[[], None] = lambda: N
     found = _lint(both[0], scene, step)
     if found.wanted is None or found.strangers:
         return found
+    truths = _matched(both[0], scene)
+    files = {str(camera.name): file for camera, file in _matched(both[1], scene)}
+    if alone := sorted(files.keys() ^ {str(camera.name) for camera, _ in truths}):
+        text = f"{shorten(alone[0], 80)} is in one of gt and renders only; both must have the same views"
+        raise MetricError("METRIC_IMAGE_NAMES", text, file=folder)
     scores = []
-    for (camera, truth), (_, file) in zip(*(_spread(_matched(each, scene)) for each in both), strict=True):
-        image, own = (_read(path, scene) for path in (file, truth))
+    for camera, truth in _spread(truths):
+        image, own = (_read(path, scene) for path in (files[str(camera.name)], truth))
         if image.shape == own.shape:
             scores.append(_psnr(image, own) - _psnr(image, to_bytes(ground_truth(scene, camera))))
     return replace(found, cost=float(np.mean(scores)) if scores else None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 from msb.base.extras import install
@@ -12,13 +12,13 @@ from msb.bench.checked import Count, Record
 
 
 class Gpu(Record):
-    """One GPU of the machine, and the most memory the command held on it."""
+    """One GPU of the machine, and the most memory the command held on it, None if nobody knows."""
 
     index: Count
     name: str
     uuid: str
     total_bytes: Count
-    peak_bytes: Count
+    peak_bytes: Count | None
 
 
 class Gpus:
@@ -31,6 +31,7 @@ class Gpus:
         self._more: dict[int, int] = {}
         self._peak_own = self._peak_more = 0
         self._tells = False
+        self._refused: str | None = None
         self._nvml: Any = None
         try:
             import pynvml
@@ -51,19 +52,31 @@ class Gpus:
         """Update the peaks with the memory that the processes `pids`, and the devices, hold now."""
         own = more = 0
         for index, handle in enumerate(self._handles):
-            with contextlib.suppress(self._nvml.NVMLError):
+            # Where NVML may not list processes it still tells what the device holds, so each is asked alone.
+            with self._noting_refusals():
                 held = self._held(handle, pids)
-                grown = max(0, self._nvml.nvmlDeviceGetMemoryInfo(handle).used - self._before[index])
                 self._own[index] = max(self._own.get(index, 0), held)
+                own += held
+            with self._noting_refusals():
+                grown = max(0, self._nvml.nvmlDeviceGetMemoryInfo(handle).used - self._before[index])
                 self._more[index] = max(self._more.get(index, 0), grown)
-                own, more = own + held, more + grown
+                more += grown
         self._peak_own, self._peak_more = max(self._peak_own, own), max(self._peak_more, more)
+
+    @contextlib.contextmanager
+    def _noting_refusals(self) -> Iterator[None]:
+        try:
+            yield
+        except self._nvml.NVMLError as error:
+            self._refused = f"NVML: {error}"
 
     def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
         """Return the peak of all GPUs in bytes, its source, and the reason if there is no peak."""
         if self._reason is not None:
             return None, None, self._reason
-        if self._tells or not self._peak_more:
+        if self._refused is not None and not self._tells and not self._more:
+            return None, None, self._refused
+        if self._tells or (self._own and not self._peak_more):
             return self._peak_own, "processes", None
         return self._peak_more, "device", None
 
@@ -79,7 +92,7 @@ class Gpus:
                         name=_text(self._nvml.nvmlDeviceGetName(handle)),
                         uuid=_text(self._nvml.nvmlDeviceGetUUID(handle)),
                         total_bytes=self._nvml.nvmlDeviceGetMemoryInfo(handle).total,
-                        peak_bytes=peaks.get(index, 0),
+                        peak_bytes=peaks.get(index),
                     )
                 )
         return tuple(gpus)

@@ -232,7 +232,7 @@ class Planner:
         except MsbError as error:
             return Planned(cell, None, status="failed", reason=reason_of(error))
         todo = self._todo(job, wanted)
-        job = replace(job, parts={part: wanted[part] for part in todo})
+        job = replace(job, parts={part: wanted[part] for part in todo}, wanted=wanted)
         reasons = {str(part): text for part, text in todo.items()}
         return Planned(cell, job, reasons, "pending" if todo else "done")
 

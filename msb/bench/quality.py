@@ -23,7 +23,7 @@ from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import check_size, find_renders
 from msb.errors import MetricError, UsageError
 from msb.metrics.identity import defined
-from msb.metrics.images import is_plain
+from msb.metrics.images import checked_image, is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
 
 if TYPE_CHECKING:
@@ -95,6 +95,10 @@ class _Imported:
         for path, camera in zip(self.found.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
+            try:  # here, because bytes are made of it before the metrics see it
+                checked_image(image, "the rendering")
+            except MetricError as error:
+                raise error.at(path) from None
             scale = np.float32(255 if image.dtype == np.uint8 else 1)
             self.shows |= not is_plain(image)
             yield np.asarray(image, np.float32) / scale

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -28,6 +29,7 @@ from msb.bench.documents import (
 )
 from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS, mean_of
+from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 
 if TYPE_CHECKING:
     from msb.registry import Tier
@@ -52,6 +54,11 @@ BAKED = "baked"
 
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
 """A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by."""
+
+_MOST_NUMBER = 1e100
+"""No measurement is beyond it, and sums and squares of numbers below it are still numbers."""
+_Divisor = Annotated[float, Field(ge=1e-9)]
+"""More than nothing, so that others can be divided by it."""
 
 Status = Literal["done", "failed", "unsupported"]
 
@@ -195,7 +202,7 @@ class Timing(Record):
     frames: Annotated[int, Field(gt=0)]
     seconds: Amount
     """Wall-clock seconds of all `frames`."""
-    fps: Amount
+    fps: _Divisor
     p50_ms: Amount
     """Device time from the start of a frame's first command to the end of its last one."""
     p95_ms: Amount
@@ -251,7 +258,7 @@ class RendererTiming(Record):
 
     schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
     frames: Annotated[int, Field(gt=0)]
-    seconds: Annotated[float, Field(gt=0)]
+    seconds: _Divisor
     """The wall-clock time of all frames."""
     device: Name
     """What rendered them: "NVIDIA RTX 4090"."""
@@ -357,20 +364,48 @@ def read_result(path: str | os.PathLike[str]) -> Result:
 def checked_result(data: Any, *, file: object) -> Result:
     """Return the record that JSON data of a file is, if its numbers are possible and its means true."""
     result = checked(Result, data, file=file, code="RECORD_INVALID")
-    for pointer, text in () if result.quality is None else _impossible(result.quality):
+    wrong = () if result.quality is None else _impossible(result.quality)
+    for pointer, text in chain(_too_large(data), wrong):
         raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
     return result
 
 
+def _too_large(data: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    """Yield place and fault of numbers in JSON data that nothing measures, wherever they stand."""
+    if isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _too_large(value, f"{place}/{key}")
+    elif isinstance(data, int | float) and abs(data) > _MOST_NUMBER:
+        yield place, f"{data:g} is no measurement"
+
+
+def _bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
+    """Return our image metric -> the least and the most that it can be of images of a size, but infinity."""
+    # The values are bytes over 255: a mean squared error is at most 1, and at least that of one step of one.
+    steps = 255**2 * 3 * image.width * image.height
+    return {"psnr": (0.0, 10 * math.log10(steps)), "ssim": (-1.0, 1.0), "lpips": (0.0, MOST_LPIPS)}
+
+
 def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:
     """Yield place and fault of what no comparison of images gives."""
+    for number, identity in enumerate(quality.metrics):
+        weights = identity.get("weights") if identity.get("name") == IMAGE_METRICS["lpips"].name else None
+        if weights and not is_weights_record(weights):
+            yield (
+                f"/quality/metrics/{number}/weights",
+                "it does not say which VGG16 and linear layers they are",
+            )
     for number, image in enumerate(quality.images):
         pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
         if (psnr is None) is not image.psnr_infinite:
             yield f"{pointer}/psnr", "it must be there, or psnr_infinite be true, and not both"
-        elif psnr is not None and psnr < -1e-9:
-            # The values are in [0, 1], so the mean squared error is at most 1.
-            yield f"{pointer}/psnr", f"{psnr:g} dB, and no PSNR is negative"
+        for key, (least, most) in _bounds(image).items():
+            value, metric = image.values[key], IMAGE_METRICS[key]
+            if value is None or least - 1e-9 <= value <= most + 1e-9:
+                continue
+            unit = "" if metric.unit == "1" else f" {metric.unit}"
+            bound = f"above {most:.4g}" if value > most else "negative" if least == 0 else f"below {least:g}"
+            yield f"{pointer}/{key}", f"{value:g}{unit}, and no {metric.title} is {bound}"
     if not quality.images:
         yield "/quality/images", "there are none"
         return

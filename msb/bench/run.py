@@ -17,10 +17,10 @@ from typing import Any, Protocol
 from msb.adapters.training_cameras import CAMERAS
 from msb.base.atomic import new_file
 from msb.bench.bakes import BakeTask, make_bake
-from msb.bench.cell import compute, reason_of, write_result
+from msb.bench.cell import compute, reason_of, write_lost, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
-from msb.bench.job import MAIN, Done, Job
+from msb.bench.job import Done, Job
 from msb.bench.machine import machine
 from msb.bench.missing import Missing, find_missing, find_unknown, start_errors
 from msb.bench.models import Model, ModelTask, known_model, prepare_model
@@ -271,19 +271,8 @@ class _Run:
                     failed.add(job.name)
             else:
                 failed.add(job.name)
-                self.lost(job, reason_of(answer))
+                write_lost(job, reason_of(answer))
         return failed
-
-    def lost(self, job: Job, reason: Reason) -> None:
-        """Record a failed job whose process died before it could do so."""
-        main = any(part in MAIN for part in job.parts)
-        with contextlib.suppress(MsbError):
-            if not main:
-                old = self.results.read(job.cell)
-                reasons = {**old.reasons, **{str(part): reason for part in job.parts}}
-                write_result(job.folder, old.model_copy(update={"reasons": reasons}))
-                return
-        write_result(job.folder, Result(cell=job.cell, status="failed", reason=reason, seconds=0.0))
 
     def record(self, planned: Planned) -> None:
         """Record a cell that cannot be computed."""

@@ -132,7 +132,7 @@ def image_pair(
     pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded as the input rule says."""
-    a, b = _checked(pred, "pred"), _checked(gt, "gt")
+    a, b = checked_image(pred, "pred"), checked_image(gt, "gt")
     if a.shape != b.shape:
         sizes = [f"{image.shape[1]} x {image.shape[0]}" for image in (a, b)]
         text = f"pred has {sizes[0]} pixels and gt {sizes[1]}; they must be equal"
@@ -140,7 +140,8 @@ def image_pair(
     return _unit(a, quantize), _unit(b, quantize)
 
 
-def _checked(image: ArrayLike, name: str) -> NDArray[Any]:
+def checked_image(image: ArrayLike, name: str) -> NDArray[Any]:
+    """Return an image that a metric may take; METRIC_IMAGE says what is wrong with the one called `name`."""
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"

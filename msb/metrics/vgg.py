@@ -42,6 +42,8 @@ HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868
 """The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4."""
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
 """The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
+MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
+"""No LPIPS is above it: features are not negative and of length 1, so each differs by 1 at most."""
 _MAX_HEAD = 1 << 10
 """Most bytes before the numbers of a .npy."""
 
@@ -63,6 +65,15 @@ def weights_source(weights: Mapping[str, Any] | None) -> str:
     if heads["known"] is None:
         return f"{source}, torchvision's; linear layers are not those of lpips 0.1.4"
     return f"{source}, torchvision's; linear layers are of {heads['known']}"
+
+
+def is_weights_record(data: Any) -> bool:
+    """Return whether JSON data says of weights all that `weights_source` reads, as `LpipsVgg.weights` do."""
+    vgg, heads = (data.get(name) if isinstance(data, dict) else None for name in ("vgg", "heads"))
+    if not isinstance(vgg, dict) or not isinstance(heads, dict):
+        return False
+    said = isinstance(vgg.get("file"), str) and isinstance(vgg.get("sha256"), str)
+    return said and all(isinstance(one.get("known", 0), str | None) for one in (vgg, heads))
 
 
 def check_extra() -> None:

@@ -42,6 +42,8 @@ _MESH = "exported_mesh"
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
 _SHORT = 12
 """Hex digits of a hash in the table; the list of files has all of them."""
+_FEWEST, _ALL = 6, 64
+"""Hex digits of a hash that tell apart who chose the same name: more where that is somebody's name, too."""
 _MOST_SIDE = 4096
 
 
@@ -96,11 +98,7 @@ def build_board(
     for one, other in pairwise(sorted(submissions, key=lambda each: each.sha256)):
         if one.sha256 == other.sha256:
             raise UsageError("USAGE", f"it is the same submission as {other.path.name}", file=one.path)
-    count = Counter(_plain(each) for each in submissions)
-    named = tuple(
-        (name if count[name := _plain(each)] == 1 else f"{name} ({each.sha256[:6]})", each)
-        for each in submissions
-    )
+    named = tuple(zip(_names(submissions), submissions, strict=True))
     loaded = {
         name: result_set([Loaded(record, each.path, each.path) for record in each.records], allow_mixed=True)
         for name, each in named
@@ -134,6 +132,22 @@ def build_board(
         "MeshSplatBench board", summary, tuple(one for one in sections if one.tables or one.views), (),
         tuple(_differences(loaded)), Numbers({}), None, with_paper, named,
     )  # fmt: skip
+
+
+def _names(submissions: Sequence[Submission]) -> list[str]:
+    """Return what each submission is called: no two are called the same, and none as the paper is."""
+    count = Counter(map(_plain, submissions))
+    names: list[str] = []
+    for digits in range(_FEWEST, _ALL + 1):
+        names = [
+            name
+            if count[name := _plain(each)] == 1 and " ".join(name.split()).casefold() != THE_PAPER
+            else f"{name} ({each.sha256[:digits]})"
+            for each in submissions
+        ]
+        if len(set(names)) == len(names):
+            break
+    return names
 
 
 def _plain(submission: Submission) -> str:
@@ -175,7 +189,9 @@ def _places(numbers: Mapping[str, Numbers]) -> dict[tuple[str, str, str, str], l
     for name, own in numbers.items():
         # A mean over one scene says nothing more than the scene.
         alone = {dataset for dataset in own.datasets() if len(own.scenes(dataset)) == 1}
-        there = {key[:4] for key, number in own.values.items() if number.value is not None}
+        there = {
+            key[:4] for key, number in own.values.items() if number.value is not None and not key.of_asset
+        }
         for at in there:
             dataset, scene, _, condition = at
             drawn = any(other[:3] == at[:3] and other[3] != _MESH for other in there)

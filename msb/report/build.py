@@ -216,7 +216,6 @@ def _sections(
     if any(key.source for key in paper.values if key.dataset in datasets):
         published += [reproducibility(numbers, paper)]
         published += [reproducibility_statistics(numbers, paper)]
-    native = any("non_engine" in numbers.conditions(dataset) for dataset in drawn)
     made: dict[str, Iterable[Table]] = {
         "deployment": [
             *(measured.renderer_comparison(numbers, dataset, paper) for dataset in drawn),
@@ -229,7 +228,7 @@ def _sections(
             if numbers.in_place_of(dataset, BAKED)
             for table in (split_table(numbers, dataset), bakes_table(numbers, dataset))
         ),
-        "native": [measured.native_summary(numbers, paper)] if native else [],
+        "native": [measured.native_summary(numbers, paper)],
         "runtime": runtime,
         "walk": (measured.walk(numbers, dataset) for dataset in deployed if _walked(numbers, dataset)),
         "structure": (measured.mesh_connectivity(numbers, dataset, paper) for dataset in audited),
@@ -237,8 +236,8 @@ def _sections(
         "features": [native_features(), deployment_features()],
         "scenes": (
             measured.per_scene(numbers, dataset, condition)
-            for dataset in drawn
-            for condition in numbers.conditions(dataset)
+            for dataset in datasets
+            for condition in dict.fromkeys(("non_engine", *numbers.conditions(dataset)))
         ),
     }
     sections = []

@@ -19,6 +19,7 @@ from msb.registry import METHODS
 from msb.report.numbers import (
     FLOOR,
     MEAN,
+    OF_ASSET,
     ON_CPU,
     QUALITY,
     GapKey,
@@ -43,8 +44,6 @@ WALK = ("flicker", "flicker_worst", "holes")
 """Metrics of a walk off the path."""
 _IMAGES = (*_RATES, *WALK, "memory", "driver_memory", "asset_size")
 """Metrics of a condition with images, besides those of `QUALITY`."""
-_OF_ASSET = ("train_memory", "train_seconds", "chamfer")
-"""Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 """Metrics of exported meshes and of bakes, and of bakes alone."""
 _PARTS = {
@@ -95,7 +94,10 @@ def collect(results: ResultSet) -> Numbers:
             of_scenes = {scene: records.get(Place(dataset, scene, method), {}) for scene in scenes}
             conditions = _conditions(records, dataset, method)
             for condition in conditions:
-                _add_condition(values, views, dataset, method, condition, of_scenes)
+                metrics = _metrics_of(condition)
+                _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
+            if "non_engine" in conditions or _knows_the_asset(of_scenes):
+                _add_condition(values, views, dataset, method, "non_engine", OF_ASSET, of_scenes)
             _add_gaps(gaps, dataset, method, gap_tiers(conditions, drawers), of_scenes)
             expected = expected_scenes(dataset, scenes)
             for scene, over in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
@@ -165,21 +167,35 @@ def _unsupported(method: str, condition: str) -> str | None:
     return known.unsupported.get(tier)  # type: ignore[call-overload,no-any-return]
 
 
+def _metrics_of(condition: str) -> tuple[str, ...]:
+    """Return the metrics of a condition, without those of the model itself."""
+    metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
+    return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
+
+
+def _knows_the_asset(of_scenes: Mapping[str, Mapping[str, Result]]) -> bool:
+    """Return whether a record has a number of the model itself, or says why one is missing."""
+    return any(
+        METRICS[metric].get(result) is not None or _PARTS[metric] in result.reasons
+        for conditions in of_scenes.values()
+        for result in conditions.values()
+        for metric in OF_ASSET
+    )
+
+
 def _add_condition(
     values: dict[Key, Number],
     views: Mapping[Key, Mapping[str, float]],
     dataset: str,
     method: str,
     condition: str,
+    metrics: Iterable[str],
     of_scenes: Mapping[str, Mapping[str, Result]],
 ) -> None:
-    metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
-    metrics = (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
-    metrics = (*metrics, *_OF_ASSET) if condition == "non_engine" else metrics
     for metric in metrics:
         numbers = {}
         for scene, conditions in of_scenes.items():
-            result = _holder(conditions, metric) if metric in _OF_ASSET else conditions.get(condition)
+            result = _holder(conditions, metric) if metric in OF_ASSET else conditions.get(condition)
             numbers[scene] = _number(metric, method, condition, result)
             key = Key(dataset, scene, method, condition, metric)
             values[key] = numbers[scene] = _with_interval(numbers[scene], [key], views)

@@ -366,7 +366,7 @@ def _ordered(numbers: Numbers, dataset: str, condition: str, metric: str) -> lis
     """Return the methods with whole means, best first; a rate of a CPU says as much of what else it did."""
     means = [
         (method, number.value)
-        for method in numbers.methods(dataset, condition)
+        for method in numbers.methods(dataset)
         if (number := numbers.number(Key(dataset, MEAN, method, condition, metric))).value is not None
         and number.present == number.expected
         and not any(note.startswith(ON_CPU) for note in number.notes)

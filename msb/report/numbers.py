@@ -32,6 +32,8 @@ DRAWN_CONDITIONS = tuple(TIER_OF)
 
 QUALITY = IMAGE_METRICS
 """The metrics of images; looked into no earlier than needed, since packages bring some."""
+OF_ASSET = ("train_memory", "train_seconds", "chamfer")
+"""Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
 ON_CPU = "measured on a CPU device"
 """Begins the note on a rate that says as much of what else the machine did: it is not marked as the best."""
 
@@ -50,6 +52,11 @@ class Key(NamedTuple):
     condition: str
     metric: str
     source: str = ""
+
+    @property
+    def of_asset(self) -> bool:
+        """Whether the number is of the model itself, so that it says nothing of there being images."""
+        return self.metric in OF_ASSET
 
 
 @dataclass(frozen=True)
@@ -135,9 +142,16 @@ class Numbers:
         """Return the datasets."""
         return list(dict.fromkeys(key.dataset for key in self.values))
 
-    def methods(self, dataset: str, *conditions: str) -> list[str]:
-        """Return the methods of a dataset; if `conditions` are named, those with a value or an N/A in one."""
-        own = (key for key in self._of(dataset) if not conditions or key.condition in conditions)
+    def methods(self, dataset: str, *conditions: str, of_asset: bool = False) -> list[str]:
+        """Return the methods of a dataset; if `conditions` are named, those with a value or an N/A in one.
+
+        What is of the model itself counts as such a value if `of_asset`.
+        """
+        own = (
+            key
+            for key in self._of(dataset)
+            if not conditions or (key.condition in conditions and (of_asset or not key.of_asset))
+        )
         return list(dict.fromkeys(key.method for key in own))
 
     def has_other_scenes(self, dataset: str) -> bool:
@@ -152,7 +166,9 @@ class Numbers:
     def conditions(self, dataset: str) -> list[str]:
         """Return the conditions that hold images, each followed by its variants or engines; then bakes."""
         conditions = dict.fromkeys(
-            key.condition for key in self._of(dataset) if key.condition != "exported_mesh"
+            key.condition
+            for key in self._of(dataset)
+            if key.condition != "exported_mesh" and not key.of_asset
         )
         return sorted(conditions, key=condition_order)
 

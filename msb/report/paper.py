@@ -69,6 +69,10 @@ LPIPS_ELSEWHERE = (
 )
 
 
+Source = Literal["", "paper", "public", "meshsplatbench"]
+"""What a number may be from: the keys of `msb.report.tables.reproducibility.SOURCES`."""
+
+
 class _Cell(BaseModel):
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False, strict=True)
 
@@ -79,7 +83,7 @@ class _Cell(BaseModel):
     metric: str
     value: float | None
     unit: str = "1"
-    source: str = ""
+    source: Source = ""
     na: Literal["N/A", "--"] = "--"
 
 

@@ -12,7 +12,7 @@ from msb import metrics
 from msb.bench.records import BAKED
 from msb.errors import MsbError
 from msb.metrics.images import PSNR_CAP
-from msb.metrics.likeness import ALIKE, NEARLY
+from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.report.collect import REFERENCE
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
@@ -163,7 +163,7 @@ def _looks(
     else:
         part = f" of {alike.views} of {alike.of} views" if alike.views < alike.of else ""
         mark, how = next((mark, how) for least, mark, how in _ALIKE if alike.psnr >= least)
-        between = f"{alike.psnr:.1f} dB between the two renderings{part}"
+        between = f"{decibels(alike.psnr)} between the two renderings{part}"
         said = f"{between}; to the photographs it {change}"
     return Statement(mark, use, f"{how} {own}: {said}.{why}")
 
@@ -174,9 +174,8 @@ def _runs(condition: str, record: Result) -> Statement:
     if timing is None:
         reason = record.reasons.get("timing") or record.reason
         return Statement("UNKNOWN", use, f"Not timed{f': {reason.message}' if reason else ''}.")
-    numbers = (
-        f"95 % of the frames take at most {timing.p95_ms:.1f} ms ({timing.fps:.0f} frames a second in all)"
-    )
+    longest, rate = _milliseconds(timing.p95_ms), f"{timing.fps:.0f} frames a second in all"
+    numbers = f"95 % of the frames take at most {longest} ({rate})"
     if timing.p95_ms <= SMOOTH_MS:
         return Statement("YES", use, f"Holds 60 frames a second: {numbers}.")
     if timing.device_kind != "gpu":
@@ -185,6 +184,15 @@ def _runs(condition: str, record: Result) -> Statement:
     if timing.p95_ms <= USABLE_MS:
         return Statement("WITH CARE", use, f"Holds 30 frames a second, not 60: {numbers}.")
     return Statement("NO", use, f"Does not hold 30 frames a second: {numbers}.")
+
+
+def _milliseconds(value: float) -> str:
+    """Return "16.69 ms" of 16.69, but "16.2 ms" of 16.21: a time is not printed as a limit that it is not."""
+    for decimals in (1, 2, 3):
+        printed = f"{value:.{decimals}f}"
+        if printed not in (f"{limit:.{decimals}f}" for limit in (SMOOTH_MS, USABLE_MS)):
+            break
+    return f"{printed} ms"
 
 
 def _structure(record: Result | None) -> Statement:

@@ -213,7 +213,7 @@ def test_the_record_of_a_bake_says_all_of_it(baked: ProtocolFile) -> None:
     assert found.bake.geometry == "kept"
     assert found.source == model.asset
     assert found.asset.sha256 != model.asset.sha256
-    assert found.quality.values["psnr"] == pytest.approx(found.bake.psnr["photographs"]["after"], abs=0.01)
+    assert found.quality.values["psnr"] == pytest.approx(found.bake.psnr.photographs.after, abs=0.01)
     assert found.quality.views == model.quality.views
     assert [one.task for one in found.trial.trials] == ["self_intersections"]
     assert (found.audit.counts.faces, found.timing is None) == (found.bake.faces, False)

@@ -15,16 +15,18 @@ from msb.bench import parts
 from msb.bench.cell import compute
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
-from msb.bench.job import Done, Job
+from msb.bench.job import Done, Job, Part
 from msb.bench.models import prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
 from msb.bench.plan import Planned, Planner, pairs_of
 from msb.bench.protocol import ProtocolFile
-from msb.bench.records import read_result
+from msb.bench.records import Reason, read_result
 from msb.metrics import registry
 from msb.render.backend import renderers
 from msb.render.frame import Frame
+from msb.render.images import image_names
 from tests.bench.protocols import changed, protocol
+from tests.report.factory import timing
 
 
 class Bench:
@@ -64,7 +66,10 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 class FakeNetwork:
     """Stands for LPIPS: the mean absolute difference, so that no weights are needed."""
 
-    weights = {"vgg": {"sha256": "0" * 64}}  # noqa: RUF012
+    weights = {  # noqa: RUF012
+        "vgg": {"file": "vgg.pth", "sha256": "0" * 64, "known": None},
+        "heads": {"known": None},
+    }
     warnings = ()
 
     def __call__(self, pred: Any, gt: Any) -> float:
@@ -144,6 +149,35 @@ def test_a_timing_keeps_the_images_and_the_other_way_round(bench: Bench) -> None
     assert set(third.inputs) == {"quality", "timing"}
 
 
+def test_a_new_asset_has_no_number_of_the_old_one(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run of a new model that ends before the timing, or whose timing dies, or that times no more."""
+
+    def measured(job: Job, part: Part) -> Any:
+        return bench.record(compute(replace(job, parts={part: job.wanted[part]})))
+
+    monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
+    monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
+    old = bench.job("dedicated")
+    measured(old, "quality")
+    assert measured(old, "timing").timing == timing()
+    assert measured(old, "quality").timing == timing(), "what still holds stays"
+
+    asset = old.model.asset.model_copy(update={"sha256": "1" * 64})
+    wanted = {part: {**inputs, "asset": "1" * 16} for part, inputs in old.wanted.items()}
+    new = replace(old, model=old.model.model_copy(update={"asset": asset}), wanted=wanted)
+    untimed = replace(new, wanted={"quality": wanted["quality"]})
+    for job in (new, untimed):
+        measured(old, "timing")
+        found = measured(job, "quality")
+        assert (found.asset, found.timing, set(found.inputs)) == (asset, None, {"quality"})
+
+    measured(old, "timing")
+    died = replace(new, parts={"timing": wanted["timing"]})
+    cells.write_lost(died, Reason(code="INTERNAL", message="it died"))
+    found = read_result(Results(bench.file.results).record(died.cell))
+    assert (found.timing, found.reasons["timing"].message) == (None, "it died")
+
+
 class Engine:
     """An engine that sees nothing but red, and cannot draw without reading back."""
 
@@ -207,6 +241,24 @@ def test_a_condition_that_shows_nothing_has_no_number_but_a_reason(
     assert (found.status, found.quality) == ("failed", None)
     assert found.reason.code == "METRIC_NOTHING_SHOWN"
     assert found.reason.message.startswith("no test view shows a pixel of the model")
+
+
+@pytest.mark.parametrize(("scale", "value"), [(1, np.nan), (255, 1)])
+def test_official_floats_are_checked_before_they_become_bytes(
+    bench: Bench, tmp_path: Path, scale: float, value: float
+) -> None:
+    job = bench.job("standard")
+    scene = job.scene.read()
+    for name, camera in zip(image_names(scene.test), scene.test, strict=True):
+        path = tmp_path / "official" / f"{name}.npy"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        image = np.full((camera.height, camera.width, 3), 0.5 * scale, np.float32)
+        image[0, 0, 0] = value
+        np.save(path, image)
+    own = replace(job, renders=tmp_path / "official")
+    found = bench.record(compute(replace(own, parts={"quality": job.parts["quality"]})))
+    assert (found.status, found.reason.code) == ("failed", "METRIC_IMAGE")
+    assert "official" in found.reason.message
 
 
 def test_chamfer_needs_a_scan(bench: Bench) -> None:

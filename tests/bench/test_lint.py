@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -133,6 +134,24 @@ def test_renderings_are_held_against_each_version(scene: Scene, tmp_path: Path, 
     assert told.status == 1
     assert f"images resized by PIL bicubic, not {AS_IT_IS}: the renderings score" in told.out
     assert msb("eval", "-q", "--json", "-", "--lint", scene.root / "images_4", scene.root).json["is_wanted"]
+
+
+def test_a_rendering_is_held_against_the_photograph_of_its_own_view(scene: Scene, tmp_path: Path) -> None:
+    folder = tmp_path / "ours_1"
+    folder.mkdir()
+    renders = made(scene, folder / "renders", resized("PIL bicubic"))
+    shutil.copytree(renders, folder / "gt")
+    views = sorted(renders.iterdir())
+    whole = lint_images(folder, scene)
+    assert whole.cost is not None
+    views[-1].unlink()
+    said = rf"METRIC_IMAGE_NAMES: {re.escape(str(folder))}: .*{views[-1].stem}.* in one of gt and renders"
+    with pytest.raises(MetricError, match=said):
+        lint_images(folder, scene)
+    # As many images of other views are no pairs, either.
+    (folder / "gt" / views[0].name).unlink()
+    with pytest.raises(MetricError, match="METRIC_IMAGE_NAMES"):
+        lint_images(folder, scene)
 
 
 def test_renderings_between_two_versions_tell_nothing(scene: Scene, tmp_path: Path) -> None:

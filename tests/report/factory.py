@@ -297,7 +297,8 @@ def _value(cell: Cell, metric: str) -> float:
         mean = _FALLBACK[cell.condition][metric] * (native if metric in ("psnr", "ssim") else 1)
     scenes = SCENES.get(cell.dataset, (cell.scene,))
     place = scenes.index(cell.scene) if cell.scene in scenes else 0
-    return mean * (1 + 0.1 * (place - (len(scenes) - 1) / 2) / len(scenes))
+    spread = 0.01 if metric == "ssim" else 0.1  # no SSIM is above 1
+    return mean * (1 + spread * (place - (len(scenes) - 1) / 2) / len(scenes))
 
 
 @cache

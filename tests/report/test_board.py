@@ -14,13 +14,13 @@ import pytest
 from PIL import Image
 
 from msb.bench.records import File, Reason, RendererTiming, Training
-from msb.bench.submission import ABOUT, Scrub, read_submission, write_submission
+from msb.bench.submission import ABOUT, Scrub, Submission, read_submission, write_submission
 from msb.errors import InputError, UsageError
 from msb.report.board import build_board, submitted_pictures
 from msb.report.pages import report_files
 from msb.report.results import read_results
 from tests.cli.conftest import Msb, msb
-from tests.report.factory import make_result, write, write_results
+from tests.report.factory import bake, make_result, write, write_results
 
 __all__ = ["msb"]  # the fixture
 HOME = "/home/alice"
@@ -128,7 +128,7 @@ def rebuilt(
     return buffer.getvalue()
 
 
-def edit(name: str, *keys: str, value: Any) -> Change:
+def edit(name: str, *keys: str | int, value: Any) -> Change:
     def change(members: dict[str, bytes]) -> None:
         data = json.loads(members[name])
         inner = data
@@ -141,6 +141,9 @@ def edit(name: str, *keys: str, value: Any) -> Change:
 
 
 FIRST = "records/00000.json"
+IMAGE = ("quality", "images", 0)
+OF_A_BAKE = json.loads(bake("kept")["bake"].to_json())
+NO_VGG = [{"name": "lpips_vgg", "weights": {"heads": {"known": None}}}]
 HOSTILE = [
     (edit(FIRST, "quality", "psnr", value=99.0), {"true": False}, "is not the one that was submitted"),
     (edit(FIRST, "quality", "psnr", value=99.0), {}, "/quality/psnr: it is 99.0, and the mean of its images"),
@@ -153,6 +156,16 @@ HOSTILE = [
     (lambda members: members.update({"pictures/9999.jpg": b"x" * (2 << 20)}), {}, "1,048,576 are allowed"),
     (lambda members: members.update({"records/09999.json": members[FIRST]}), {}, "two records of one cell"),
     (lambda members: None, {"how": zipfile.ZIP_DEFLATED}, "is compressed"),
+    (edit(FIRST, *IMAGE, "psnr", value=5000.0), {}, "/images/0/psnr: 5000 dB, and no PSNR is above 90.79"),
+    (edit(FIRST, *IMAGE, "ssim", value=7.0), {}, "/images/0/ssim: 7, and no SSIM is above 1"),
+    (edit(FIRST, *IMAGE, "ssim", value=-2.0), {}, "/images/0/ssim: -2, and no SSIM is below -1"),
+    (edit(FIRST, *IMAGE, "lpips", value=-3.0), {}, "/images/0/lpips: -3, and no LPIPS is negative"),
+    (lambda members: [edit(FIRST, "quality", "images", number, "lpips", value=1.7e308)(members)
+                      for number in range(3)], {}, "/images/0/lpips: 1.7e+308 is no measurement"),
+    (edit(FIRST, "timing", "p50_ms", value=1.7e308), {}, "/timing/p50_ms: 1.7e+308 is no measurement"),
+    (edit(FIRST, "timing", "fps", value=0), {}, "/timing/fps: "),
+    (edit(FIRST, "bake", value=OF_A_BAKE | {"psnr": {}}), {}, "/bake/psnr/own: it is missing"),
+    (edit(FIRST, "quality", "metrics", value=NO_VGG), {}, "/metrics/0/weights: it does not say which"),
 ]  # fmt: skip
 
 
@@ -245,6 +258,25 @@ def test_photographs_that_differ_are_said(tmp_path: Path) -> None:
     one, two = (f"Lab ({each.sha256[:6]})" for each in files)
     where = "Mip-NeRF 360, garden, 2DTS"
     assert note == f"not on the same photographs, size or background: {one} and {two}, of {where}"
+
+
+def test_nobody_has_the_name_of_another_or_of_the_paper(tmp_path: Path) -> None:
+    def sent(name: str, scene: str) -> Submission:
+        (tmp_path / "a.zip").write_bytes(
+            write_submission(name, [make_result("mipnerf360", scene, "two_dts", "dedicated")], [])
+        )
+        return read_submission(tmp_path / "a.zip")
+
+    two = [sent("Lab", "garden"), sent("Lab", "room")]
+    posing = [sent(f"Lab ({two[0].sha256[:6]})", "counter"), sent("The paper", "bonsai")]
+    board = build_board([*two, *posing])
+    names = [name for name, _ in board.submissions]
+    assert names == [
+        *(f"Lab ({each.sha256[:7]})" for each in two),
+        posing[0].about.name,
+        f"The paper ({posing[1].sha256[:7]})",
+    ]
+    assert {row["From"] for row in _rows(board)} == {*names, "the paper"}
 
 
 def test_pictures_are_small(submission: bytes) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 
@@ -20,6 +20,7 @@ from msb.report.paper import (
     ENGINE_PICTURE,
     LPIPS_ELSEWHERE,
     PAPER_TABLES,
+    Source,
     contradictions,
     paper_numbers,
     paper_row,
@@ -241,6 +242,10 @@ def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> Non
     path.write_text(json.dumps({"schema": "msb-paper-table/1", "cells": [{**cell, "value": "27.5"}]}))
     with pytest.raises(InputError, match=r"RECORD_INVALID: .*published.json: /cells/0/value"):
         published_numbers(path)
+    path.write_text(json.dumps({"schema": "msb-paper-table/1", "cells": [{**cell, "source": "a blog"}]}))
+    with pytest.raises(InputError, match=r"RECORD_INVALID: .*published.json: /cells/0/source: .*'public'"):
+        published_numbers(path)
+    assert set(get_args(Source)) == SOURCES.keys()
 
 
 def test_contradictions_stand_under_the_tables_they_are_about() -> None:

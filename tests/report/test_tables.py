@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from msb.bench.aggregate import SCENES
+from msb.bench.documents import ChamferDocument
 from msb.bench.records import Cell as Place
-from msb.bench.records import Floor, Reason, RendererInfo, Result
+from msb.bench.records import Floor, Reason, RendererInfo, Result, Training
 from msb.metrics.vgg import weights_source
 from msb.report.build import build_report
 from msb.report.collect import NOT_RUN, REFERENCE, STE
@@ -27,8 +28,10 @@ from msb.report.tables.asset import asset_tables
 from msb.report.tables.gaps import gaps_table
 from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
+from tests.report.documents import chamfer
 from tests.report.factory import (
     METRICS,
+    make_result,
     measure,
     numbers_of,
     write,
@@ -250,6 +253,27 @@ def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
     assert {cell.text for cell in both.rows[-1].cells} == {"N/A"}, "DiffSoup has no Standard"
     assert numbers.scenes("tanksandtemples") == ["train", "truck"]
     assert any(note.startswith("Floor: one triangle") for note in memory.notes)
+
+
+def test_what_is_of_the_model_needs_no_images_of_its_own_renderer(tmp_path: Path) -> None:
+    distance = ChamferDocument.of(chamfer(0.75))
+    trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
+    for scene in SCENES["dtu"]:
+        parts = {"chamfer": distance, "training": trained}
+        write(tmp_path, make_result("dtu", scene, "two_dts", "exported_mesh", **parts))
+    write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "exported_mesh"))
+    alone = build_report(read_results(tmp_path), pictures=False, with_paper=False)
+    summary = alone.tables["native_summary"]
+    assert [row.labels[-1] for row in summary.rows] == ["2DTS"], "the other has no such number"
+    assert {cell.text for cell in summary.rows[0].cells} == {"0.75", "25.0", "--"}
+    scenes = alone.tables["scenes-dtu-non_engine"]
+    assert [column.of["metric"] for column in scenes.columns] == ["chamfer"]
+    # They make no condition of images, neither here nor beside a method that has one.
+    assert alone.numbers.conditions("dtu") == []
+    write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "non_engine"))
+    both = build_report(read_results(tmp_path), pictures=False, with_paper=False)
+    assert len(both.tables["native_summary"].rows) == 2
+    assert [column.title for column in both.tables["renderer_comparison-dtu"].columns] == ["MeshSplatting"]
 
 
 def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from PIL import Image
 from msb.bench.folder import Results
 from msb.report.report import Report
 from msb.report.results import Place
+from msb.report.verdict import Likeness
 from tests.report.factory import VIEWS, measure, note_hashes, verdict_of
 
 PLAIN, SHADED = "A plain mesh in any engine (Standard)", "A model with its own shaders (Dedicated)"
@@ -122,3 +123,30 @@ def test_real_time_follows_the_p95(tmp_path: Path, p95: float, kind: str, mark: 
     said = verdict_of(tmp_path)["Real time, Dedicated"]
     assert said.mark == mark
     assert f"{p95:.1f} ms" in said.why
+
+
+@pytest.mark.parametrize(
+    ("p95", "mark", "said"),
+    [
+        (16.66, "YES", "16.66"),
+        (16.69, "WITH CARE", "16.69"),
+        (33.24, "WITH CARE", "33.2"),
+        (33.34, "NO", "33.34"),
+    ],
+)
+def test_a_time_is_not_printed_as_a_limit_that_it_misses(
+    tmp_path: Path, p95: float, mark: str, said: str
+) -> None:
+    measure(tmp_path, "dedicated", timing={"p95_ms": p95, "device_kind": "gpu"})
+    found = verdict_of(tmp_path)["Real time, Dedicated"]
+    assert (found.mark, f"at most {said} ms (" in found.why) == (mark, True), found
+
+
+def test_a_likeness_just_below_a_limit_is_not_printed_as_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for condition in ("non_engine", "dedicated"):
+        measure(tmp_path, condition, 30.0)
+    monkeypatch.setattr("msb.report.verdict.likeness", lambda *_: Likeness(34.96, 3, 3))
+    found = verdict_of(tmp_path)[SHADED]
+    assert (found.mark, "34.9 dB between the two renderings" in found.why) == ("WITH CARE", True), found

@@ -35,7 +35,7 @@ _BYTES = ("geometry", "appearance", "scratch", "targets", "total")
 def asset_tables(place: Place, records: Mapping[str, Result], numbers: Numbers) -> dict[str, Table]:
     """Return the tables "conditions", "gaps", "split", "bakes", "memory", "structure" that have numbers."""
     tables = {}
-    known = {key.condition for key in numbers.values if key[:3] == place}
+    known = {key.condition for key in numbers.values if key[:3] == place and not key.of_asset}
     if conditions := [name for name in numbers.conditions(place.dataset) if name in known]:
         walked = any(record.walk is not None for record in records.values())
         tables["conditions"] = make_table(

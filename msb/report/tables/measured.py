@@ -74,12 +74,15 @@ _CONNECTIVITY = {
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
-def native_lines(numbers: Numbers) -> list[Line]:
-    """Return a line per dataset and method with images of the method's own renderer."""
+def native_lines(numbers: Numbers, *, of_asset: bool = False) -> list[Line]:
+    """Return a line per dataset and method with images of the method's own renderer.
+
+    If `of_asset`, numbers of the model itself, such as what its training took, do as well.
+    """
     return [
         line(dataset=dataset, method=method)
         for dataset in numbers.datasets()
-        for method in numbers.methods(dataset, "non_engine")
+        for method in numbers.methods(dataset, "non_engine", of_asset=of_asset)
     ]
 
 
@@ -148,7 +151,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
         "Non-Engine results: each method with its own renderer, means over the scenes of a dataset.",
         ("Dataset", "Method"),
         metric_columns((*QUALITY, *_NATIVE)),
-        native_lines(numbers),
+        native_lines(numbers, of_asset=True),
         {"scene": MEAN, "condition": "non_engine"},
         best_of=("dataset",),
     )
@@ -212,6 +215,7 @@ def scene_comparison(numbers: Numbers, dataset: str, paper: Numbers | None = Non
 def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
     """Return every scene of a dataset in one condition, a block per method; the best method is bold."""
     chamfer = ("chamfer",) if (dataset, condition) == ("dtu", "non_engine") else ()
+    drawn = numbers.methods(dataset, condition)
     return make_table(
         numbers,
         None,
@@ -220,8 +224,12 @@ def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
         ("Scene",),
         [
             column
-            for method in numbers.methods(dataset, condition)
-            for column in metric_columns((*QUALITY, "fps", *chamfer), method_title(method), method=method)
+            for method in numbers.methods(dataset, condition, of_asset=bool(chamfer))
+            for column in metric_columns(
+                (*QUALITY, "fps", *chamfer) if method in drawn else chamfer,
+                method_title(method),
+                method=method,
+            )
         ],
         _scene_lines(numbers, dataset),
         {"dataset": dataset, "condition": condition},
