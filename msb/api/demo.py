@@ -33,11 +33,14 @@ def is_demo(folder: Path) -> bool:
     return folder.is_dir() and {path.name for path in folder.iterdir()} - {RESULTS} == set(CONTENTS)
 
 
-def write_demo(folder: str | os.PathLike[str]) -> int:
-    """Write the demo's data as `folder`, in place of what is there, and return its size in bytes."""
+def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int:
+    """Write the demo's data as `folder`, and return its size in bytes.
+
+    With `overwrite` it takes the place of what is there.
+    """
     source = demo_folder()
     paths = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
-    with new_folder(folder) as target:
+    with new_folder(folder, overwrite=overwrite) as target:
         for path in sorted(paths):
             place = target / path.relative_to(source)
             if path.is_dir():

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from msb.topology.elements import Elements
 
 
-def write_elements(elements: Elements, path: Path) -> None:
+def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) -> None:
     """Write `elements` to `path` in the form its suffix names; kinds are called as in the audit's JSON.
 
     ``.vtp`` holds points, edges and faces as cells with the arrays ``kind`` (0 for a plain face, else the
     place in ``kinds``, a field array of names, counted from 1), ``element`` and ``component``. ``.csv`` has
     one row per element. ``.npz`` has one array per kind (vertex pairs for edges, else numbers) and
-    ``face_component``.
+    ``face_component``. Without `overwrite` nothing is replaced.
     """
-    with new_file(path) as file:
+    with new_file(path, overwrite=overwrite) as file:
         _WRITERS[path.suffix.lower()](elements, file)
 
 

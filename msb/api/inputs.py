@@ -15,39 +15,46 @@ from msb.meshes import MESH_SUFFIXES
 
 
 def expand(path: Path) -> list[Path]:
-    """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted.
+    """Return all inputs that a typed path stands for: by `matches` and `inputs_at`, each once."""
+    return list(dict.fromkeys(each for match in matches(path) for each in inputs_at(match)))
+
+
+def matches(path: Path) -> list[Path]:
+    """Return the typed path itself, or everything that matches it as a pattern, sorted.
 
     If nothing has the typed name, it is read as a pattern (``*``, ``?``, ``[...]``, ``**``), which some
     shells pass on unchanged; everything that matches it is taken as if it were typed.
     """
+    if _is_folder(path) or os.path.lexists(path):
+        return [path]
+    text = str(path)
+    # Not Path.glob: that takes no absolute pattern.
+    names = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207
+    if not names:
+        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
+    return [Path(name) for name in names]
+
+
+def inputs_at(path: Path) -> list[Path]:
+    """Return the input itself, or for a folder the assets, checkpoints and mesh files below it, sorted."""
+    if not _is_folder(path) or is_asset(path) or is_checkpoint(path):
+        return [path]
+    inputs = sorted(_below(path))
+    if not inputs and bare_models(path):
+        locate(path)  # which refuses several
+        return [path]
+    if not inputs:
+        wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
+        text = f"the folder holds no checkpoint and none of {wanted}"
+        raise InputError("FILE_NOT_RECOGNISED", text, file=path)
+    return inputs
+
+
+def _is_folder(path: Path) -> bool:
     try:
-        is_folder = path.is_dir()
+        return path.is_dir()
     except OSError as error:
         raise open_error(error, path) from error
-    if is_folder and not is_asset(path) and not is_checkpoint(path):
-        inputs = sorted(_below(path))
-        if not inputs and bare_models(path):
-            locate(path)  # which refuses several
-            return [path]
-        if not inputs:
-            wanted = ", ".join((ASSET_SUFFIX, *MESH_SUFFIXES))
-            text = f"the folder holds no checkpoint and none of {wanted}"
-            raise InputError("FILE_NOT_RECOGNISED", text, file=path)
-        return inputs
-    if not os.path.lexists(path):
-        if matches := _matches(path):
-            return matches
-        raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
-    return [path]
-
-
-def _matches(pattern: Path) -> list[Path]:
-    text = str(pattern)
-    if not glob.has_magic(text):
-        return []
-    # Not Path.glob: that takes no absolute pattern.
-    names = sorted(glob.glob(text, recursive=True))  # noqa: PTH207
-    return [path for name in names for path in expand(Path(name))]
 
 
 def _below(folder: Path) -> Iterator[Path]:

@@ -41,6 +41,8 @@ def distances(places: Reals, points: Reals, faces: Faces) -> Reals:
     """
     from scipy.spatial import cKDTree
 
+    if not len(places):
+        return np.zeros(0)
     marks, owner = spread(points, faces, _MARKS)
     marks = np.concatenate([marks, points[faces].mean(axis=1)])
     owner = np.concatenate([owner, np.arange(len(faces))])

@@ -63,6 +63,7 @@ _SOLID_FACES = 2000
 """Faces of a closed surface that are given to CoACD: what it costs grows with them."""
 _SAMPLES, _TRIES = 1000, 60
 """CoACD's points on a surface, and its tries of a cut: fewer than unasked, so that it ends."""
+_NEEDS_NOTHING = "box needs nothing"
 _LEAST = np.finfo(np.float64).tiny
 
 
@@ -113,6 +114,28 @@ def kind_of(text: str) -> tuple[Kind, int]:
         wanted = f"mesh:N (N faces, {FEWEST_FACES} or more), hulls:N (N convex parts) or box"
         raise UsageError("USAGE", f'a collision mesh is "{shorten(text, 40)}"; it must be {wanted}')
     return name, count  # type: ignore[return-value]
+
+
+def need_libraries(kind: str, kept: tuple[NDArray[Any], NDArray[Any]] | None) -> None:
+    """Refuse a kind whose libraries are not installed, before there is a mesh: of `kept` triangles, if it is
+    made of these, is known whether it will be closed.
+
+    Raises
+    ------
+    UsageError
+        USAGE, as `kind_of`, or EXTRA_MISSING.
+    """
+    name, _ = kind_of(kind)
+    if name == "box":
+        return
+    modules = ("fast_simplification", "coacd") if name == "hulls" else ("fast_simplification",)
+    need_extra("trial", *modules, what=f"a collision mesh {kind}", instead=_NEEDS_NOTHING)
+    if kept is None or not (closed(*kept) or closed(*weld_vertices(*kept, "exact"))):
+        _need_skimage()
+
+
+def _need_skimage() -> None:
+    need_extra("bench", "skimage", what="what encloses an open mesh", instead=_NEEDS_NOTHING)
 
 
 def collision(
@@ -234,7 +257,7 @@ def _in_unit(mesh: Mesh, shown: Reals) -> tuple[Reals, Faces, Reals, float]:
 def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Part:
     """Return the closed surface of what cameras see of a mesh, in the world; without a face if they enclose
     nothing."""
-    need_extra("bench", "skimage", what="what encloses an open mesh", instead="box needs nothing")
+    _need_skimage()
     try:
         points, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
     except AssetError:
@@ -306,7 +329,7 @@ def _beyond(away: Reals) -> Reals:
 
 def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:
     """Return at most so many convex parts of a closed surface, and why there are none."""
-    need_extra("trial", "coacd", what="a closed mesh cut into hulls", instead="box needs nothing")
+    need_extra("trial", "coacd", what="a closed mesh cut into hulls", instead=_NEEDS_NOTHING)
     points, faces = simpler(points, faces, _SOLID_FACES)
     reply = run_apart(convex_parts, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:

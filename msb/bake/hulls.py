@@ -137,7 +137,9 @@ def smallest_box(points: Reals) -> Part:
     hull with a side along an edge of that.
     """
     bases, corners = _bases(points)
-    frames = np.concatenate([[np.eye(3), _principal_axes(points)], bases])
+    axes = _principal_axes(points)
+    axes[2] *= np.sign(np.linalg.det(axes))  # of a mirrored frame the faces would look inwards
+    frames = np.concatenate([[np.eye(3), axes], bases])
     along = np.einsum("nij,pj->npi", frames, corners)
     low, high = along.min(axis=1), along.max(axis=1)
     half = np.maximum(high - low, _THIN) / 2

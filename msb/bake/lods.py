@@ -16,9 +16,9 @@ from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import seen_points
 from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
-from msb.bake.soup import Soup
+from msb.bake.soup import Soup, is_soup, seams_of
 from msb.bake.space import Space
-from msb.bake.surface import Solid, taught
+from msb.bake.surface import Solid, taught, with_colors_of
 from msb.base.extras import need_extra
 from msb.errors import UsageError, shorten
 from msb.meshes.mesh import Mesh
@@ -72,16 +72,22 @@ def _no_shares(given: str) -> UsageError:
     return UsageError("USAGE", text)
 
 
+def need_simplification() -> None:
+    """Refuse levels of detail of a mesh whose faces share vertices where what makes them is not installed."""
+    need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
+
+
 def lods(
     mesh: Mesh, guide: Guide, shares: Sequence[float], *, seconds: float = math.inf
-) -> list[tuple[Mesh, list[str]]]:
+) -> Iterator[tuple[Mesh, list[str]]]:
     """Return levels of detail of `mesh` with these falling shares of its faces, whose colours are rough, and
-    what should be known of each.
+    what should be known of each. They are made as they are asked for, each for so many `seconds` at most.
 
     Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
     others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
-    quadric error: a closed one in the space that `surface` makes it in, where its faces then move, and stays
-    closed, manifold and consistently wound. Textures are left out.
+    quadric error: one that is closed, seams aside, in the space that `surface` makes it in, where its faces
+    then move, and stays closed, manifold and consistently wound. Textures are left out. What no view sees
+    keeps the colours of `mesh`.
 
     Raises
     ------
@@ -89,15 +95,26 @@ def lods(
         USAGE: the shares are none. EXTRA_MISSING: fast-simplification is not installed, which a mesh needs
         whose faces share vertices.
     AssetError
-        TRIASSET_EMPTY: nothing closed is left of so few faces.
+        TRIASSET_EMPTY, by the iterator: nothing closed is left of so few faces.
     DeviceError
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
     levels = _Levels(mesh, guide, counts, seconds)
-    if len(mesh.vertices) == 3 * len(mesh.faces):
-        return list(levels.of_soup())
-    need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
-    return list(levels.of_surface() if closed(mesh.vertices, mesh.faces) else levels.of_mesh())
+    if is_soup(mesh.vertices, mesh.faces):
+        return levels.of_soup()
+    need_simplification()
+    whole = _without_seams(mesh)
+    is_closed = closed(whole.vertices, whole.faces)
+    return replace(levels, mesh=whole).of_surface() if is_closed else levels.of_mesh()
+
+
+def _without_seams(mesh: Mesh) -> Mesh:
+    """Return `mesh` with one vertex where it was cut along edges for its colours."""
+    seams = seams_of(mesh.vertices, mesh.faces)
+    if seams is None:
+        return mesh
+    colors = None if mesh.vertex_colors is None else mesh.vertex_colors[seams.first]
+    return Mesh(mesh.vertices[seams.first], seams.merged(mesh.faces), vertex_colors=colors, up=mesh.up)
 
 
 @dataclass(frozen=True)
@@ -116,7 +133,8 @@ class _Levels:
         soup = Soup.of(self.mesh, shares=False)
         stages = _stages(whole, self.counts)
         notes: list[str] = []
-        for stage, (count, is_level) in enumerate(stages):
+        seconds = self.seconds
+        for stage, (count, left) in enumerate(stages):
             # Larger faces need fewer pixels; at an eighth those are enough by which all were moved.
             pixels = 8 * PIXELS_TO_MOVE * count // whole
             # Faces that are gone do not come back: they would count as some of those tried at a time.
@@ -125,17 +143,20 @@ class _Levels:
                 soup.keep[unseen[: max(0, len(soup.keep) - count)]] = False
                 hide_least(soup, raster, random, count)
 
-                schedule = Schedule(_STEPS, time.monotonic() + self.seconds)
+                began = time.monotonic()
+                schedule = Schedule(_STEPS, began + seconds / left)
 
                 def done(step: int, stage: int = stage, schedule: Schedule = schedule) -> float:
                     enough = self._watched(stage, len(stages), step, _STEPS)
                     return schedule.share(step, enough=enough)
 
                 soup = moved(soup, raster, judge, random, rates=_RATES, most=count, done=done)
+                seconds = max(0.0, seconds - (time.monotonic() - began))
             soup = soup.shown()
             notes = schedule.lacks("its triangles") or notes  # a level is made of those before it
-            if is_level:
+            if left == 1:
                 yield soup.mesh(), notes
+                seconds = self.seconds
 
     def of_surface(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield a closed surface with fewer faces, which are moved inside the space that it was made in."""
@@ -150,36 +171,30 @@ class _Levels:
             def watch(_: str, done: int, total: int, level: int = level) -> bool:
                 return self._watched(level, len(self.counts), done, total)
 
-            yield taught(solid, count, replace(guide, watch=watch), self.seconds, _STEPS)
+            yield taught(solid, count, replace(guide, watch=watch), self.seconds, _STEPS, like=self.mesh)
 
     def of_mesh(self) -> Iterator[tuple[Mesh, list[str]]]:
         """Yield an open surface with fewer faces, which stay where they are."""
-        from scipy.spatial import cKDTree
-
         points = self.mesh.vertices.astype(np.float64)
         for level, count in enumerate(self.counts):
             self._watched(level, len(self.counts), 0, 1)
             placed, faces = simpler(points, self.mesh.faces, count)
             fewer = Mesh(placed.astype(np.float32), faces, up=self.mesh.up)
-            if self.mesh.vertex_colors is not None:
-                # What no view sees keeps the colour of the vertex next to it.
-                nearest = cKDTree(points).query(placed)[1]
-                fewer = replace(fewer, vertex_colors=self.mesh.vertex_colors[nearest])
-            yield fewer, []
+            yield with_colors_of(self.mesh, fewer), []
 
     def _watched(self, level: int, levels: int, done: int, total: int) -> bool:
         """Tell how much of all levels is done; return whether to end."""
         return self.guide.watch("levels of detail", level * total + done, levels * total)
 
 
-def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, bool]]:
-    """Return numbers of faces from `faces` down through all `counts`, none far from the next, and which are
-    of `counts`."""
-    stages: list[tuple[int, bool]] = []
+def _stages(faces: int, counts: Sequence[int]) -> list[tuple[int, int]]:
+    """Return numbers of faces from `faces` down through all `counts`, none far from the next, and how many of
+    them are left until the next of `counts`: 1 of these."""
+    stages: list[tuple[int, int]] = []
     for count in counts:
         turns = math.ceil(math.log(faces / count) / math.log(1 / _STAGE) - 1e-9)
         between = [round(faces * (count / faces) ** (turn / turns)) for turn in range(1, turns)]
-        stages += [*((number, False) for number in between), (count, True)]
+        stages += zip([*between, count], range(len(between) + 1, 0, -1), strict=True)
         faces = count
     return stages
 

@@ -82,6 +82,8 @@ class Bake:
         is_plain = why_not(asset.manifest, "dedicated") is not None and options.teacher == "dedicated"
         self._guide = Guide(self._teaching, self._aside, options.seed, device, watch, is_plain)
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
+        self._has_levels = levels
+        self._rough: Mesh | None = None
 
     def _scale(self, levels: bool) -> int:
         """Return how many times as large as the views the pictures are that teach.
@@ -129,6 +131,8 @@ class Bake:
                 tried[name] = mean_psnr(asset_from_mesh(judged), truths, SAMPLES, self._device)[0]
         chosen, why = self._chosen(made, tried)
         notes += said[chosen]
+        if self._has_levels:  # a texture takes the place of its colours, which levels begin with
+            self._rough = made[chosen]
         if stopped():
             notes.append("interrupted: this is the best so far")
         mesh = self._colored(chosen, made[chosen], self._look(chosen, made[chosen]), self._taught)
@@ -237,9 +241,16 @@ class Bake:
             return [], []
         size = mesh.textures[0].shape[0] if mesh.textures else None
         seconds = self._seconds(_SEARCH)
-        made = lods(replace(mesh, corner_uvs=None, textures=()), self._guide, shares, seconds=seconds)
+        whole = mesh if size is None else self._rough
+        assert whole is not None
+        made = lods(whole, self._guide, shares, seconds=seconds)
         found, said = [], []
-        for share, (one, notes) in zip(shares, made, strict=True):
+        for share in shares:
+            try:
+                one, notes = next(made)
+            except AssetError as error:
+                said.append(f"there is no level with {share:g} of the faces or fewer: {error.message}")
+                break
             look: Look = "vertex" if size is None else "texture"
             level = self._colored(name, one, look, self._taught, size)
             own = self.measured(level)[0]

@@ -9,7 +9,9 @@ from msb.asset.look import tint_of
 from msb.asset.texture import MAX_SIDE, textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
+from msb.bake.lods import need_simplification
 from msb.bake.report import Geometry, Look
+from msb.bake.soup import is_soup
 from msb.bake.teacher import Source
 from msb.base.extras import is_installed, need_extra
 from msb.errors import UsageError, shorten
@@ -72,12 +74,15 @@ class Options:
         is_vertex = name == "kept" and self.texture is None and _fits_vertices(asset)
         return self.color or ("vertex" if is_vertex else "texture")
 
-    def check_model(self, asset: Asset) -> None:
+    def check_model(self, asset: Asset, *, has_levels: bool = False) -> None:
         """Refuse what would be found to be missing when most of the work is done."""
         is_auto = self.geometry == "auto" and self.faces is None and not self.for_solid
-        is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
-        if (is_auto or self.geometry == "kept") and not is_soup and self.look("kept", asset) == "texture":
+        if not (is_auto or self.geometry == "kept") or _is_soup(asset):
+            return
+        if self.look("kept", asset) == "texture":
             need_xatlas()
+        if has_levels:
+            need_simplification()
 
 
 def _fits_vertices(asset: Asset) -> bool:
@@ -86,9 +91,13 @@ def _fits_vertices(asset: Asset) -> bool:
     if why_not(asset.manifest, "standard") is not None:
         return False
     tint = tint_of(asset)
-    is_soup = asset.manifest.vertex_count == 3 * asset.manifest.face_count
-    is_smooth = tint is not None and (is_soup or tint.domain == "vertex")
-    return (is_smooth and textures_of(asset) is None) or not (is_soup or is_installed("xatlas"))
+    is_unshared = _is_soup(asset)
+    is_smooth = tint is not None and (is_unshared or tint.domain == "vertex")
+    return (is_smooth and textures_of(asset) is None) or not (is_unshared or is_installed("xatlas"))
+
+
+def _is_soup(asset: Asset) -> bool:
+    return is_soup(asset.buffers["positions"], asset.buffers["indices"])
 
 
 def need_libraries(geometry: str) -> None:

@@ -16,6 +16,7 @@ from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.bake.cache import SUFFIX
 from msb.bake.collision import kind_of
+from msb.bake.collision import need_libraries as need_for_shape
 from msb.bake.folder import only_folder, write_folder
 from msb.bake.lods import checked_shares
 from msb.bake.making import Bake
@@ -142,7 +143,8 @@ def bake(
         A shape to bump into: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
     seconds : float
         About how long fitted triangles may take; a surface takes half as long again, and beside these twice
-        as long, and each level of detail as long again. 0 leaves out the searches. Collision is not counted.
+        as long, and each level of detail as long again. With 0 they move a single step; which are shown is
+        chosen all the same. Collision is not counted.
     seed : int
         Where the search begins: the same gives the same on one device, if the time suffices.
     up : str, optional
@@ -192,7 +194,10 @@ def bake(
         check_place(place / SUFFIX)
     began = time.perf_counter()
     asset = as_asset(asset)
-    options.check_model(asset)
+    options.check_model(asset, has_levels=bool(wanted))
+    if collision is not None:
+        triangles = asset.buffers["positions"], asset.buffers["indices"]
+        need_for_shape(collision, triangles if geometry == "kept" else None)
     with about(asset.opened_from), room_for_temporaries(), _stopping(keep_best) as stopped:
 
         def watch(stage: str, done: int, total: int) -> bool:

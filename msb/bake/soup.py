@@ -12,11 +12,35 @@ from numpy.typing import NDArray
 from msb.bake import colors as fit
 from msb.meshes.assets import with_faces
 from msb.meshes.mesh import Mesh
+from msb.topology.seams import find_seams
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from scipy.sparse import csr_matrix
 
     from msb.bake.raster import Raster, Seen
+    from msb.topology.seams import Seams
+
+
+def seams_of(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
+    """Return where a mesh was cut along edges, whatever its vertices differ in there; None if nowhere."""
+    return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
+
+
+def is_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Return whether the faces are a soup: each has vertices of its own, and they are no surface that was cut
+    along all its edges, as one is whose faces have a colour each.
+
+    Faces that name the vertices one after the other are a soup as assets have it, where corners may meet by
+    chance.
+    """
+    corners = faces.reshape(-1)
+    if len(points) != len(corners):
+        return False
+    if np.array_equal(corners, np.arange(len(corners))):
+        return True
+    return len(np.unique(corners)) == len(corners) and seams_of(points, faces) is None
 
 
 @dataclass
@@ -49,10 +73,8 @@ class Soup:
             held = mesh.vertex_colors[:, :3]
             scale = np.float32(255 if held.dtype == np.uint8 else 1)
             colors = np.ascontiguousarray(held[mesh.faces] / scale, np.float32)
-        is_soup = len(mesh.vertices) == 3 * len(mesh.faces)
-        return cls(
-            corners, colors, np.ones(len(corners), bool), mesh.faces if shares and not is_soup else None
-        )
+        is_shared = shares and not is_soup(mesh.vertices, mesh.faces)
+        return cls(corners, colors, np.ones(len(corners), bool), mesh.faces if is_shared else None)
 
     @property
     def count(self) -> int:

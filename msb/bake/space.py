@@ -22,6 +22,11 @@ _TRIM = 0.1
 """Percent of what is seen that may lie outside the box of an object, at each of its sides."""
 _PARALLEL = 1e-3
 """Cameras look at a point if their axes fix it this well in the direction in which they do worst."""
+_AHEAD = 1e-4
+"""How far ahead of cameras the point is that they look at, at least, of how far off is what they see: those
+that turn in one place meet where they stand."""
+_AMID = 0.5
+"""How near to cameras, in the same measure, the middle of what they see is where they stand amid it."""
 _THIN = 1e-3
 """Half of the least side of the box of an object, of its longest one."""
 EDGE = 1.96
@@ -55,9 +60,14 @@ class Space:
     def of(cls, points: Reals, cameras: Sequence[Camera]) -> Self:
         """Return the space for what cameras see at `points` (n, 3) of the world, n > 0."""
         at = np.stack([camera.center for camera in cameras])
-        focus = _looked_at(cameras, points)
+        off = float(np.median(np.linalg.norm(points - at.mean(axis=0), axis=1)))
+        point = _looked_at(cameras, _AHEAD * off)
+        focus = np.median(points, axis=0) if point is None else point
         distance = float(np.median(np.linalg.norm(at - focus, axis=1)))
-        if (np.linalg.norm(points - focus, axis=1) > distance).mean() > _FAR_SHARE:
+        # Of cameras that turn in one place how far apart they are says nothing of what is round them.
+        is_amid = point is None and distance < _AMID * off
+        distance = off if is_amid else distance
+        if is_amid or (np.linalg.norm(points - focus, axis=1) > distance).mean() > _FAR_SHARE:
             edge = np.full(3, EDGE)
             return cls(focus, _NEAR * distance, True, -edge, edge)
         low, high = np.percentile(points, [_TRIM, 100 - _TRIM], axis=0)
@@ -107,15 +117,14 @@ class Space:
         return 1 / (far * left), 1 / left**2
 
 
-def _looked_at(cameras: Sequence[Camera], points: Reals) -> Reals:
-    """Return the point that cameras look at; the middle of what they see where they look at none."""
+def _looked_at(cameras: Sequence[Camera], ahead: float) -> Reals | None:
+    """Return the point that cameras look at, farther `ahead` of each than that; None if there is none."""
     at = np.stack([camera.center for camera in cameras])
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     total = across.sum(axis=0)
-    middle: Reals = np.median(points, axis=0)
     if np.linalg.eigvalsh(total)[0] < _PARALLEL * len(cameras):
-        return middle
+        return None
     found: Reals = np.linalg.solve(total, np.einsum("nij,nj->i", across, at))
-    in_front = ((found - at) * axes).sum(axis=1) > 0
-    return found if in_front.all() else middle
+    in_front = ((found - at) * axes).sum(axis=1) > ahead
+    return found if in_front.all() else None

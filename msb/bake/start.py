@@ -14,11 +14,10 @@ from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.bake.colors import pixels
 from msb.bake.raster import Raster
-from msb.bake.soup import Soup
+from msb.bake.soup import Soup, seams_of
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.meshes.sampled import with_sampled_colors
-from msb.topology.seams import find_seams
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -120,7 +119,7 @@ def colored(mesh: Mesh, lessons: Lessons, device: str | Device | None) -> Mesh:
 def _first_alike(mesh: Mesh, colors: NDArray[Any]) -> NDArray[np.int64]:
     """Return for each vertex (V,) the first one of its colour beyond a cut, or itself."""
     first = np.arange(len(mesh.vertices))
-    seams = find_seams(mesh.vertices, mesh.faces, {"color": first[:, None]})  # as if all differed
+    seams = seams_of(mesh.vertices, mesh.faces)
     if seams is not None:
         rows = np.flatnonzero(np.bincount(seams.number)[seams.number] > 1)
         kinds = np.column_stack([seams.number[rows], colors[rows]])

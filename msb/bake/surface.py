@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from contextlib import closing
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -184,11 +185,17 @@ def _mesh(solid: Solid) -> Mesh:
 
 
 def taught(
-    solid: Solid, count: int, guide: Guide, seconds: float = math.inf, steps: int | None = None
+    solid: Solid,
+    count: int,
+    guide: Guide,
+    seconds: float = math.inf,
+    steps: int | None = None,
+    *,
+    like: Mesh | None = None,
 ) -> tuple[Mesh, list[str]]:
     """Return a surface like `solid` with about `count` faces that look right, and what should be known of it.
 
-    They take so many `steps`, if there are so many `seconds`.
+    They take so many `steps`, if there are so many `seconds`. What no view sees has the colours of `like`.
 
     Raises
     ------
@@ -196,16 +203,29 @@ def taught(
         TRIASSET_EMPTY: of so few faces nothing is left.
     DeviceError
     """
-    return _settled(_fewer(solid, count, guide), guide, seconds, steps)
+    return _settled(_fewer(solid, count, guide), guide, seconds, steps, like)
 
 
-def _settled(fewer: Fewer, guide: Guide, seconds: float, steps: int | None = None) -> tuple[Mesh, list[str]]:
+def with_colors_of(mesh: Mesh, fewer: Mesh) -> Mesh:
+    """Return `fewer` in the colours that the vertices of `mesh` next to its own have: what no view sees keeps
+    these."""
+    from scipy.spatial import cKDTree
+
+    if mesh.vertex_colors is None:
+        return fewer
+    nearest = cKDTree(mesh.vertices.astype(np.float64)).query(fewer.vertices.astype(np.float64))[1]
+    return replace(fewer, vertex_colors=mesh.vertex_colors[nearest])
+
+
+def _settled(
+    fewer: Fewer, guide: Guide, seconds: float, steps: int | None = None, like: Mesh | None = None
+) -> tuple[Mesh, list[str]]:
     """Return a surface with its vertices where pictures want them, and what should be known of it."""
     (points, made, space), count, whole, _ = fewer
     if not len(made):
         raise AssetError("TRIASSET_EMPTY", f"no closed surface is left of {count} faces; ask for more")
     mesh = _mesh(fewer.solid)
-    soup = Soup.of(mesh, shares=True)
+    soup = Soup.of(mesh if like is None else with_colors_of(like, mesh), shares=True)
     with guide.rasters(soup) as (raster, judge):
         soup.refit(raster)
         best = Best(judge)

@@ -22,6 +22,7 @@ from msb.bake.colors import continued
 from msb.bake.fusion import seen_points
 from msb.bake.painting import Painting
 from msb.bake.shares import pixels_shown
+from msb.bake.soup import is_soup
 from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
@@ -81,9 +82,7 @@ def textured(
     for each in pixels_shown(mesh, cameras, device):
         np.maximum(pixels, each, out=pixels)
     size = _own_size(pixels) if size is None else size
-    if len(mesh.vertices) == 3 * len(mesh.faces) and np.array_equal(
-        mesh.faces.reshape(-1), np.arange(mesh.faces.size)
-    ):
+    if is_soup(mesh.vertices, mesh.faces):
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         uvs = connected_atlas(_places(mesh, cameras, device), mesh.faces, pixels, size)

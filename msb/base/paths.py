@@ -25,12 +25,15 @@ def given_path(path: str | os.PathLike[str]) -> Path:
 
 
 def shell_word(text: str | os.PathLike[str]) -> str:
-    """Return `text` as one word of a command that sh, cmd.exe and PowerShell all read alike.
+    """Return the path `text` as one word of a command that sh, cmd.exe and PowerShell all read alike.
 
     Double quotes are the only ones that all three know. What they interpret inside of these ($, %, backticks,
     quotes) stands in single quotes, as a POSIX shell and PowerShell have it; cmd.exe has no way to say that.
+    A path that begins with a hyphen, which a command takes for an option, gets ``./`` before it.
     """
     word = os.fspath(text)
+    if word.startswith("-"):
+        word = f".{os.sep}{word}"
     if word and re.fullmatch(r"[\w@+=:,./\\~-]+" if os.name == "nt" else r"[\w@+=:,./-]+", word):
         return word
     return f'"{word}"' if word and not re.search(r'["$`%!\\]', word) else shlex.quote(word)

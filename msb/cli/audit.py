@@ -54,6 +54,8 @@ class AuditOptions:
             needs="paths explain version",
         ),
         Rule("explain", "stands alone, without PATH", excludes="paths"),
+        Rule("elements csv_file", "does not go with --explain, which writes no mesh's", excludes="explain"),
+        Rule("elements json_file json_lines csv_file", "does not go with --version", excludes="version"),
     ),
 )
 def audit(
@@ -82,7 +84,7 @@ def audit(
         from msb.topology.explain import explain
 
         entry = explain(options.explain)
-        output.write_json({"schema": "msb.definition/1", **entry.to_dict()})
+        output.write_documents([{"schema": "msb.definition/1", **entry.to_dict()}])
         if output.prints_text:
             echo(entry.to_text())
         return 0
@@ -140,7 +142,7 @@ class _Task:
             from msb.api.elements import write_elements
             from msb.topology.elements import find_elements
 
-            write_elements(find_elements(analysis), self.options.elements)
+            write_elements(find_elements(analysis), self.options.elements, overwrite=self.output.force)
         times = ", ".join(f"{stage} {time:.1f} ms" for stage, time in result.timings_ms.items())
         self.output.note(f"{path}: {result.computed_by}: {times}", level=1)
         if self.output.prints_text:

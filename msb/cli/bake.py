@@ -96,7 +96,9 @@ class BakeOptions:
     ] = None
     seconds: Annotated[
         float,
-        Option("About how long fitted triangles, and a surface of them, may take; 0: no search.", least=0),
+        Option(
+            "About how long fitted triangles, and a surface of them, may move; 0: a single step.", least=0
+        ),
     ] = 60.0
     seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
     up: Annotated[
@@ -194,7 +196,7 @@ def bake(
             keep_best=options.keep_best,
             cache=options.cache,
         )
-    report = baked.save(*options.outputs, overwrite=True)
+    report = baked.save(*options.outputs, overwrite=output.force)
     output.write_json({**report.to_dict(), "path": str(path)})
     if folder is None:
         _note_losses(baked, options.outputs, output)

@@ -28,7 +28,7 @@ from typer.core import TyperCommand
 
 from msb.base.atomic import is_stream
 from msb.base.option import Argument, Option
-from msb.cli.output import Output, is_stdout, open_log
+from msb.cli.output import Output, is_stdout, open_log, place_of
 from msb.errors import MsbError, UsageError, shorten
 
 
@@ -275,8 +275,8 @@ def _command(
         objects = {key: group.made(values) for key, group in groups.items()}
         if outputs is not None:
             for kind, label, path in _paths(declared, values):
-                if kind is None:
-                    objects[outputs].keep(label, path)
+                if kind != "folder":  # for files in it each has a place of its own
+                    objects[outputs].keep(label, path, written=kind is not None)
             _check_free(declared, values, objects[outputs])
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
         return function(**objects, **alone)
@@ -335,11 +335,7 @@ def _check_apart(declared: Sequence[_Declared], values: dict[str, Any]) -> None:
     for written, label, path in sorted(named, key=lambda one: one[0]):
         if is_stdout(path) or is_stream(path):
             continue
-        try:
-            status = path.stat()
-            key: object = status.st_dev, status.st_ino
-        except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
-            key = os.path.realpath(path) if "\0" not in str(path) else str(path)
+        key = place_of(path)
         if written and key in seen:
             text = f"{label} and {seen[key]} name the same file; an output needs a place of its own"
             raise UsageError("USAGE", text, file=path)

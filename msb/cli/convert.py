@@ -99,8 +99,10 @@ def convert(
         _check_held(target, typed)
         _convert(source, target, options, output)
         return
+    output.keep_found(inputs)
     places = _places(source, inputs, target, options.to or "glb")
     for place in places.values():
+        output.check_apart(place)  # of all before the first is written: it may be the input of a later one
         _check_held(place, typed)
     status = EXIT_OK
     for path, place in places.items():
@@ -156,7 +158,7 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
 
     if not options.official:
         output_suffix(target, "OUT")
-    check_asset_place(target, options.form, output)
+    overwrite = check_asset_place(target, options.form, output)
     if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:
@@ -165,20 +167,22 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
                 "USAGE",
                 "--up, --color, --texture and --for are for mesh files; a .triasset keeps what is stored",
             )
-        _write_asset(source, target, options.form or "packed", output)
+        _write_asset(source, target, options.form or "packed", output, overwrite=overwrite)
     else:
         if options.form is not None:
             raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
         _write_mesh(source, target, options, output)
 
 
-def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
+def _write_asset(
+    source: Path, target: Path, form: Literal["packed", "folder"], output: Output, *, overwrite: bool
+) -> None:
     from msb.asset import write_asset
     from msb.cli.inputs import open_asset
 
     asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"):
-        write_asset(asset, target, form)
+        write_asset(asset, target, form, overwrite=overwrite)
     manifest = asset.manifest
     _say(target, [f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces"], output)
 

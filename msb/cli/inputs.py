@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msb.api.inputs import expand
+from msb.api.inputs import inputs_at, matches
 from msb.cli.output import report_error
 from msb.errors import MsbError, UsageError
 
@@ -55,11 +55,11 @@ def for_each(
 ) -> tuple[int, list[dict[str, Any]]]:
     """Call `work` with each input; write the documents that it returns, return the highest status and them.
 
-    `work` is told whether the input is alone. An input that fails is a line on standard error, and a document
-    with its error beside those of others. `single` are the options that take one input.
+    An input that is named twice, as a file and by its folder, is one. `work` is told whether the input is
+    alone. An input that fails is a line on standard error, and a document with its error beside those of
+    others. `single` are the options that take one input.
     """
     status = 0
-    inputs: list[Path] = []
     documents: list[dict[str, Any]] = []
 
     def fail(path: Path, error: MsbError) -> int:
@@ -67,11 +67,18 @@ def for_each(
         documents.append({"schema": schema, "path": str(path), "error": wrong})
         return max(status, report_error(error))
 
-    for path in paths:
+    def found(step: Callable[[Path], list[Path]], path: Path) -> list[Path]:
+        nonlocal status
         try:
-            inputs += expand(path)
+            return step(path)
         except MsbError as error:
             status = fail(path, error)
+            return []
+
+    named = [each for path in paths for each in found(matches, path)]
+    # A pattern may match a folder and the files in it, too.
+    inputs = list(dict.fromkeys(each for path in named for each in found(inputs_at, path)))
+    output.keep_found(inputs)
     for option in single if len(inputs) > 1 else ():
         raise UsageError("USAGE", f"{option} takes one mesh; there are {len(inputs)}")
     for path in inputs:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Annotated, Any, Literal
+from typing import IO, TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from msb.base.atomic import check_place, is_stream, new_file
 from msb.base.files import is_folder
@@ -73,6 +73,9 @@ class Output:
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _checked: set[str] = field(default_factory=set, init=False)
     _inputs: list[tuple[str, Path]] = field(default_factory=list, init=False)
+    _read: set[object] = field(default_factory=set, init=False)
+    _written: list[Path] = field(default_factory=list, init=False)
+    _way_out: ClassVar[str] = "--force replaces it"
 
     def __post_init__(self) -> None:
         files = {"--json": self.json_file, "--jsonl": self.json_lines, "--csv": self.csv_file}
@@ -225,36 +228,61 @@ class Output:
         """
         if path is None or is_stdout(path):
             return
+        self.check_apart(path)
         replaced = not is_stream(path)
-        if replaced and os.path.lexists(path) and not self.force:
+        if replaced and os.path.lexists(path) and not self.may_replace(path):
             if not folder and is_folder(path):
                 check_place(path)  # says so: --force would not replace it
-            raise UsageError("OUTPUT_EXISTS", "it exists; --force replaces it", file=path)
+            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._way_out}", file=path)
         check_place(path, folder=folder)
         place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image
         if replaced and place in self._checked:
             raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
         self._checked.add(place)
 
-    def keep(self, label: str, path: Path) -> None:
-        """Remember an input, which no folder that is replaced may hold."""
-        self._inputs.append((label, path))
+    def may_replace(self, path: Path) -> bool:
+        """Return whether what is at `path`, or comes there while the command runs, may be replaced."""
+        del path  # a command may look at what is there
+        return self.force
 
-    def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> None:
+    def keep(self, label: str, path: Path, *, written: bool = False) -> None:
+        """Remember an input, which no output may be and no folder that is replaced may hold, or an output."""
+        if written:
+            self._written.append(path)
+            return
+        self._inputs.append((label, path))
+        self._read.add(place_of(path))
+
+    def keep_found(self, inputs: Iterable[Path]) -> None:
+        """Remember the inputs that a typed folder or pattern stands for; refuse outputs that are one."""
+        for path in inputs:
+            self.keep(str(path), path)
+        for path in self._written:
+            self.check_apart(path)
+
+    def check_apart(self, path: Path) -> None:
+        """Refuse an output that is an input: it would be lost, and --force is no wish for that."""
+        if self._read and not is_stdout(path) and not is_stream(path) and place_of(path) in self._read:
+            raise UsageError("USAGE", "it is an input; an output needs a place of its own", file=path)
+
+    def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> bool:
         """Refuse a folder with an input in it, or that `check` refuses, and without --force one to replace.
 
-        `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does.
+        `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does. Returns
+        whether its writer may replace a folder: an empty one that is there now, with --force any.
         """
+        is_there = os.path.lexists(folder)
         for label, path in self._inputs if is_folder(folder) else ():
             link = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - it would be lost, too
             place = os.path.realpath(folder)
             if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), link)):
                 text = f"{label} lies in it; an output needs a place of its own"
                 raise UsageError("USAGE", text, file=folder)
-        if check(folder) and os.path.lexists(folder):
+        if check(folder) and is_there:
             check_place(folder, folder=True)
         else:
             self.check_free(folder, folder=True)
+        return self.force or is_there
 
     def write_json(self, data: Any) -> None:
         """Write `data`, a document or a list of them, where --json points to, if it was given."""
@@ -291,7 +319,7 @@ class Output:
             sys.stdout.flush()
             sys.stdout.buffer.write(data)
         else:
-            with new_file(path, size=len(data)) as file:
+            with new_file(path, size=len(data), overwrite=self.may_replace(path)) as file:
                 file.write(data)
 
 
@@ -307,6 +335,15 @@ LinesOutput = Annotated[Output, ("json_file", "json_lines", "fail_fast", "force"
 def is_stdout(path: Path | None) -> bool:
     """Return whether `path` is standard output, by its short name or one of the system's."""
     return str(path) in _STDOUT_NAMES
+
+
+def place_of(path: Path) -> object:
+    """Return what is equal for two paths of one file: its number, or its place where there is none yet."""
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
+        return os.path.realpath(path) if "\0" not in str(path) else str(path)
+    return status.st_dev, status.st_ino
 
 
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
@@ -333,7 +370,8 @@ def say(text: str) -> None:
 
 def report_error(error: MsbError) -> int:
     """Print `error` as one line on standard error and return its exit status."""
-    say(str(error))
+    # What somebody wrote there while the command ran is found by the library, which knows no options.
+    say(str(error).replace("overwrite=True replaces it", "--force replaces it"))
     return EXIT_STATUS[type(error)]
 
 
@@ -411,17 +449,20 @@ def write_held(held: Mesh, target: Path, output: Output, style: Style | None = N
 
     for other in beside(held, target, style or Style()):
         output.check_free(other)
-    write_whole(held, target, style)
+    write_whole(held, target, style, overwrite=output.force)
 
 
-def check_asset_place(target: Path, form: str | None, output: Output) -> None:
-    """Refuse a place for a `.triasset` of this form; of a folder that is there only an asset is replaced."""
+def check_asset_place(target: Path, form: str | None, output: Output) -> bool:
+    """Refuse a place for a `.triasset` of this form; return whether what is there may be replaced.
+
+    Of a folder that is there only an asset is replaced.
+    """
     from msb.asset.writer import check_asset_folder
 
     if form == "folder" and is_folder(target):
-        output.check_folder(target, check_asset_folder)
-    else:
-        output.check_free(target, folder=form == "folder")
+        return output.check_folder(target, check_asset_folder)
+    output.check_free(target, folder=form == "folder")
+    return output.force
 
 
 def setting_text(value: object) -> str:

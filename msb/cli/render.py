@@ -27,7 +27,7 @@ Split = Literal["train", "test", "all"]
 _COUNTS = "does not go with --scene, which draws what counts, at the size that counts"
 RULES = (
     Rule("", "give --out FOLDER for images, --film FILE for a film, or both", needs="out film"),
-    Rule("depth ids", "needs --out FOLDER", needs="out"),
+    Rule("depth ids format name", "needs --out FOLDER", needs="out"),
     Rule("cameras turntable flight size", _COUNTS, excludes="scene"),
     Rule("image_folder", "goes with --scene DIR", needs="scene"),
     Rule("cameras", "does not go with --turntable, which makes its own", excludes="turntable"),
@@ -306,7 +306,7 @@ class _Images:
                     yield frame.image
 
             if self.options.film is not None:
-                write_film(self.options.film, images(), self.options.fps)
+                write_film(self.options.film, images(), self.options.fps, overwrite=self.output.force)
             else:
                 for _ in images():
                     pass
@@ -335,9 +335,8 @@ class _Images:
             if plane is None:
                 raise UsageError("USAGE", "this tier and method have no face ids; leave out --ids")
             target = self.place(name, kind)
-            writers.submit(
-                write_image, target, plane, self.options.format if kind == "image" else self.planes
-            )
+            form = self.options.format if kind == "image" else self.planes
+            writers.submit(write_image, target, plane, form, overwrite=self.output.force)
             row[kind] = str(target)
         return row
 

@@ -112,7 +112,7 @@ def repair(
     assert target is not None
     gates = conditions.gates()
     after = _Repair(source, target, plan, views, drawing.device, output).run(options.maps)
-    failed = [error for gate in gates if (error := gate.check(after, source))]
+    failed = [error for gate in gates if (error := gate.check(after, target))]
     return max(map(report_error, failed), default=0)
 
 
@@ -167,7 +167,7 @@ class _Repair:
 
         with ExitStack() as stack:
             if maps is not None:
-                file = stack.enter_context(new_file(maps))
+                file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
                 file.flush()  # a full disk is noticed here
@@ -220,7 +220,7 @@ class _Repair:
 
         assert isinstance(done, Repaired)
         with self.output.progress(f"writing {self.target.name}"):
-            save(done.asset, self.target, overwrite=True)
+            save(done.asset, self.target, overwrite=self.output.force)
 
     def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
         """Write a mesh file, and return the audit of what it holds."""
@@ -323,8 +323,7 @@ def compare_strategies(
     from msb.views import choose_views
 
     wanted = _tasks(tasks)
-    if folder is not None:
-        output.check_folder(folder, check_pictures)
+    overwrite = folder is not None and output.check_folder(folder, check_pictures)
     asset = open_asset(source, output)
     given = None if views.cameras is None else views.read(output)
     with about(source):
@@ -332,7 +331,7 @@ def compare_strategies(
     which = seen.said if given is None else seen.said.replace("given", f"of {views.cameras}")
     with (
         output.counted("trying repairs", len(strategies(options)) + 1) as step,
-        nullcontext() if folder is None else new_folder(folder) as keep,
+        nullcontext() if folder is None else new_folder(folder, overwrite=overwrite) as keep,
     ):
         rows = compare(asset, seen, options, tasks=wanted, device=device, keep=keep, step=step)
     if output.prints_text:

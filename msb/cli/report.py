@@ -22,6 +22,7 @@ RULES = (
     Rule("paper", "is instead of folders of results, and both are given", excludes="folders"),
     Rule("", "give folders of results, or --paper", needs="folders paper"),
     Rule("views published against allow_mixed", "goes with results, not with --paper", excludes="paper"),
+    Rule("out", "does not go with --table, which prints the table and writes nothing", excludes="table"),
 )
 _FOLDER = "report"
 _MOST_FACES = 300_000
@@ -136,7 +137,7 @@ def report(
         return
     if not board and folders:
         check_folder(folders[0], "folder of results")
-    _check_target(target, folders, output)
+    overwrite = _check_target(target, folders, output)
     if not {"md", "tex", "html"}.isdisjoint(wanted):
         # Before anything else is missed that a report can do without.
         need_extra("bench", "jinja2", "matplotlib", what="a report", instead="--format csv,json needs none")
@@ -144,7 +145,7 @@ def report(
     figures = _topology(made, options.topology, output) if "html" in wanted else {}
     with output.progress(f"writing {target.name}"):
         files = report_files(made, formats=wanted, topology=figures, folder=target)
-        with new_folder(target) as folder:
+        with new_folder(target, overwrite=overwrite) as folder:
             for name, data in files.items():
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -182,9 +183,10 @@ def _check_board(paths: tuple[Path, ...], options: ReportOptions) -> None:
     if others := [path for path in paths if not is_submission(path)]:
         text = "it is no submission (.zip of msb submit); folders and submissions are reported apart"
         raise UsageError("USAGE", text, file=others[0])
-    for name in ("views", "published", "against"):
+    for name in ("views", "published", "against", "allow_mixed"):
         if getattr(options, name):
-            raise UsageError("USAGE", f"--{name.removesuffix('s')} does not go with submissions")
+            option = name.removesuffix("s").replace("_", "-")
+            raise UsageError("USAGE", f"--{option} does not go with submissions")
     if options.out is None and options.table is None:
         raise UsageError("USAGE", "say with -o where the board goes")
 
@@ -219,8 +221,11 @@ def _make(folders: tuple[Path, ...], options: ReportOptions, output: Output, *, 
         )
 
 
-def _check_target(target: Path, folders: tuple[Path, ...], output: Output) -> None:
-    """Refuse to replace what is not a report, and without --force what somebody put into one."""
+def _check_target(target: Path, folders: tuple[Path, ...], output: Output) -> bool:
+    """Refuse to replace what is not a report, and without --force what somebody put into one.
+
+    Returns whether what is there may be replaced.
+    """
     from msb.base.atomic import check_place, is_stream
     from msb.report.pages import is_report, not_ours
 
@@ -231,12 +236,13 @@ def _check_target(target: Path, folders: tuple[Path, ...], output: Output) -> No
             text = f"the report also holds {shorten(others[0], 60)}, which --force would remove"
             raise UsageError("OUTPUT_EXISTS", text, file=target)
         check_place(target, folder=True)
-        return
+        return True
     empty = target.is_dir() and not any(target.iterdir())
     if target.exists() and not (own or empty or is_stream(target)):
         text = "it is no report, and all of it would be lost; give another folder with -o"
         raise UsageError("OUTPUT_EXISTS", text, file=target)
     output.check_free(target, folder=True)
+    return output.force
 
 
 def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:

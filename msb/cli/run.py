@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+from msb.base.atomic import is_stream
 from msb.base.option import Argument, Option
 from msb.base.paths import shell_word
 from msb.cli.camera_options import Drawing
@@ -37,6 +39,11 @@ RULES = (
     ),
     Rule("non_engine image_folder", "goes with --scene; a protocol has a key of that name", needs="scene"),
 )
+
+
+_SCHEMA = "msb.run/1"
+_START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(_SCHEMA).encode())
+"""How the JSON of every run begins."""
 
 
 @dataclass(frozen=True)
@@ -96,9 +103,19 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """Output whose JSON may replace a file: a run is started again and again."""
+    """Output whose JSON may replace that of a run, for a run is started again and again; no other file."""
 
-    force: bool = True
+    _way_out: ClassVar[str] = "msb run replaces only what its --json wrote; name another file"
+
+    def may_replace(self, path: Path) -> bool:
+        """Return whether what is at `path` is the JSON of a run."""
+        if is_stream(path):  # it is written through; to read it would wait for a writer
+            return True
+        try:
+            with path.open("rb") as file:
+                return _START.match(file.read(100)) is not None
+        except OSError:  # it has come to be no file, or cannot be read
+            return False
 
 
 @command(
@@ -233,7 +250,7 @@ def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
         for row in report.rows
     ]
     return {
-        "schema": "msb.run/1",
+        "schema": _SCHEMA,
         "protocol": str(file.path),
         "results": str(file.results),
         "seconds": report.seconds,

@@ -41,7 +41,7 @@ def submit(
     with output.progress(f"packing {len(records)} results"):
         pictures = submitted_pictures(found)
         data = write_submission(name.strip(), records, pictures, private=[str(results.absolute())])
-        with new_file(out, size=len(data)) as file:
+        with new_file(out, size=len(data), overwrite=output.force) as file:
             file.write(data)
     hashed = sha256(data).hexdigest()
     output.write_json(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from msb.base.option import Argument, Option
 from msb.cli.command import command
-from msb.cli.output import PlainOutput, file_option
+from msb.cli.output import PlainOutput, file_option, is_stdout
+from msb.errors import UsageError
 
 if TYPE_CHECKING:
     from msb.bench.records import RendererTiming
@@ -45,13 +46,15 @@ def track(
     from msb.bench.track import timing_of_command
     from msb.bench.track import track as run
 
+    if is_stdout(out):
+        raise UsageError("USAGE", "--out: standard output is that of COMMAND; name a file")
     record = run(list(command))
     try:
         if frames is not None and record.exit_status != 0:
             output.note(f"{out}: not written, the command ended with status {record.exit_status}")
             return record.exit_status
         written: Track | RendererTiming = record if frames is None else timing_of_command(record, frames)
-        with new_file(out) as file:
+        with new_file(out, overwrite=output.force) as file:
             file.write(written.to_json())
     finally:  # it is said even if it cannot be kept: a training is not run twice for this
         output.note(_summary(record, out))

@@ -126,8 +126,7 @@ class _Run:
             "limits": limits,
             "device": drawing.device,
         }
-        if options.save is not None:
-            output.check_folder(options.save, check_kept)
+        self.overwrite = options.save is not None and output.check_folder(options.save, check_kept)
         drawing.check_device()  # without any device it is tried what needs no pictures
         if not limits.limits_memory:
             output.note("warning: this system has no limit of memory for a process; only --seconds holds")
@@ -141,7 +140,7 @@ class _Run:
 
         asset = open_asset(path, self.output)
         with (
-            nullcontext() if self.save is None else new_folder(self.save) as keep,
+            nullcontext() if self.save is None else new_folder(self.save, overwrite=self.overwrite) as keep,
             self.output.counted("trying", len(self.tasks)) as step,
         ):
 

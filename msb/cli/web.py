@@ -33,7 +33,7 @@ _RENDERS = (".png", ".npy")
 
 RULES = (
     Rule(
-        "path out cameras renders faces quantise baked no_verify",
+        "path out cameras renders faces quantise baked no_verify up assignments background tier",
         "does not go with --verify, which reads a page and writes none",
         excludes="verify",
     ),
@@ -132,7 +132,7 @@ def web(
     if path is None:
         from msb.engines.webpage import write_web_page
 
-        write_web_page(target, background=views.color(None))
+        write_web_page(target, background=views.color(None), overwrite=output.force)
         _say(output, target)
         return
     from msb.asset.look import up_axis
@@ -176,6 +176,7 @@ def _write_mesh(shown: Shown, target: Path, output: Output) -> None:
             cameras=shown.cameras,
             up=shown.up,
             background=shown.background,
+            overwrite=output.force,
         )
     _say(output, target)
 
@@ -232,7 +233,7 @@ def write_page(shown: Shown, options: WebOptions, target: Path, output: Output) 
     if measured is not None:
         page.record(measured.by, measured.psnr)
         data = page.encoded()
-    with new_file(target, size=len(data)) as file:
+    with new_file(target, size=len(data), overwrite=output.force) as file:
         file.write(data)
     _tell(output, target, len(data), page.scene, measured)
 

@@ -64,12 +64,12 @@ def why(
     listed = [cause.to_dict() for cause in causes]
     output.write_json({**head, "causes": listed, "total": causes.total.to_dict()})
     if save is not None:
-        _save(causes, save)
+        _save(causes, save, overwrite=output.force)
     if output.prints_text:
         _print(causes, head, seen, save, output)
 
 
-def _save(causes: list[Cause], folder: Path) -> None:
+def _save(causes: list[Cause], folder: Path, *, overwrite: bool) -> None:
     import numpy as np
 
     from msb.render.images import write_image
@@ -78,7 +78,7 @@ def _save(causes: list[Cause], folder: Path) -> None:
         if cause.without is not None and cause.with_it is not None:
             gap = np.ones((len(cause.without), 4, 3), np.float32)
             picture = np.concatenate([cause.without, gap, cause.with_it], axis=1)
-            write_image(folder / f"{cause.name}.png", picture, "png")
+            write_image(folder / f"{cause.name}.png", picture, "png", overwrite=overwrite)
 
 
 def _print(causes: Causes, head: dict[str, Any], views: Chosen, save: Path | None, output: Output) -> None:

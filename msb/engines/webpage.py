@@ -39,13 +39,14 @@ def write_web_page(
     cameras: Sequence[Camera] = (),
     up: str = "+y",
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    overwrite: bool = True,
 ) -> None:
     """Write the page of a mesh, GLB; without one it waits for a file to be dropped, or for `?url=`.
 
     A viewer can choose among `cameras`, and turns the mesh about the axis `up`, such as "+y".
     """
     data = page(glb, name=name, cameras=cameras, up=up, background=background)
-    with new_file(path) as file:
+    with new_file(path, overwrite=overwrite) as file:
         file.write(data)
 
 

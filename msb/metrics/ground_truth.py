@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from msb.errors import MetricError
 from msb.metrics.image_files import read_mask, read_pixels
+from msb.scenes.datasets.photographs import mask_beside
 
 if TYPE_CHECKING:
     from msb.scenes import Camera
@@ -35,6 +36,8 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     ------
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
+    SceneError
+        SCENE_IMAGE: the photograph of a training view has no mask of its size.
     MetricError
         METRIC_IMAGE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask does not have
         the size of its photograph.
@@ -70,7 +73,9 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
 
 def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return the mask of a camera, (H, W, 1): the first channel, as culling reads it."""
-    path = scene.masks[str(camera.name)]
+    assert camera.image_path is not None
+    # The scene holds those of its test views alone, which are what a run evaluates.
+    path = scene.masks.get(str(camera.name)) or mask_beside(scene.root, camera.image_path)
     mask = read_mask(path)
     if mask.shape != shape[:2]:
         text = f"it is {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"

@@ -39,14 +39,14 @@ def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:
     return np.asarray(scaled + np.float32(0.5)).astype(np.uint8)
 
 
-def write_image(path: Path, array: NDArray[Any], form: ImageFormat) -> None:
+def write_image(path: Path, array: NDArray[Any], form: ImageFormat, *, overwrite: bool = True) -> None:
     """Write an image, depth or face-id plane to `path`, whole or not at all.
 
     A PNG holds colours as 8 bits and refuses a plane, since 8 or 16 bits would not hold it. An EXR holds
     32-bit floats.
     """
     check_format(form)
-    with new_file(path) as file:
+    with new_file(path, overwrite=overwrite) as file:
         if form == "npy":
             # By way of the memory: where the disk is full, NumPy's own writing to files does not say why.
             data = io.BytesIO()
@@ -107,11 +107,11 @@ class Writers:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="write")
         self._waiting: list[Future[None]] = []
 
-    def submit(self, task: Callable[..., None], *arguments: Any) -> None:
-        """Run ``task(*arguments)`` soon. If an earlier task failed, raise its error."""
+    def submit(self, task: Callable[..., None], *arguments: Any, **named: Any) -> None:
+        """Run ``task(*arguments, **named)`` soon. If an earlier task failed, raise its error."""
         while len(self._waiting) >= _QUEUE:
             self._waiting.pop(0).result()
-        self._waiting.append(self._pool.submit(task, *arguments))
+        self._waiting.append(self._pool.submit(task, *arguments, **named))
 
     def __enter__(self) -> Self:
         return self
@@ -123,14 +123,14 @@ class Writers:
                 future.result()
 
 
-def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int) -> None:
+def write_film(path: Path, frames: Iterable[NDArray[Any]], fps: int, *, overwrite: bool = True) -> None:
     """Write `frames`, (H, W, 3) float images of one size, as a film; the suffix says which kind.
 
     MP4 is H.264 in 4:2:0, which every player takes; odd sizes lose their last row or column. GIF has 256
     colours a frame.
     """
     check_film(path)
-    with new_file(path) as file:
+    with new_file(path, overwrite=overwrite) as file:
         (_write_mp4 if path.suffix.lower() == ".mp4" else _write_gif)(file, frames, fps)
 
 

@@ -40,7 +40,10 @@ def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
         text = f"{name} is a masked array, and a masked row is neither kept nor dropped; decide first"
         raise MeshError("MESH_ARRAY", text)
-    array = np.asarray(values)
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise MeshError("MESH_ARRAY", f"{name} has rows of different lengths; it must be (n, 3)") from error
     if array.shape in {(0,), (0, 3), (1, 0)}:  # [], no rows, and [[]]
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from msb.errors import one_line
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
+from msb.topology.faces import names_vertex_twice
 from msb.topology.seams import closes_once_merged, find_seams, is_closed
 from msb.topology.verdict import judge, percent
 from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
@@ -257,8 +258,11 @@ def audit_arrays(
         closes = is_closed(report.without_seams.counts) or report.without_seams.closed_once_merged
     else:
         closes = closes_once_merged(findings, points, triangles)
-    soup = report.topology == "triangle_soup" and report.counts.faces > 0
-    coincide = corners_coincide(points, triangles) if soup else None
+    coincide = None
+    if report.counts.all_apart:
+        degenerate = report.counts.repeated_index_faces > 0
+        proper = triangles[~names_vertex_twice(triangles)] if degenerate else triangles
+        coincide = corners_coincide(points, proper)
     return replace(report, closed_once_merged=closes, corners_coincide=coincide), analysis
 
 

@@ -46,6 +46,14 @@ class Counts:
     largest_component_faces: int
     seam_vertices: int = 0
 
+    @property
+    def all_apart(self) -> bool:
+        """Whether there are faces, and no two of them share a vertex: a soup, whatever rows are degenerate.
+
+        Only a face that names no vertex twice uses its vertices.
+        """
+        return self.referenced_vertices == 3 * (self.faces - self.repeated_index_faces) > 0
+
 
 @dataclass(frozen=True)
 class Findings:

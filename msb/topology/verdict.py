@@ -62,7 +62,7 @@ def judge(audit: Audit) -> Verdict:
     if reason := _invisible(audit):
         return Verdict("bad", f"does not render: {reason}", reason.removeprefix("it has "), renders=False)
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
-    if audit.is_soup or (audit.topology == "triangle_soup" and counts.faces > 1):
+    if counts.all_apart:
         return Verdict("bad", f"renders; {_soup(audit)}", f"triangle soup{merged}")
     reasons_why = [(reason, text) for reason in _REASONS if (text := reason.found(audit))]
     if not reasons_why:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.base.limits import Limits
     from msb.registry import Tier
+    from msb.repair.assets import Repaired
     from msb.repair.plan import Options, Peer
     from msb.scenes import Camera
     from msb.topology import Audit
@@ -215,7 +216,7 @@ def compare(
                 seconds,
                 picture=None
                 if keep is None or not views.cameras
-                else keep_picture(keep, name, asset, done, views.cameras[0], device),
+                else _picture(keep, name, asset, done, views.cameras[0], device),
             )
         )
         step()
@@ -275,6 +276,18 @@ def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | Non
             return [to_bytes(renderer.render(camera, BACKGROUND).image) for camera in cameras]
     except MsbError as error:
         return f"{error.code}: {error.message}"
+
+
+def _picture(
+    keep: Path, name: str, asset: Asset, done: Repaired, camera: Camera, device: str | None
+) -> str | None:
+    """Return the file of the picture of a strategy; None where nothing draws it: the looks say why."""
+    try:
+        return keep_picture(keep, name, asset, done, camera, device)
+    except OutputError:  # of the folder: no fault of what draws
+        raise
+    except MsbError:
+        return None
 
 
 def _look(original: Images | str, repaired: Images | str) -> Look:

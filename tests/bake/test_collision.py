@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 import msb
+from msb.bake.apart import distances
 from msb.bake.collision import Collision, collision, kind_of
+from msb.bake.hulls import smallest_box
 from msb.errors import MeshError, UsageError
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
@@ -50,6 +52,28 @@ def test_a_box_is_found_as_it_is_turned() -> None:
     assert signed_volume(made.mesh.vertices, made.mesh.faces) == pytest.approx(6, rel=1e-3)
     assert made.mean_distance < 1e-4
     assert made.mid_air_share == 0
+
+
+def test_boxes_look_outwards_however_they_are_turned() -> None:
+    """Of what has no hull the box lies along the principal axes, which may be mirrored."""
+    for seed in range(8):
+        corners = np.random.default_rng(seed).normal(size=(3, 3))
+        assert signed_volume(*smallest_box(corners)) > 0
+
+
+def test_no_place_is_at_no_distance() -> None:
+    whole = ball(4)
+    assert distances(np.zeros((0, 3)), whole.vertices.astype(np.float64), whole.faces).shape == (0,)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["mesh:100", "hulls:4"])
+def test_a_room_of_few_large_faces_has_a_shape(kind: str) -> None:
+    """All of its corners are so far off that they are taken for the sky."""
+    room = box((60, 60, 60))
+    inside = Mesh(room.vertices, room.faces[:, ::-1].copy())
+    made = collision(inside, kind, all_round(2, (-0.5, 0.5)))
+    assert msb.audit(made.mesh.vertices, made.mesh.faces).verdict == "ok"
 
 
 def test_a_closed_surface_gets_fewer_faces() -> None:

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import closing
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from msb.bake import lods as levels
+from msb.bake import surface
+from msb.bake.kept import kept
 from msb.bake.lessons import Lessons
 from msb.bake.lods import lods, screen_share, shares_of
 from msb.bake.raster import Raster
 from msb.bake.simpler import closed, simpler
-from msb.bake.soup import Soup
+from msb.bake.soup import Soup, is_soup
 from msb.bake.start import Guide
+from msb.bake.surface import Fewer
 from msb.errors import UsageError
+from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from tests.bake.solids import ball, box, colors_at, soup_of, together
 from tests.bake.soups import all_round, cameras, lessons_of, mesh_of, tiles
@@ -76,6 +83,75 @@ def test_a_level_that_ends_early_says_so() -> None:
         ((_, late),) = lods(mesh, Guide(lessons, lessons), (0.3,), seconds=0)
     assert notes == ["its triangles took 3 of 300 steps to where pictures want them"]
     assert late == ["its triangles took 1 of 300 steps to where pictures want them"]
+
+
+def test_the_stages_of_a_level_share_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each moves for as long as it may, and the next level has as long again."""
+    now, until = 0.0, [0.0]
+
+    def schedule(_steps: int, end: float) -> Any:
+        until.append(end)
+        return SimpleNamespace(lacks=lambda _: [])
+
+    def moved(soup: Soup, *_: object, **__: object) -> Soup:
+        nonlocal now
+        now = until[-1]
+        return soup
+
+    monkeypatch.setattr(levels, "time", SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr(levels, "Schedule", schedule)
+    monkeypatch.setattr(levels, "moved", moved)
+    corners, colors = tiles(4)
+    with lessons_of(corners, colors, cameras(2)) as lessons:
+        list(lods(mesh_of(corners, colors), Guide(lessons, lessons), (0.25, 0.06), seconds=12))
+    assert until[1:] == [6, 12, 18, 24]
+
+
+def test_what_no_view_sees_of_a_closed_surface_keeps_its_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(levels, "_STEPS", 1)
+    # A level of fewer faces has hardly any where no view looks, and takes their colours from beside.
+    monkeypatch.setattr(surface, "_fewer", lambda solid, count, _: Fewer(solid, count, count, 0.0))
+    mesh = ball(16)
+    seen = soup_of(mesh)
+    assert seen.vertex_colors is not None
+    corners, colors = seen.vertices.reshape(-1, 3, 3), seen.vertex_colors.reshape(-1, 3, 3)
+    with lessons_of(corners, colors, all_round(0.5, (4,), 3)) as lessons:
+        ((level, _),) = lods(mesh, Guide(lessons, lessons), (0.9,))
+    assert level.vertex_colors is not None
+    below = level.vertices[:, 2] < -0.5
+    assert below.sum() > 100
+    np.testing.assert_allclose(level.vertex_colors[below], colors_at(level.vertices[below]), atol=0.25)
+
+
+def test_a_closed_mesh_whose_faces_have_colours_of_their_own_stays_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(levels, "_STEPS", 1)
+    cube = box((1, 1, 1))
+    painted = np.random.default_rng(0).random((12, 3)).astype(np.float32)
+    asset = asset_from_mesh(Mesh(cube.vertices, cube.faces, face_colors=painted))
+    seen = soup_of(cube)
+    corners, colors = seen.vertices.reshape(-1, 3, 3), np.repeat(painted[:, None], 3, axis=1)
+    with lessons_of(corners, colors, all_round(3, (-1, 1), 3)) as lessons:
+        guide = Guide(lessons, lessons, has_look=True)
+        made = kept(asset, guide)
+        assert len(made.vertices) == 36
+        assert not is_soup(made.vertices, made.faces)
+        ((level, _),) = lods(made, guide, (0.5,))
+    assert closed(level.vertices.astype(np.float64), level.faces)
+
+
+def swapped(faces: Any) -> Any:
+    return faces[:, [1, 0, 2]]
+
+
+@pytest.mark.parametrize("order", [np.asarray, swapped])
+def test_faces_that_share_nothing_are_a_soup_in_any_order(order: Callable[[Any], Any]) -> None:
+    corners, _ = tiles(3)
+    apart = corners + 9 * np.arange(len(corners), dtype=np.float32)[:, None, None]
+    faces = order(np.arange(3 * len(corners)).reshape(-1, 3))
+    assert is_soup(apart.reshape(-1, 3), faces)
+    assert not is_soup(ball(4).vertices, ball(4).faces)
 
 
 @pytest.mark.slow

@@ -414,6 +414,28 @@ def test_a_space_is_left_by_the_way_it_was_entered(contracted: bool) -> None:
         assert (np.linalg.norm(inside, axis=1) < 2).all()
 
 
+@pytest.mark.parametrize("wobble", [0, 1e-16, 0.01])
+def test_cameras_that_turn_in_one_place_stand_amid_a_scene(wobble: float) -> None:
+    random = np.random.default_rng(0)
+    points = random.normal(size=(500, 3))
+    points *= random.uniform(4, 6, size=(500, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
+    place = np.array([1.0, 2, 3])
+    views = [
+        Camera.look_at(
+            place + wobble * random.normal(size=3),
+            place + np.array([np.cos(turn), np.sin(turn), 0]),
+            up=(0, 0, 1),
+            width=32,
+            height=24,
+            fov_y=0.9,
+        )
+        for turn in 2 * np.pi * np.arange(8) / 8
+    ]
+    space = Space.of(place + points, views)
+    assert space.contracted
+    assert 2 < space.radius < 3
+
+
 CUBE = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
 SIDES = np.array(
     [

@@ -13,7 +13,7 @@ import msb as library
 from msb.api.gates import PROFILES, parse_gate
 from msb.report import paper_row
 from msb.topology.verdict import MERGED
-from tests.cli.conftest import Msb, mesh_file
+from tests.cli.conftest import Here, Msb, mesh_file
 from tests.conftest import BOOK, TETRAHEDRON
 
 COUNT_KEYS = {
@@ -301,6 +301,39 @@ def test_lines_of_json_patterns_and_stopping_at_the_first_failure(
     assert (result.status, len(result.out.splitlines())) == (1, 1)
     (tmp_path / "a[1].ply").write_bytes(book.read_bytes())  # a name, though it looks like a pattern
     msb("audit", "-q", tmp_path / "a[1].ply", status=0)
+
+
+def test_what_matches_a_pattern_is_taken_each_by_itself_and_once(here: Here, book: Path) -> None:
+    empty, pattern = book.parent / "empty", str(book.parent / "**")
+    empty.mkdir()
+    result = here("audit", "-q", "--jsonl", "-", pattern)
+    rows = [json.loads(line) for line in result.out.splitlines()]
+    assert (result.status, [row["path"] for row in rows]) == (3, [str(empty), str(book)])
+    assert rows[0]["error"]["code"] == "FILE_NOT_RECOGNISED"
+    empty.rmdir()
+    assert here("audit", "-q", "--json", "-", pattern, book).status == 0  # one mesh
+    assert here("convert", pattern, book.parent / "out").status == 0
+
+
+def test_a_definition_goes_where_json_goes_and_no_other_output_is_ignored(here: Here, tmp_path: Path) -> None:
+    for option in ("--jsonl", "--json"):
+        assert here("audit", "--explain", "components", option, "-").out.startswith("{")
+    for line, said in (
+        ("--explain components --csv -", "USAGE: --csv does not go with --explain"),
+        ("--explain components --elements e.csv", "USAGE: --elements does not go with --explain"),
+        ("--version --json -", "USAGE: --json does not go with --version"),
+    ):
+        here("audit", *line.split()).ends(2, said)
+
+
+def test_a_degenerate_row_lets_no_soup_pass_a_gate(here: Here, tmp_path: Path) -> None:
+    corners = np.random.default_rng(0).uniform(-1, 1, (600, 3)).tolist()
+    rows = [*np.arange(600).reshape(-1, 3).tolist(), [0, 0, 1]]
+    lines = ["OFF", f"600 {len(rows)} 0", *(" ".join(map(str, point)) for point in corners)]
+    lines += [" ".join(map(str, (3, *row))) for row in rows]
+    (tmp_path / "soup.off").write_text("\n".join(lines))
+    result = here("audit", "-q", "--fail-on-verdict", "bad", tmp_path / "soup.off")
+    assert (result.status, "verdict is BAD (triangle soup)" in result.err) == (1, True), result
 
 
 def test_csv_has_one_row_a_mesh(msb: Msb, book: Path, demo_asset: Path, tmp_path: Path) -> None:

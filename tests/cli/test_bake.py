@@ -8,6 +8,7 @@ import os
 import re
 import signal
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from msb.asset import build_asset
 from msb.bake.lessons import Lessons
 from msb.bake.start import Guide
 from msb.cli.output import Output
-from msb.errors import AssetError, DeviceError
+from msb.errors import AssetError, DeviceError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.scenes import write_cameras
@@ -257,6 +258,70 @@ def test_a_texture_of_a_surface_without_xatlas_is_refused_before_anything_is_dra
     assert result.status == 2
     assert "a texture on a surface needs" in result.err
     assert not (model.parent / "a.glb").exists()
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "said"),
+    [
+        ("fast_simplification", ["--lods", "0.5"], "a level of detail of a connected mesh needs"),
+        ("fast_simplification", ["--collision", "mesh:10"], "a collision mesh mesh:10 needs"),
+        ("coacd", ["--collision", "hulls:4"], "a collision mesh hulls:4 needs"),
+        ("skimage", ["--collision", "mesh:10"], "what encloses an open mesh needs"),
+        ("skimage", ["--geometry", "kept", "--collision", "mesh:10"], ""),
+        ("coacd", ["--collision", "box"], ""),
+    ],
+)
+def test_what_more_needs_is_refused_before_anything_is_drawn(
+    here: Here,
+    files: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    module: str,
+    words: list[str],
+    said: str,
+) -> None:
+    def went_on(*_: object, **__: object) -> None:
+        raise UsageError("USAGE", "it went on")
+
+    model, cameras = files
+    monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != module)
+    monkeypatch.setattr("msb.bake.run.bake_views", went_on)
+    result = here("bake", *words, "--cameras", cameras, model, "-o", model.parent / "a.glb")
+    assert result.status == 2
+    assert (said or "it went on") in result.err
+
+
+def test_a_level_that_is_too_small_is_a_note_and_the_others_are_written(
+    here: Here, files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lods(mesh: Mesh, *_: object, **__: object) -> Iterator[tuple[Mesh, list[str]]]:
+        assert mesh.vertex_colors is not None
+        yield mesh, []
+        raise AssetError("TRIASSET_EMPTY", "nothing is left")
+
+    monkeypatch.setattr("msb.bake.making.lods", lods)
+    model, cameras = files
+    line = ["bake", "--geometry", "kept", "--lods", "0.5,0.2,0.1", "--cameras", cameras, model]
+    result = here(*line, "--json", "-", "-o", model.parent / "a.glb")
+    assert result.status == 0, result
+    assert [level["share"] for level in result.json["lods"]] == [0.5]
+    assert "there is no level with 0.2 of the faces or fewer: nothing is left" in result.json["notes"]
+    assert (model.parent / "a_lod1.glb").exists()
+    assert not (model.parent / "a_lod2.glb").exists()
+
+
+def test_levels_begin_with_colours_where_the_asset_has_a_texture(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[Mesh] = []
+
+    def lods(mesh: Mesh, *_: object, **__: object) -> Iterator[tuple[Mesh, list[str]]]:
+        begun.append(mesh)
+        yield mesh, []
+
+    monkeypatch.setattr("msb.bake.making.lods", lods)
+    points, corners = (each[TETRAHEDRON[1]].reshape(-1, 3) for each in (TETRAHEDRON[0], COLORS))
+    soup = asset_from_mesh(Mesh(points, np.arange(12).reshape(-1, 3), vertex_colors=corners))
+    msb.bake(soup, cameras=ring(3), geometry="kept", color="texture", texture=16, lods=(0.5,))
+    assert begun[0].vertex_colors is not None
+    assert not begun[0].textures
 
 
 @pytest.mark.slow

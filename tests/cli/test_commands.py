@@ -16,7 +16,7 @@ from msb.cli.app import GROUPS
 from msb.errors import explained_codes
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh
-from tests.cli.conftest import Here, Msb
+from tests.cli.conftest import Here, Msb, Refused
 from tests.conftest import ROOT
 
 COMMANDS = (*(name for entries in GROUPS.values() for name in entries), "config show")
@@ -104,6 +104,23 @@ def test_wrong_usage_is_one_line_that_says_what_was_meant(msb: Msb, line: str, s
     result = msb(line)
     result.ends(2, "USAGE: ")
     assert said in result.err
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("web --verify p.html --up +z", "--up does not go with --verify"),
+        ("web --verify p.html --set gamma=1", "--set does not go with --verify"),
+        ("web --verify p.html --background white", "--background does not go with --verify"),
+        ("web --verify p.html --tier standard", "--tier does not go with --verify"),
+        ("render --turntable 2 --film a.gif --format npy y", "--format needs --out FOLDER"),
+        ("render --turntable 2 --film a.gif --name {index} y", "--name needs --out FOLDER"),
+        ("report --paper --table mesh_connectivity -o OUT", "--out does not go with --table"),
+        ("report --allow-mixed -o OUT a.zip", "--allow-mixed does not go with submissions"),
+    ],
+)
+def test_an_option_that_would_change_nothing_is_refused(refused: Refused, line: str, said: str) -> None:
+    assert refused(line).startswith(f"USAGE: {said}")
 
 
 @pytest.mark.parametrize(

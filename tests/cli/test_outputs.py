@@ -10,6 +10,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,9 +20,11 @@ import msb as library
 from msb.base.atomic import new_folder
 from msb.cli.app import app
 from msb.cli.defaults import single_commands
+from msb.cli.output import Output
 from msb.errors import OutputError, UsageError
 from tests.cli.conftest import Here, Msb, Refused, Result, mesh_file
 from tests.conftest import ROOT, TETRAHEDRON
+from tests.report.factory import write_results
 
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")
@@ -148,6 +151,97 @@ def test_an_output_that_is_an_input_is_refused(line: str, tmp_path: Path, refuse
             place.write_bytes(content)
         assert "name the same file; an output needs a place of its own" in refused(line.format(place))
         assert (place.read_bytes() if place.exists() else None) == content
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "convert -f --to obj {0}/*.obj {0}",
+        "audit -q -f --json {0}/a.obj {0}",
+        "audit -q -f --elements {0}.csv {0}/*.obj",
+        "validate -f --jsonl {0}/link {0}",
+        "bake -f --lods 0.5 -o {0}/x.glb {0}/x_lod1.glb",
+    ],
+)
+def test_an_output_is_no_input_of_a_folder_or_pattern(line: str, tmp_path: Path, refused: Refused) -> None:
+    q = tmp_path / "q"
+    q.mkdir()
+    mesh = mesh_file(q / "a.obj", *TETRAHEDRON)
+    (tmp_path / "q.csv").hardlink_to(mesh)
+    (q / "link").symlink_to(mesh)
+    baked = q / "x_lod1.glb"
+    if "glb" in line:
+        mesh_file(baked, *TETRAHEDRON)
+    before = mesh.read_bytes(), baked.exists() and baked.read_bytes()
+    assert refused(line.format(q)).endswith(": it is an input; an output needs a place of its own")
+    assert (mesh.read_bytes(), baked.exists() and baked.read_bytes()) == before
+
+
+def test_outputs_beside_the_inputs_of_a_pattern_are_written(here: Here, tmp_path: Path) -> None:
+    mesh_file(tmp_path / "a.obj", *TETRAHEDRON)
+    for force in ((), ("-f",)):
+        assert here("convert", *force, "--to", "ply", tmp_path / "*.obj", tmp_path).status == 0
+    assert (tmp_path / "a.ply").exists()
+
+
+# --- what comes while a command runs -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("info --json {out} {mesh}", "a.json"),
+        ("audit -q --csv {out} {mesh}", "a.csv"),
+        ("audit -q --elements {out} {mesh}", "a.npz"),
+        ("convert {mesh} {out}", "a.ply"),
+        ("convert {mesh} {out}", "a.triasset"),
+        ("convert --form folder {mesh} {out}", "a.triasset"),
+        ("export --form folder data_stubs/checkpoint {out}", "a.triasset"),
+        ("repair {mesh} {out}", "a.triasset"),
+        ("repair {mesh} {out}", "a.ply"),
+        ("repair --maps {out} {mesh} {out}.ply", "a.npz"),
+        ("repair --compare --task none {mesh} {out}", "pictures"),
+        ("trial --task decimate --save {out} {mesh}", "kept"),
+        ("report --paper --format csv -o {out}", "paper"),
+        ("web --tier dedicated --no-verify -o {out} data_stubs/models/pebble/two_dts", "a.html"),
+    ],
+)
+def test_what_another_program_wrote_meanwhile_is_kept(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, name: str
+) -> None:
+    out, mesh, check = tmp_path / name, mesh_file(tmp_path / "m.off", *TETRAHEDRON), Output.check_free
+
+    def check_and_lose(output: Output, path: Path | None, *, folder: bool = False) -> None:
+        check(output, path, folder=folder)
+        if path == out:
+            out.write_text("precious")
+
+    monkeypatch.setattr(Output, "check_free", check_and_lose)
+    result = here(*line.format(out=out, mesh=mesh).split())
+    said = f"OUTPUT_EXISTS: {out}: it exists; --force replaces it\n"
+    assert (result.status, result.err[-len(said) :]) == (2, said), result
+    assert out.read_text() == "precious"
+
+
+def test_a_bake_and_a_submission_keep_it_too(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def save(*_: Path, overwrite: bool) -> None:
+        raise UsageError("USAGE", f"overwrite is {overwrite}")
+
+    monkeypatch.setattr("msb.bake.bake", lambda *_, **__: SimpleNamespace(save=save))
+    for force in (False, True):
+        done = here("bake", *["-f"] * force, "-o", tmp_path / "a.glb", ASSET)
+        done.ends(2, f"USAGE: overwrite is {force}")
+    results, out = write_results(tmp_path / "run", datasets=["tanksandtemples"]), tmp_path / "a.zip"
+
+    def write_meanwhile(*_: object, **__: object) -> bytes:
+        out.write_text("precious")
+        return b"zip"
+
+    monkeypatch.setattr("msb.bench.submission.write_submission", write_meanwhile)
+    here("submit", results, "-o", out, "--name", "us").ends(2, f"OUTPUT_EXISTS: {out}: ")
+    assert out.read_text() == "precious"
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_gates_judge_what_came_out_and_what_came_out_is_there(msb: Msb, book: Pa
     result = msb("repair", "-q", book, "-o", target, "--fail-on", "nonmanifold_edges>0")
     assert (result.status, target.exists()) == (0, True)
     result = msb("repair", "-q", "-f", book, "-o", target, "--fail-on-verdict", "limited", status=1)
-    assert result.err.startswith(f"GATE_FAILED: {book}: verdict is LIMITED (open")
+    assert result.err.startswith(f"GATE_FAILED: {target}: verdict is LIMITED (open")
     result = msb(
         "repair -q -f", book, "-o", target, "--plan", "orient", "--fail-on", "nonmanifold_edges>0", status=1
     )

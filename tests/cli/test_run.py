@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from msb.bench.protocol import example, parse_protocol
+from msb.cli.run import RunOutput
+from msb.errors import UsageError
 from msb.scenes.datasets import DATASETS
 from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT
@@ -199,3 +201,25 @@ def test_an_example_goes_with_nothing_else(msb: Msb, other: list[str]) -> None:
     result = msb("run --example paper", *other)
     result.ends(2, "USAGE: ")
     assert "does not go with --example" in result.err
+
+
+def test_json_replaces_that_of_a_run_and_nothing_else(here: Here, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    for text in ("precious", '{"schema": "msb.run/10"}', ""):
+        file.write_text(text)
+        here("run", "--json", file, tmp_path / "p.toml").ends(
+            2, f"OUTPUT_EXISTS: {file}: it exists; msb run "
+        )
+        assert file.read_text() == text
+    file.unlink()
+    for number in (1, 2):
+        output = RunOutput(json_file=file)
+        output.check_free(file)
+        output.write_json({"schema": "msb.run/1", "seconds": number})
+        assert json.loads(file.read_text())["seconds"] == number
+    output = RunOutput(json_file=file)
+    output.check_free(file)
+    file.write_text("precious")  # while it runs
+    with pytest.raises(UsageError, match="it exists"):
+        output.write_json({"schema": "msb.run/1"})
+    assert file.read_text() == "precious"

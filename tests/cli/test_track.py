@@ -42,3 +42,21 @@ def test_a_signal_that_ends_it_is_128_and_more(msb: Msb, tmp_path: Path) -> None
     msb("track", "-o", tmp_path / "t.json", sys.executable, "-c", code, status=137)
     msb("track", "-o", tmp_path / "u.json", tmp_path / "nothing", status=3)
     assert not (tmp_path / "u.json").exists()
+
+
+def test_what_the_command_wrote_to_the_records_place_is_kept(msb: Msb, tmp_path: Path) -> None:
+    target = tmp_path / "t.json"
+    line = [sys.executable, "-c", f"open({str(target)!r}, 'w').write('precious')"]
+    result = msb("track", "-o", target, "--", *line, status=2)
+    assert f"OUTPUT_EXISTS: {target}: it exists; --force replaces it\n" in result.err
+    assert target.read_text() == "precious"
+    msb("track", "-f", "-o", target, "--", *line, status=0)
+    assert json.loads(target.read_text())["schema"] == "msb.track/1"
+
+
+def test_standard_output_is_the_commands(msb: Msb, tmp_path: Path) -> None:
+    for name in ("-", "/dev/stdout"):
+        msb("track", "-o", name, "--", sys.executable, "-c", "print(1)", cwd=tmp_path).ends(
+            2, "USAGE: --out: standard output is that of COMMAND"
+        )
+    assert not list(tmp_path.iterdir())

@@ -45,3 +45,4 @@ def test_hints_are_quoted_for_every_shell() -> None:
     assert shell_word("my results") == '"my results"'
     assert shell_word("price$") == "'price$'"
     assert shell_word("") == "''"
+    assert shell_word("-d.ply") == os.path.join(".", "-d.ply")  # noqa: PTH118 - Path leaves out the dot

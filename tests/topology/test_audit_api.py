@@ -116,6 +116,7 @@ def test_asset_is_audited_with_its_path_and_method() -> None:
         ([["0", "1", "2"]], "dtype <U1"),
         (np.array([[0, 1, 2]], object), "dtype object"),
         ([[0, 1, 2**70]], "dtype object"),
+        ([[0, 1, 2], [0, 1]], "faces has rows of different lengths"),
         (np.zeros((1, 3), [("x", "i4")]), "it must hold integers"),
         (np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]), "masked"),
     ],
@@ -136,6 +137,7 @@ def test_faces_that_are_no_triangles_are_refused(faces: object, words: str) -> N
         np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4")]),
         np.ma.masked_greater(POINTS, 0.5),
         POINTS.astype(object),
+        [[0, 0, 0], [1, 2]],
     ],
     ids=repr,
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from msb import audit
+from msb.topology import dispatch
 from msb.topology.verdict import judge, percent
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.meshes import sheet
@@ -40,6 +41,7 @@ def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
         (FLAT_FACE, "ok", "structurally usable throughout"),
         ((POINTS[:3], [[0, 1, 2]]), "bad", "triangle soup"),
         ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5]]), "bad", "triangle soup"),
+        ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5], [0, 0, 3]]), "bad", "triangle soup"),
         (BOOK, "bad", "because 14 % of its edges and 40 % of its vertices are non-manifold"),
         ((POINTS, [[0, 1, 2], [2, 3, 4]]), "bad", "because 20 % of its vertices are non-manifold"),
         ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", "in 1 loop, and its winding flips across 1 edge"),
@@ -68,6 +70,20 @@ def test_a_welded_soup_says_what_it_would_be() -> None:
     assert "no two corners coincide, so it is no surface and repair cannot make it one" in alone
     assert judge(audit(*apart, weld="exact")).sentence == alone
     assert judge(audit(*apart, weld=30.0)).sentence.endswith("welded, nothing is left of it")
+
+
+@pytest.mark.parametrize("fewest", [1, dispatch.FEWEST_FACES], ids=["OpenCL", "NumPy"])
+def test_a_degenerate_row_makes_no_surface_of_a_soup(monkeypatch: pytest.MonkeyPatch, fewest: int) -> None:
+    monkeypatch.setattr(dispatch, "FEWEST_FACES", fewest)
+    points, faces = exploded(*sheet(3))
+    apart = points + np.repeat(np.arange(len(faces)), 3)[:, None] * 10
+    rows = np.vstack([faces, [[0, 0, 1], [3, 4, 3]]])
+    for corners, coincide in ((apart, False), (points, True)):
+        clean, with_rows = audit(corners, faces), audit(corners, rows)
+        assert with_rows.computed_by.startswith("OpenCL" if fewest == 1 else "NumPy")
+        assert with_rows.topology == "indexed_mesh"  # the definition of the key
+        assert with_rows.corners_coincide is clean.corners_coincide is coincide
+        assert judge(with_rows) == judge(clean)
 
 
 def test_what_decides_is_said_before_what_hardly_matters() -> None:

@@ -10,12 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from msb.asset import build_asset
 from msb.base.limits import Limits
+from msb.errors import DeviceError
 from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics.likeness import decibels
+from msb.repair.plan import Options
+from msb.scenes import Camera
 from msb.topology import audit_arrays
-from msb.trial import run
+from msb.trial import repairs, run
 from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.run import Trial, try_asset
 from msb.trial.task import Attempt, Attempted, Made, Task
@@ -155,6 +159,27 @@ def test_what_stands_in_for_a_library_has_time_to_start(monkeypatch: pytest.Monk
     assert given == {"coacd": 1.0, "manifold3d": 20.0, "pymeshlab": 20.0}
     try_asset(mesh, "collision", limits=Limits(30.0))
     assert set(given.values()) == {30.0}
+
+
+def test_repairs_are_compared_without_a_device_and_without_pictures(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def no_device(*_: object, **__: object) -> None:
+        raise DeviceError("DEVICE_NOT_FOUND", "there is none")
+
+    for module in ("msb.views", "msb.trial.repairs", "msb.repair.pictures"):
+        monkeypatch.setattr(f"{module}.Renderer", no_device)
+    monkeypatch.setattr(repairs, "STRATEGIES", {"orient": (("orient",), None)})
+    mesh = box()
+    asset = build_asset({"positions": mesh.vertices, "indices": mesh.faces.astype(np.uint32)}, {})
+    camera = Camera.look_at((2, 3, -4), (0, 0, 0), up=(0, 1, 0), width=32, height=24, fov_y=0.8)
+    rows = repairs.compare(asset, [camera], Options(("orient",)), tasks=(), keep=tmp_path)
+    assert [(row.strategy, row.picture, row.why) for row in rows] == [
+        (repairs.STORED, None, None),
+        ("orient", None, None),
+    ]
+    assert rows[1].looks is not None
+    assert rows[1].looks["standard"].why == "DEVICE_NOT_FOUND: there is none"
 
 
 @pytest.mark.parametrize("by", ["vertex", "corner"])

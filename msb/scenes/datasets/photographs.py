@@ -151,6 +151,18 @@ def find_masks(
     return None, {}
 
 
+def mask_beside(root: Path, photograph: Path) -> Path:
+    """Return the mask of a photograph, of a training view as well, in the mask folder of the scene at `root`.
+
+    Raises
+    ------
+    SceneError
+        SCENE_IMAGE: there are not as many masks as photographs, or it does not have the size of its own.
+    """
+    name = photograph.name
+    return _paired(root, {name: photograph}, images_in(root / MASKS))[name]
+
+
 def _paired(root: Path, photographs: Mapping[str, Path], masks: Sequence[Path]) -> dict[str, Path]:
     """Return the mask of each photograph by its name: that of the same number in the sorted folder."""
     folder = next(iter(photographs.values())).parent
