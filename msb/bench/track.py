@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -85,14 +85,16 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     need_extra("bench", "psutil", what="tracking a command")
     gpus = Gpus()
     started, start = datetime.now(UTC), time.perf_counter()
-    try:
-        child = subprocess.Popen(list(command))
-    except FileNotFoundError as error:
-        raise InputError("FILE_NOT_FOUND", "there is no such program", file=command[0]) from error
-    except OSError as error:
-        raise InputError("FILE_UNREADABLE", f"it cannot be run: {error.strerror}", file=command[0]) from error
-    watch = _Watch(child.pid, gpus, interval)
-    with _forwarding(child):
+    with _forwarding() as begin:
+        try:
+            child = subprocess.Popen(list(command))
+        except FileNotFoundError as error:
+            raise InputError("FILE_NOT_FOUND", "there is no such program", file=command[0]) from error
+        except OSError as error:
+            text = f"it cannot be run: {error.strerror}"
+            raise InputError("FILE_UNREADABLE", text, file=command[0]) from error
+        begin(child)
+        watch = _Watch(child.pid, gpus, interval)
         watch.start()
         status = child.wait()
     seconds = time.perf_counter() - start
@@ -155,14 +157,29 @@ class _Watch(threading.Thread):
 
 
 @contextlib.contextmanager
-def _forwarding(child: subprocess.Popen[bytes]) -> Iterator[None]:
-    """Pass signals on to `child` while the block runs; only the main thread can."""
+def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
+    """Pass signals on to the child that the function yielded is told of; only the main thread can.
+
+    One that comes before there is a child waits for it: the child may be running before we know of it.
+    """
+    children: list[subprocess.Popen[bytes]] = []
+    early: list[int] = []
+
+    def send(number: int) -> None:
+        with contextlib.suppress(OSError, ValueError):  # Windows knows few signals
+            children[0].send_signal(number)
 
     def forward(number: int, _frame: object) -> None:
+        if not children:
+            early.append(number)
         # An interrupt from the keyboard went to all processes of the terminal's foreground group already.
-        if number != signal.SIGINT or not _in_foreground():
-            with contextlib.suppress(OSError, ValueError):  # Windows knows few signals
-                child.send_signal(number)
+        elif number != signal.SIGINT or not _in_foreground():
+            send(number)
+
+    def begin(child: subprocess.Popen[bytes]) -> None:
+        children.append(child)
+        for number in early:
+            send(number)
 
     before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
@@ -171,7 +188,7 @@ def _forwarding(child: subprocess.Popen[bytes]) -> Iterator[None]:
             if number is not None:
                 before[number] = signal.signal(number, forward)
     try:
-        yield
+        yield begin
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

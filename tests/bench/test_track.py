@@ -156,6 +156,21 @@ def test_without_library_or_gpu_there_is_a_reason(monkeypatch: pytest.MonkeyPatc
     assert Gpus().result() == (None, None, "NVML: no driver")
 
 
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+def test_a_signal_that_comes_before_we_know_of_the_command_reaches_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start = subprocess.Popen
+
+    def early(command: list[str]) -> subprocess.Popen[bytes]:
+        child = start(command)
+        signal.raise_signal(signal.SIGTERM)
+        return child
+
+    monkeypatch.setattr("msb.bench.track.subprocess.Popen", early)
+    assert track(["sleep", "60"]).exit_status == 128 + signal.SIGTERM
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGUSR1])
