@@ -13,7 +13,7 @@ from tests.conftest import ROOT
 
 SMALL = {
     "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
-    "before": "HEAD --faces 2000 --rounds 1 --row info --row dedicated/two_dts",
+    "before": "HEAD --faces 2000 --rounds 1 --row standard/mesh_splatting",
     "bake_scale": "--faces 2000 --views 3 --size 64 48 --geometry kept",
     "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
     "export": "--triangles 2000 --rounds 1",
