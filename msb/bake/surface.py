@@ -53,6 +53,8 @@ _COARSEST = 18
 _WORTH = 0.75
 """Of the error, what is so much less that twice as many cells were worth it, and are tried again: else they
 hold more of how uneven the soup is than of its shape, and vertices that move do not mend that."""
+_TIME_TO_CHOOSE = 2.0
+"""Seconds below which no other number of cells is tried: that takes many times as long on a scene."""
 _ABOUT = 1.25
 """How many times the faces asked for are about as many."""
 _FEW = 4_000
@@ -113,7 +115,8 @@ def surface(
         count = min(max(pixels // _PIXELS_A_FACE, least), most) if faces is None else faces
         return _fewer(solid, count, guide)
 
-    return _settled(_best(of_cells), guide, seconds)
+    fewer = _best(of_cells) if seconds >= _TIME_TO_CHOOSE else of_cells(CELLS)
+    return _settled(fewer, guide, seconds)
 
 
 def _best(of_cells: Callable[[int], Fewer]) -> Fewer:

@@ -176,6 +176,14 @@ def test_the_number_of_cells_is_the_one_that_looks_best(errors: dict[int, float]
 
 
 @pytest.mark.usefixtures("quick")
+def test_with_no_time_no_other_number_of_cells_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(made, "_best", None)
+    with lessons_of(*ball(), around(6)) as lessons:
+        guide = Guide(lessons, lessons)
+        check_solid(made.surface(mesh_of(*ball()), guide, faces=400, seconds=0.4)[0])
+
+
+@pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize(("pixels", "count"), [(0, 600), (1800, 900), (9000, 1200)])
 def test_a_scene_has_as_many_faces_as_its_views_are_worth(
     monkeypatch: pytest.MonkeyPatch, pixels: int, count: int
