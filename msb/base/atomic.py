@@ -215,6 +215,8 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 """What a write fails with where the place is at fault: no room, or no way to write there."""
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
+REPLACES = "overwrite=True replaces it"
+"""What replaces a file that is there, for who calls a function; commands name their own option instead."""
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
 
@@ -282,7 +284,7 @@ def _refuse_existing(target: Path, overwrite: bool) -> None:
 
 
 def _exists(target: Path) -> UsageError:
-    return UsageError("OUTPUT_EXISTS", "it exists; overwrite=True replaces it", file=target)
+    return UsageError("OUTPUT_EXISTS", f"it exists; {REPLACES}", file=target)
 
 
 def _move_to_new(temporary: Path, target: Path) -> None:

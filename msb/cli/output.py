@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from msb.base.atomic import check_place, is_stream, new_file
+from msb.base.atomic import REPLACES, check_place, is_stream, new_file
 from msb.base.files import is_folder
 from msb.base.option import Option
 from msb.base.version import __version__
@@ -371,7 +371,7 @@ def say(text: str) -> None:
 def report_error(error: MsbError) -> int:
     """Print `error` as one line on standard error and return its exit status."""
     # What somebody wrote there while the command ran is found by the library, which knows no options.
-    say(str(error).replace("overwrite=True replaces it", "--force replaces it"))
+    say(str(error).replace(REPLACES, Output._way_out))
     return EXIT_STATUS[type(error)]
 
 

@@ -44,6 +44,12 @@ IDENTITY = np.eye(4)
 MAX_NODES = 1 << 20
 """Most nodes of a scene. Real scenes have some thousand; a million take a few seconds."""
 
+MAX_BYTES_PER_BYTE = 64
+MAX_EXTRA_BYTES = 1 << 28
+"""The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
+
+One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit."""
+
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1
 _NESTING[list(b"]}")] = -1
@@ -65,11 +71,10 @@ class Document:
     packed: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)
 
     @property
-    def size(self) -> int:
-        """The bytes of the file and of the buffers that were read from beside it."""
-        return len(self.source.data) + sum(
-            each.nbytes for each in self.buffers.values() if each.obj is not self.source.data
-        )
+    def limit(self) -> int:
+        """How many bytes its arrays may take, by those of the file and of what was read beside it so far."""
+        beside = (each.nbytes for each in self.buffers.values() if each.obj is not self.source.data)
+        return MAX_BYTES_PER_BYTE * (len(self.source.data) + sum(beside)) + MAX_EXTRA_BYTES
 
     def error(self, code: str, pointer: str, message: str, **about: Any) -> MeshFileError:
         """Return the error about the place with JSON pointer `pointer`."""

@@ -7,7 +7,7 @@ and what takes more memory than the file says that its arrays need is ended.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -34,8 +34,8 @@ _GIB, _GIB_EACH = 1.0, 16.0
 Job = dict[str, Any]
 
 
-def unpack(document: Document, meshes: list[int], limit_of: Callable[[Document], int]) -> None:
-    """Decode what of these `meshes` is stored compressed alone, into at most so many bytes.
+def unpack(document: Document, meshes: list[int]) -> None:
+    """Decode what of these `meshes` is stored compressed alone, into at most `document.limit` bytes.
 
     Views land in `document.views`, attributes and indices of primitives in `document.packed`.
     """
@@ -43,7 +43,7 @@ def unpack(document: Document, meshes: list[int], limit_of: Callable[[Document],
     if not jobs:
         return
     # The buffers that the jobs need have been read: they count as bytes of the file.
-    total, limit = sum(job["bytes"] for job in jobs), limit_of(document)
+    total, limit = sum(job["bytes"] for job in jobs), document.limit
     if total > limit:
         text = f"its compressed arrays would take {total} bytes; {limit} is the limit for a file of this size"
         raise document.source.error("MESH_FILE_TOO_LARGE", text)

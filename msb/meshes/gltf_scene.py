@@ -46,11 +46,6 @@ _ATTRIBUTES = {
 """Attribute without its number -> what it is."""
 _INSTANCES = "EXT_mesh_gpu_instancing"
 """Says that a node is drawn at several places; a file that does not require it is read as if it did not."""
-MAX_BYTES_PER_BYTE = 64
-MAX_EXTRA_BYTES = 1 << 28
-"""The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
-
-One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit."""
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 """The texture of faces without one, where others have one."""
 
@@ -65,7 +60,7 @@ def read_scene(document: Document) -> Mesh:
     _refuse_extensions(document)
     placed = list(placed_meshes(document))
     shown = list(dict.fromkeys(mesh for mesh, _ in placed))
-    unpack(document, shown, _limit)
+    unpack(document, shown)
     primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
     sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
     _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
@@ -90,15 +85,9 @@ def _refuse_extensions(document: Document) -> None:
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
-def _limit(document: Document) -> int:
-    """Return how many bytes the arrays may take."""
-    return MAX_BYTES_PER_BYTE * document.size + MAX_EXTRA_BYTES
-
-
 def _check_total(document: Document, total: int) -> None:
     """Refuse arrays of `total` bytes if the file is too small for so many."""
-    limit = _limit(document)
-    if total > limit:
+    if total > (limit := document.limit):
         text = (
             f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"
         )
