@@ -45,6 +45,11 @@ SCENES = {
     "walled": Path("data_stubs/scenes/mipnerf360/pebble"),
 }
 METHODS = ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup")
+DEMO = {
+    f"{name}/{method}": (MODELS / name / method, scene)
+    for name, scene in SCENES.items()
+    for method in METHODS
+}
 GEOMETRIES = ("kept", "fitted", "surface")
 _COLUMNS = (
     *("model", "geometry", "own look", "plain, 1 sample", "baked, 1", "baked, 16"),
@@ -146,7 +151,7 @@ def main() -> int:
     add = parser.add_argument
     add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models and their scenes, by turns")
     add("--geometry", nargs="+", default=GEOMETRIES, choices=(*GEOMETRIES, "auto"))
-    add("--only", nargs="+", metavar="NAME", help="of the models of msb demo-data, as walled/two_dts")
+    add("--only", nargs="+", choices=DEMO, default=DEMO, metavar="NAME", help=f"of {', '.join(DEMO)}")
     add("--lods", type=shares_of, default=())
     add("--collision", metavar="KIND")
     add("--seconds", type=float, default=60)
@@ -166,7 +171,7 @@ def main() -> int:
 
 def _all(options: argparse.Namespace, folder: Path) -> int:
     pairs = list(zip(options.pairs[::2], options.pairs[1::2], strict=True))
-    pairs = pairs or [(MODELS / name / method, scene) for name, scene in SCENES.items() for method in METHODS]
+    pairs = pairs or [DEMO[name] for name in options.only]
     of_scene = {"image_folder": options.image_folder, "resolution": options.resolution}
     facts = machine("numpy", "scipy", "pyopencl")
     print(", ".join(f"{key} {value}" for key, value in facts.items()), time.strftime("%Y-%m-%d"), sep="\n")
@@ -174,8 +179,6 @@ def _all(options: argparse.Namespace, folder: Path) -> int:
     rows, pictures, same = [], [], True
     for model, scene in pairs:
         name = "/".join(model.parts[-2:])
-        if options.only and name not in options.only:
-            continue
         pictures.append(looks(model, read(model, scene, of_scene)))
         for geometry in options.geometry:
             wanted = {

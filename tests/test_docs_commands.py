@@ -43,8 +43,8 @@ NOT_RUN = {
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
     r"msb (view|compare) (?!.*--(screenshot|figure|html) )": "opens a window",
     r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
-    r"msb repair --compare ": "takes long; the same is an example of --help (tests/cli/test_environments.py)",
-    r"msb bake --for-solid ": "takes long; the same is an example of --help (tests/cli/test_environments.py)",
+    r"msb repair --compare ": "takes long; with one task it is an example of --help, which are run, too",
+    r"msb bake --(for-solid|scene) ": "takes long; the same is an example of --help, which are run, too",
     r"msb run --scheduler ": "needs a cluster; tests/bench/test_cluster.py has one",
 }
 """Commands that are not run, and why. Of ours at least the options are parsed."""

@@ -76,7 +76,7 @@ class RepairOptions:
     "msb repair data_stubs/checkpoint out/repaired.triasset",
     "msb repair data_stubs/checkpoint out/fewer.glb --plan drop,orient,debris",
     'msb repair -q --fail-on "components>999" data_stubs/checkpoint out/g.ply',
-    "msb repair --compare data_stubs/models/walled/mesh_splatting out/costs",
+    "msb repair --compare --task solid \\\n      data_stubs/models/walled/mesh_splatting out/costs",
     rules=RULES,
 )
 def repair(
