@@ -45,6 +45,10 @@ _KEYS: dict[Part, tuple[str, ...]] = {
     "timing": ("timing", "memory", "floor", "device"),
 }
 """The keys of `Result` that a part fills, where they are others than its name."""
+_NO_OPTIONS = frozenset(
+    ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
+)
+"""The inputs of parts with images that say nothing of how these are drawn."""
 
 
 def compute(job: Job) -> Done:
@@ -136,7 +140,11 @@ def _holds(part: Part, job: Job, old: Result) -> bool:
         return held == wanted
     # Nobody asks for it any more, so of its inputs only those are known that the images or the audit share.
     known = {name: value for main in MAIN for name, value in job.wanted.get(main, {}).items()}
-    return _same_asset(job, old) and all(known.get(name, value) == value for name, value in held.items())
+    # An option that there was, or is now, and not both, is no input that they share.
+    images = job.wanted.get("quality", {}).keys()
+    alike = part not in ("timing", "walk") or held.keys() - _NO_OPTIONS == images - _NO_OPTIONS
+    same = all(known.get(name, value) == value for name, value in held.items())
+    return alike and same and _same_asset(job, old)
 
 
 def _same_asset(job: Job, old: Result) -> bool:

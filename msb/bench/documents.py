@@ -6,11 +6,15 @@ numbers, that is the model.
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from math import inf
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator
 
 from msb.bench.checked import Amount, Count, Record
+from msb.metrics.images import most_psnr
+from msb.scenes.checks import MAX_PIXELS
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from msb.topology.verdict import Level
@@ -18,6 +22,9 @@ from msb.trial.task import Outcome
 
 STORED = "as stored"
 """The strategy of the mesh itself, which comes first."""
+Decibels = Annotated[float, Field(ge=0, le=most_psnr(MAX_PIXELS))]
+_MOST_SHARE = 1 + 1e-9  # sums of areas are rounded
+Share = Annotated[float, Field(ge=0, le=_MOST_SHARE)]
 
 
 class AuditVerdict(Record):
@@ -48,6 +55,16 @@ class AuditDocument(Record):
     timings_ms: dict[str, float]
     computed_by: str
 
+    @field_validator("counts", "metrics")
+    @classmethod
+    def _are_possible(cls, found: Counts | Metrics) -> Counts | Metrics:
+        for name, value in asdict(found).items():
+            # V/F is no share: a mesh may have more vertices than faces.
+            most = _MOST_SHARE if name.endswith("_ratio") and name != "vf_ratio" else inf
+            if value is not None and name != "euler_characteristic" and not 0 <= value <= most:
+                raise ValueError(f"no mesh has {name} {value:g}")
+        return found
+
 
 class TrialEntry(Record):
     """What became of one task (`msb.trial.run.Trial`)."""
@@ -56,7 +73,7 @@ class TrialEntry(Record):
     title: str
     outcome: Outcome
     why: str | None
-    seconds: float
+    seconds: Amount
     numbers: dict[str, Any]
     libraries: dict[str, str]
     says: str
@@ -78,7 +95,7 @@ class TrialDocument(Record):
 class Look(Record):
     """How a repaired asset looks on a tier, beside the original (`msb.trial.repairs.Look`)."""
 
-    psnr: float | None
+    psnr: Decibels | None
     same: bool
     why: str | None
 
@@ -93,18 +110,18 @@ class Looks(Record):
 class OwnPsnr(Record):
     """How near a bake comes to the model's own look (`msb.bake.report.Psnr`)."""
 
-    before: float | None
-    after: float
-    after_16: float
+    before: Decibels | None
+    after: Decibels
+    after_16: Decibels
 
 
 class PhotographsPsnr(Record):
     """How near the model and a bake of it come to the photographs (`msb.bake.report.Psnr`)."""
 
-    dedicated: float | None
-    before: float | None
-    after: float
-    after_16: float
+    dedicated: Decibels | None
+    before: Decibels | None
+    after: Decibels
+    after_16: Decibels
 
 
 class BakePsnr(Record):
@@ -126,9 +143,9 @@ class BakeDocument(Record):
     faces: Count
     texture: tuple[int, int] | None
     bytes: Count | None
-    seconds: float
+    seconds: Amount
     views: dict[str, Any]
-    unseen_area: float
+    unseen_area: Share
     psnr: BakePsnr
     verdict_before: AuditVerdict
     verdict_after: AuditVerdict
@@ -165,7 +182,7 @@ class Strategy(_Way):
     edges_cut: Count
     vertices: Count
     components: Count
-    boundary_edge_ratio: float | None
+    boundary_edge_ratio: Share | None
     nonmanifold_edges: Count
     nonmanifold_vertices: Count
     inconsistent_winding_edges: Count
@@ -176,7 +193,7 @@ class Strategy(_Way):
     trials_passed_before: Count
     trials_passed_after: Count
     bytes: Count
-    seconds: float
+    seconds: Amount
     picture: str | None
 
 
@@ -217,9 +234,9 @@ class RepairDocument(Record):
 class ChamferDocument(Record):
     """What `msb.metrics.chamfer_surface` returns, with the scan, the metric and the mesh's file."""
 
-    mean_d2s: float | None
-    mean_s2d: float | None
-    overall: float | None
+    mean_d2s: Amount | None
+    mean_s2d: Amount | None
+    overall: Amount | None
     reason: str | None
     n_down: Count
     n_inbound: Count
@@ -250,7 +267,7 @@ class WalkDocument(Record):
     """The same over the worst second."""
     worst_frame: Count
     """The number of its first frame; the walk begins with 0."""
-    holes: Annotated[float, Field(ge=0, le=1)]
+    holes: Share
     """Pixels of `msb.metrics.steadiness.holes` as a share of those that show the model or are such."""
     film: str | None
     """The file of the worst second, beside the record; None without the extra `video`."""

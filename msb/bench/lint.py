@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from msb.base.files import is_file
 from msb.base.paths import SpelledFiles, normal_form
 from msb.errors import MetricError, shorten
-from msb.metrics.ground_truth import ground_truth
+from msb.metrics.ground_truth import ground_truth, mask_path
 from msb.metrics.image_files import read_image, read_mask, read_pixels
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.pairs import images_below
@@ -310,8 +310,8 @@ def _photograph(scene: Scene, camera: Camera, path: Path) -> Pixels:
     if scene.mask_source != "mask_folder":
         return _read(path, scene)
     color = read_pixels(path)[..., :3]
-    mask = read_mask(scene.masks[str(camera.name)]) if str(camera.name) in scene.masks else None
-    if mask is None or mask.shape != color.shape[:2]:
+    mask = read_mask(mask_path(scene, camera))
+    if mask.shape != color.shape[:2]:
         return color
     weight = mask[..., None] / 255.0
     return to_bytes(color / 255.0 * weight + np.asarray(scene.background) * (1 - weight))

@@ -74,11 +74,11 @@ class Gpus:
         """Return the peak of all GPUs in bytes, its source, and the reason if there is no peak."""
         if self._reason is not None:
             return None, None, self._reason
-        if self._refused is not None and not self._tells and not self._more:
-            return None, None, self._refused
-        if self._tells or (self._own and not self._peak_more):
+        # A sum is of all GPUs, or it is none.
+        own, more = (len(told) == len(self._handles) for told in (self._own, self._more))
+        if own and (self._tells or (more and not self._peak_more)):
             return self._peak_own, "processes", None
-        return self._peak_more, "device", None
+        return (self._peak_more, "device", None) if more else (None, None, self._refused)
 
     def devices(self) -> tuple[Gpu, ...]:
         """Return the GPUs and the peak on each."""

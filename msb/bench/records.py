@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
@@ -28,6 +27,7 @@ from msb.bench.documents import (
     WalkDocument,
 )
 from msb.errors import InputError, shorten
+from msb.metrics.images import most_psnr
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 
@@ -218,6 +218,17 @@ class Timing(Record):
     device_kind: Literal["gpu", "cpu", "other"]
     """ "Device ms" are GPU ms only where this is "gpu"."""
 
+    @model_validator(mode="after")
+    def _agrees(self) -> Self:
+        if not math.isclose(self.fps * self.seconds, self.frames, rel_tol=1e-6):
+            text = f"{self.frames} frames in {self.seconds:g} s are no {self.fps:g} frames a second"
+            raise ValueError(text)
+        for kind in ("", "busy_", "queued_"):
+            p50, p95 = (getattr(self, f"{kind}{name}") for name in ("p50_ms", "p95_ms"))
+            if (p50 or 0) > (p95 or 0) * (1 + 1e-9):
+                raise ValueError(f"{kind}p50_ms is {p50:g}, and {kind}p95_ms less")
+        return self
+
 
 class Memory(Record):
     """Bytes of our buffers on the device after all test views were drawn, by what they are for.
@@ -363,11 +374,15 @@ def read_result(path: str | os.PathLike[str]) -> Result:
 
 def checked_result(data: Any, *, file: object) -> Result:
     """Return the record that JSON data of a file is, if its numbers are possible and its means true."""
+    _refuse(_too_large(data), file)
     result = checked(Result, data, file=file, code="RECORD_INVALID")
-    wrong = () if result.quality is None else _impossible(result.quality)
-    for pointer, text in chain(_too_large(data), wrong):
-        raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
+    _refuse(() if result.quality is None else _impossible(result.quality), file)
     return result
+
+
+def _refuse(wrong: Iterable[tuple[str, str]], file: object) -> None:
+    for pointer, text in wrong:
+        raise InputError("RECORD_INVALID", f"{pointer}: {text}", file=file, pointer=pointer)
 
 
 def _too_large(data: Any, place: str = "") -> Iterator[tuple[str, str]]:
@@ -381,9 +396,12 @@ def _too_large(data: Any, place: str = "") -> Iterator[tuple[str, str]]:
 
 def _bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
     """Return our image metric -> the least and the most that it can be of images of a size, but infinity."""
-    # The values are bytes over 255: a mean squared error is at most 1, and at least that of one step of one.
-    steps = 255**2 * 3 * image.width * image.height
-    return {"psnr": (0.0, 10 * math.log10(steps)), "ssim": (-1.0, 1.0), "lpips": (0.0, MOST_LPIPS)}
+    # The values are bytes over 255: a mean squared error is at most 1.
+    return {
+        "psnr": (0.0, most_psnr(image.width * image.height)),
+        "ssim": (-1.0, 1.0),
+        "lpips": (0.0, MOST_LPIPS),
+    }
 
 
 def _impossible(quality: Quality) -> Iterator[tuple[str, str]]:

@@ -44,7 +44,7 @@ class Track(Record):
     """The most bytes that all GPUs together held at one look."""
     gpu_source: Literal["processes", "device"] | None
     """"processes": the memory that NVML reports for the command's processes. "device": the memory that the
-    whole device held beyond what it held before, if NVML cannot tell processes apart (in a container); other
+    whole device held beyond what it held before, if NVML cannot tell processes apart on every GPU; other
     programs on the device falsify this number."""
     gpu_reason: str | None
     """The reason why there is no number."""
@@ -160,7 +160,8 @@ class _Watch(threading.Thread):
 def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     """Pass signals on to the child that the function yielded is told of; only the main thread can.
 
-    One that comes before there is a child waits for it: the child may be running before we know of it.
+    One that comes before there is a child waits for it: the child may be running before we know of it. One
+    that is ignored here, as under nohup, stays so: with a handler, the child would not ignore it.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []
@@ -185,7 +186,7 @@ def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     if threading.current_thread() is threading.main_thread():
         for name in _FORWARDED:
             number = getattr(signal, name, None)
-            if number is not None:
+            if number is not None and signal.getsignal(number) != signal.SIG_IGN:
                 before[number] = signal.signal(number, forward)
     try:
         yield begin

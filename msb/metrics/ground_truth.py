@@ -12,6 +12,8 @@ from msb.metrics.image_files import read_mask, read_pixels
 from msb.scenes.datasets.photographs import mask_beside
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
@@ -71,11 +73,16 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     return image.astype(np.float32)
 
 
-def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return the mask of a camera, (H, W, 1): the first channel, as culling reads it."""
+def mask_path(scene: Scene, camera: Camera) -> Path:
+    """Return the mask of a camera of a scene with a folder of masks."""
     assert camera.image_path is not None
     # The scene holds those of its test views alone, which are what a run evaluates.
-    path = scene.masks.get(str(camera.name)) or mask_beside(scene.root, camera.image_path)
+    return scene.masks.get(str(camera.name)) or mask_beside(scene.root, camera.image_path)
+
+
+def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return the mask of a camera, (H, W, 1): the first channel, as culling reads it."""
+    path = mask_path(scene, camera)
     mask = read_mask(path)
     if mask.shape != shape[:2]:
         text = f"it is {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"

@@ -20,6 +20,12 @@ _WINDOW_RADIUS = 5
 """The radius of the 11 x 11 window in pixels."""
 
 
+def most_psnr(pixels: int) -> float:
+    """Return the most dB between two images of 8 bits and so many pixels that are not equal."""
+    # The values are bytes over 255: a mean squared error is at least that of one step of one.
+    return 10 * math.log10(255**2 * 3 * pixels)
+
+
 def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     """Return the peak signal-to-noise ratio in dB: 10 log10(1 / mse).
 

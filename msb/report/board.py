@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from msb.report.numbers import (
     scene_title,
 )
 from msb.report.paper import paper_numbers
-from msb.report.pictures import GT, Picture, Shot, View, views
+from msb.report.pictures import Picture, Shot, View, views
 from msb.report.report import Report, Section
 from msb.report.results import Loaded, ResultSet, result_set
 from msb.report.safe_names import plain_text
@@ -45,6 +46,9 @@ _SHORT = 12
 _FEWEST, _ALL = 6, 64
 """Hex digits of a hash that tell apart who chose the same name: more where that is somebody's name, too."""
 _MOST_SIDE = 4096
+_BLANK = frozenset("\u115f\u1160\u2800")
+_UNSEEN = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
+"""Letters that show nothing, and the categories of others that do, or that are but marks on letters."""
 
 
 @dataclass(frozen=True)
@@ -135,29 +139,38 @@ def build_board(
 
 
 def _names(submissions: Sequence[Submission]) -> list[str]:
-    """Return what each submission is called: no two are called the same, and none as the paper is."""
-    count = Counter(map(_plain, submissions))
+    """Return what each submission is called: no two are called the same, and none as the paper is.
+
+    Letters of other scripts that look like ours are others: the hashes in the list of files tell these apart.
+    """
+    count = Counter([_seen(THE_PAPER), *(_seen(_plain(each)) for each in submissions)])
     names: list[str] = []
     for digits in range(_FEWEST, _ALL + 1):
         names = [
-            name
-            if count[name := _plain(each)] == 1 and " ".join(name.split()).casefold() != THE_PAPER
-            else f"{name} ({each.sha256[:digits]})"
+            name if count[_seen(name := _plain(each))] == 1 else f"{name} ({each.sha256[:digits]})"
             for each in submissions
         ]
-        if len(set(names)) == len(names):
+        if len(set(map(_seen, names))) == len(names):
             break
     return names
 
 
 def _plain(submission: Submission) -> str:
-    return plain_text(submission.about.name).strip() or submission.sha256[:_SHORT]
+    name = plain_text(submission.about.name).strip()
+    return name if _seen(name) else submission.sha256[:_SHORT]
+
+
+def _seen(name: str) -> str:
+    """Return the letters that are seen of a name, of one form and case: two of the same look the same."""
+    letters = (one for one in unicodedata.normalize("NFKC", name) if one not in _BLANK and not one.isspace())
+    return "".join(one for one in letters if unicodedata.category(one) not in _UNSEEN).casefold()
 
 
 def _results(loaded: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], paper: Numbers) -> Table:
     """Return the table of all rows; the numbers of a model's mesh stand in every row of the model."""
     metrics = [*QUALITY, *_METRICS]
     rows = []
+    records = {name: _by_row(results) for name, results in loaded.items()}
     for place, names in _places(numbers).items():
         dataset, scene, method, condition = place
         keys = [
@@ -165,10 +178,9 @@ def _results(loaded: Mapping[str, ResultSet], numbers: Mapping[str, Numbers], pa
         ]
         labels = dataset_title(dataset), scene_title(scene), method_title(method)
         for name in names:
-            held = [one.result for one in loaded[name] if _is_at(one, place)]
             cells = (_bare(number_cell(key.metric, numbers[name].number(key))) for key in keys)
             words = _text(condition_title(condition)), _text(name)
-            rows.append(Row(labels, (*words, *cells, *_provenance(held))))
+            rows.append(Row(labels, (*words, *cells, *_provenance(records[name].get(place, ())))))
         theirs = [_bare(number_cell(key.metric, paper.number(key))) for key in keys]
         if any(cell.value is not None for cell in theirs):
             words = _text(condition_title(condition)), _text(THE_PAPER)
@@ -188,31 +200,37 @@ def _places(numbers: Mapping[str, Numbers]) -> dict[tuple[str, str, str, str], l
     found: dict[tuple[str, str, str, str], list[str]] = {}
     for name, own in numbers.items():
         # A mean over one scene says nothing more than the scene.
-        alone = {dataset for dataset in own.datasets() if len(own.scenes(dataset)) == 1}
+        scenes = {(key.dataset, key.scene) for key in own.values if key.scene not in MEANS}
+        count = Counter(dataset for dataset, _ in scenes)
         there = {
             key[:4] for key, number in own.values.items() if number.value is not None and not key.of_asset
         }
+        drawn = {at[:3] for at in there if at[3] != _MESH}
         for at in there:
             dataset, scene, _, condition = at
-            drawn = any(other[:3] == at[:3] and other[3] != _MESH for other in there)
-            if not (scene in MEANS and dataset in alone) and not (condition == _MESH and drawn):
+            if not (scene in MEANS and count[dataset] == 1) and not (condition == _MESH and at[:3] in drawn):
                 found.setdefault(at, []).append(name)
-    datasets = list(dict.fromkeys(key.dataset for own in numbers.values() for key in own.values))
+    names = dict.fromkeys(key.dataset for own in numbers.values() for key in own.values)
+    datasets = {dataset: number for number, dataset in enumerate(names)}
     means = list(MEANS)
 
     def order(at: tuple[str, str, str, str]) -> tuple[Any, ...]:
         dataset, scene, method, condition = at
         place = means.index(scene) if scene in MEANS else -1
-        return datasets.index(dataset), place, scene, method, condition_order(condition), condition
+        return datasets[dataset], place, scene, method, condition_order(condition), condition
 
     return {at: found[at] for at in sorted(found, key=order)}
 
 
-def _is_at(loaded: Loaded, place: tuple[str, str, str, str]) -> bool:
-    dataset, scene, method, condition = place
-    own = loaded.place
-    same = (own.dataset, own.method, loaded.result.cell.condition_key) == (dataset, method, condition)
-    return same and (scene == own.scene or scene in MEANS)
+def _by_row(results: ResultSet) -> dict[tuple[str, str, str, str], list[Result]]:
+    """Return dataset, scene or mean, method and condition -> the records there."""
+    found: dict[tuple[str, str, str, str], list[Result]] = {}
+    for one in results:
+        dataset, scene, method = one.place
+        for row in dict.fromkeys((scene, *MEANS)):
+            place = dataset, row, method, one.result.cell.condition_key
+            found.setdefault(place, []).append(one.result)
+    return found
 
 
 def _bare(cell: Cell) -> Cell:
@@ -312,7 +330,12 @@ def _differences(loaded: Mapping[str, ResultSet]) -> Iterator[str]:
 
 
 def _views(name: str, submission: Submission) -> Iterator[View]:
-    """Yield the pictures of a submission, each checked to be one."""
+    """Yield the pictures of a submission, each checked to be one, and to have the PSNR of its record."""
+    compared = {
+        (*record.cell.names[:3], condition_title(record.cell.condition_key), image.name, image.values["psnr"])
+        for record in submission.records
+        for image in (() if record.quality is None else record.quality.images)
+    }
     grouped: dict[tuple[str, str, str, str], list[Shown]] = {}
     for one in submission.about.pictures:
         grouped.setdefault((one.dataset, one.scene, one.image, one.why), []).append(one)
@@ -322,8 +345,11 @@ def _views(name: str, submission: Submission) -> Iterator[View]:
         shots: dict[str, list[Shot]] = {}
         for one in shown:
             if one.method is not None:
-                heading = plain_text(one.condition or GT)
-                shots.setdefault(one.method, []).append(Shot(heading, one.psnr, own[one.file]))
+                heading = str(one.condition)
+                if (dataset, scene, one.method, heading, image, one.psnr) not in compared:
+                    text = f"the PSNR of {one.file} is that of none of its records"
+                    raise InputError("RECORD_INVALID", text, file=submission.path)
+                shots.setdefault(one.method, []).append(Shot(plain_text(heading), one.psnr, own[one.file]))
         said = f"{plain_text(why)}; from {name}"
         yield View(dataset, scene, image, said, truth, {key: tuple(each) for key, each in shots.items()})
 

@@ -86,18 +86,22 @@ def collect(results: ResultSet) -> Numbers:
     splits: dict[SplitKey, Split] = {}
     ratios: dict[RatioKey, Ratio] = {}
     drawn_by: dict[tuple[str, str], str] = {}
-    for dataset in _ordered({place.dataset for place in records}, SCENES):
-        scenes = _ordered({p.scene for p in records if p.dataset == dataset}, SCENES.get(dataset, ()))
-        drawers = _drawers(records, dataset)
+    by_dataset: dict[str, dict[Place, Mapping[str, Result]]] = {}
+    for place, own in records.items():
+        by_dataset.setdefault(place.dataset, {})[place] = own
+    for dataset in _ordered(by_dataset, SCENES):
+        there = by_dataset[dataset]
+        scenes = _ordered({place.scene for place in there}, SCENES.get(dataset, ()))
+        drawers = _drawers(there)
+        conditions_of = _conditions(there)
         drawn_by |= {(dataset, condition): name for condition, name in drawers.items()}
-        for method in _ordered({p.method for p in records if p.dataset == dataset}, METHODS):
-            of_scenes = {scene: records.get(Place(dataset, scene, method), {}) for scene in scenes}
-            conditions = _conditions(records, dataset, method)
+        for method in _ordered(conditions_of, METHODS):
+            of_scenes = {scene: there.get(Place(dataset, scene, method), {}) for scene in scenes}
+            conditions = conditions_of[method]
             for condition in conditions:
                 metrics = _metrics_of(condition)
                 _add_condition(values, views, dataset, method, condition, metrics, of_scenes)
-            if "non_engine" in conditions or _knows_the_asset(of_scenes):
-                _add_condition(values, views, dataset, method, "non_engine", OF_ASSET, of_scenes)
+            _add_condition(values, views, dataset, method, "non_engine", OF_ASSET, of_scenes)
             _add_gaps(gaps, dataset, method, gap_tiers(conditions, drawers), of_scenes)
             expected = expected_scenes(dataset, scenes)
             for scene, over in {**{scene: (scene,) for scene in scenes}, MEAN: expected}.items():
@@ -117,12 +121,12 @@ def collect(results: ResultSet) -> Numbers:
     return Numbers(_with_setups(values, records), gaps, ratios, views, drawn_by, splits, verdicts)
 
 
-def _drawers(records: Mapping[Place, Mapping[str, Result]], dataset: str) -> dict[str, str]:
+def _drawers(there: Mapping[Place, Mapping[str, Result]]) -> dict[str, str]:
     """Return condition -> what drew it in a dataset: an engine, OpenCL, NumPy, or the methods' own code."""
     names: dict[str, dict[str, None]] = {}
-    for place, conditions in records.items():
+    for conditions in there.values():
         for condition, result in conditions.items():
-            if place.dataset == dataset and condition != "exported_mesh":
+            if condition != "exported_mesh":
                 kind = "" if result.renderer is None else result.renderer.kind
                 own = "OpenCL" if result.cell.condition != "non_engine" else _DRAWERS.get(kind)
                 if name := result.cell.renderer or own:
@@ -152,11 +156,16 @@ def _ordered(names: Iterable[str], first: Iterable[str]) -> list[str]:
     return sorted(names, key=rank)
 
 
-def _conditions(records: Mapping[Place, Mapping[str, Result]], dataset: str, method: str) -> list[str]:
-    """Return the conditions a method has records of, and the dataset's others that it does not support."""
-    there = [(place.method, name) for place in records if place.dataset == dataset for name in records[place]]
-    shown = {name for other, name in there if other == method or _unsupported(method, name)}
-    return sorted(dict.fromkeys(name for _, name in there if name in shown), key=condition_order)
+def _conditions(there: Mapping[Place, Mapping[str, Result]]) -> dict[str, list[str]]:
+    """Return method -> conditions with records of it in a dataset, and others that it does not support."""
+    shown: dict[str, set[str]] = {}
+    for place, own in there.items():
+        shown.setdefault(place.method, set()).update(own)
+    names = dict.fromkeys(name for own in there.values() for name in own)
+    order = {name: number for number, name in enumerate(sorted(names, key=condition_order))}
+    for method in shown.keys() & METHODS.keys():
+        shown[method].update(name for name in names if _unsupported(method, name))
+    return {method: sorted(own, key=order.__getitem__) for method, own in shown.items()}
 
 
 def _unsupported(method: str, condition: str) -> str | None:
@@ -171,16 +180,6 @@ def _metrics_of(condition: str) -> tuple[str, ...]:
     """Return the metrics of a condition, without those of the model itself."""
     metrics = (*AUDITED, *_OF_MESH) if condition == "exported_mesh" else (*QUALITY, *_IMAGES)
     return (*metrics, *_OF_MESH, *_OF_BAKE) if condition.startswith(f"{BAKED}/") else metrics
-
-
-def _knows_the_asset(of_scenes: Mapping[str, Mapping[str, Result]]) -> bool:
-    """Return whether a record has a number of the model itself, or says why one is missing."""
-    return any(
-        METRICS[metric].get(result) is not None or _PARTS[metric] in result.reasons
-        for conditions in of_scenes.values()
-        for result in conditions.values()
-        for metric in OF_ASSET
-    )
 
 
 def _add_condition(
@@ -299,7 +298,7 @@ def _notes(metric: str, result: Result) -> Iterable[str]:
                     yield weights_source(one["weights"])
         if metric == "psnr" and result.quality is not None and result.quality.psnr_inf_count:
             yield "images equal to the ground truth count 100 dB"
-    elif metric in AUDITED and result.audit is not None and result.audit.is_soup:
+    elif metric in AUDITED and result.audit is not None and result.audit.counts.all_apart:
         yield SOUP
     elif metric in ("fps", "memory") and result.renderer_timing is not None:
         yield f"measured elsewhere, on {result.renderer_timing.device}: {result.renderer_timing.timed}"
@@ -361,10 +360,13 @@ def _with_setups(
         for text in dict.fromkeys(text for one in conditions.values() for text in one.trained):
             for row in (scene, MEAN):  # in the same words, so that a table has them once
                 trained.setdefault((dataset, row, method), {})[f"{scene}: {text}"] = None
+    counts: dict[tuple[str, str, str], Counter[str]] = {}
     for place, own in setups.items():
-        others = [one for other, one in setups.items() if other[:2] == place[:2]]
         for what, value in own.items():
-            usual = Counter(one[what] for one in others).most_common(1)[0][0]
+            counts.setdefault((place.dataset, place.scene, what), Counter())[value] += 1
+    for place, own in setups.items():
+        for what, value in own.items():
+            ((usual, _),) = counts[place.dataset, place.scene, what].most_common(1)
             if value != usual:
                 note = f"{what} {value}, where the other methods have {usual}"
                 notes.setdefault((place.dataset, place.method), {})[note] = None

@@ -142,15 +142,19 @@ class Numbers:
         """Return the datasets."""
         return list(dict.fromkeys(key.dataset for key in self.values))
 
-    def methods(self, dataset: str, *conditions: str, of_asset: bool = False) -> list[str]:
-        """Return the methods of a dataset; if `conditions` are named, those with a value or an N/A in one.
+    def methods(self, dataset: str, *conditions: str, of_asset: Sequence[str] = ()) -> list[str]:
+        """Return the methods of a dataset; if `conditions` are named, those with a record of one.
 
-        What is of the model itself counts as such a value if `of_asset`.
+        The metrics `of_asset`, of the model itself, do as well where they have a value.
         """
         own = (
             key
             for key in self._of(dataset)
-            if not conditions or (key.condition in conditions and (of_asset or not key.of_asset))
+            if not conditions
+            or (
+                key.condition in conditions
+                and (not key.of_asset or (key.metric in of_asset and self.value(key) is not None))
+            )
         )
         return list(dict.fromkeys(key.method for key in own))
 

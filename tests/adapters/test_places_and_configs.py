@@ -14,6 +14,7 @@ from msb.adapters.training_cameras import training_cameras
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.api.inputs import expand
 from msb.errors import CheckpointError, InputError, UsageError
+from msb.methods.two_dts.adapter_config import read_config
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
@@ -108,6 +109,15 @@ def test_a_latest_iteration_without_its_model_is_not_passed_over(tmp_path: Path)
 
 def settings_of(folder: Path, **options: Any) -> dict[str, tuple[Any, str]]:
     return {k: (s.value, s.source) for k, s in msb.export(folder, **options).manifest.settings.items()}
+
+
+@pytest.mark.parametrize(
+    "value", ["9" * 40, f"{{b: {'9' * 40}}}", f"[{'9' * 40}]", "1" + ":59" * 3000, "1" + ":59" * 3000 + ".5"]
+)
+def test_a_number_without_measure_in_a_config(tmp_path: Path, value: str) -> None:
+    (tmp_path / "c.yaml").write_text(f"model: {{a: {value}}}\n")
+    with pytest.raises(CheckpointError, match=r"CHECKPOINT_CONFIG: .*: a number in it is too large"):
+        read_config(tmp_path, tmp_path / "c.yaml")
 
 
 def test_without_a_config_there_are_defaults_and_one_warning(tmp_path: Path) -> None:

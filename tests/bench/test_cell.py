@@ -178,6 +178,24 @@ def test_a_new_asset_has_no_number_of_the_old_one(bench: Bench, monkeypatch: pyt
     assert (found.timing, found.reasons["timing"].message) == (None, "it died")
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_an_option_that_came_or_went_leaves_no_timing_of_before(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, there: bool
+) -> None:
+    """A variant whose order is set, or no longer, in a protocol that times no more."""
+    monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
+    monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
+    made = bench.job("dedicated")
+    wanted = {part: dict(made.wanted[part]) for part in ("quality", "timing")}
+    option = {"order": "global"}
+    before, now = ({part: {**own, **extra} for part, own in wanted.items()}
+                   for extra in (({}, option) if there else (option, {})))  # fmt: skip
+    compute(replace(made, parts=before, wanted=before))
+    for inputs, kept in ((before["quality"], timing()), (now["quality"], None)):
+        job = replace(made, parts={"quality": inputs}, wanted={"quality": inputs})
+        assert bench.record(compute(job)).timing == kept
+
+
 class Engine:
     """An engine that sees nothing but red, and cannot draw without reading back."""
 

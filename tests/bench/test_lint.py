@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from PIL import Image, ImageFilter
 
 from msb.bench.lint import RESAMPLERS, Version, lint_images
 from msb.errors import MetricError
+from msb.metrics.ground_truth import ground_truth
+from msb.metrics.images import PSNR_CAP
 from msb.scenes.datasets import Scene, read_scene
 from tests.cli.conftest import Msb, msb
 from tests.conftest import ROOT
@@ -90,6 +93,22 @@ def test_photographs_saved_again_as_jpeg(scene: Scene, tmp_path: Path, quality: 
     assert jpeg.best[:2] == ("images", "PIL Lanczos")
     assert jpeg.best.jpeg
     assert (jpeg.told, jpeg.is_wanted, jpeg.photographs) == (True, False, True)
+
+
+def test_masks_of_a_folder_are_those_of_training_views_as_well(tmp_path: Path) -> None:
+    root = shutil.copytree(ROOT / "data_stubs/scenes/dtu/scan1", tmp_path / "dtu/scan1")
+    for path, mask in zip(*(sorted((root / name).iterdir()) for name in ("images", "mask")), strict=True):
+        with Image.open(path) as image:
+            image.getchannel("A").save(mask)
+            image.convert("RGB").save(path)
+    masked = read_scene(root, resolution=1)
+    camera = next(camera for camera in masked.train if str(camera.name) not in masked.masks)
+    photograph = (ground_truth(masked, camera) * 255 + 0.5).astype(np.uint8)
+    (tmp_path / "gt").mkdir()
+    Image.fromarray(photograph).save(tmp_path / "gt" / "00000.png")
+    found = lint_images(tmp_path / "gt", replace(masked, test=(), train=(camera,)))
+    assert (found.best, found.is_wanted) == (Version("images", ""), True)
+    assert found.versions[Version("images", "")] == PSNR_CAP
 
 
 def test_other_sizes_scenes_and_orders(scene: Scene, tmp_path: Path) -> None:

@@ -63,11 +63,11 @@ def test_a_program_that_is_not_there(tmp_path: Path) -> None:
         track([str(tmp_path / "data")])
 
 
-def nvml(held: dict[int, int | None], used: int) -> Any:
-    """Return a driver with one GPU, whose processes hold what `held` says, and which holds `used`."""
+def nvml(held: dict[int, int | None], used: int, gpus: int = 1) -> Any:
+    """Return a driver with GPUs whose processes hold what `held` says, and each of which holds `used`."""
     driver = SimpleNamespace(NVMLError=RuntimeError, held=held, used=used)
     driver.nvmlInit = lambda: None
-    driver.nvmlDeviceGetCount = lambda: 1
+    driver.nvmlDeviceGetCount = lambda: gpus
     driver.nvmlDeviceGetHandleByIndex = lambda index: index
     driver.nvmlDeviceGetName = lambda _: "A GPU"
     driver.nvmlDeviceGetUUID = lambda _: b"GPU-1"
@@ -129,6 +129,34 @@ def test_where_processes_are_not_listed_no_memory_is_made_up(monkeypatch: pytest
     assert gpus.devices()[0].peak_bytes is None
 
 
+def test_the_sum_is_of_all_gpus_or_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of two GPUs refuses its list of processes, then also to say what it holds."""
+    driver = nvml({ME: 7}, 100, 2)
+    listed, memory = driver.nvmlDeviceGetComputeRunningProcesses, driver.nvmlDeviceGetMemoryInfo
+
+    def but_of_the_first(call: Any) -> Any:
+        def ask(index: int) -> Any:
+            if index == 0:
+                raise RuntimeError("no permission")
+            return call(index)
+
+        return ask
+
+    driver.nvmlDeviceGetComputeRunningProcesses = but_of_the_first(listed)
+    monkeypatch.setitem(sys.modules, "pynvml", driver)
+    gpus = Gpus()
+    driver.used = 400
+    gpus.look({ME})
+    assert gpus.result() == (600, "device", None)
+    assert [gpu.peak_bytes for gpu in gpus.devices()] == [300, 300]
+    driver.used = 100
+    gpus = Gpus()
+    driver.used = 400
+    driver.nvmlDeviceGetMemoryInfo = but_of_the_first(memory)
+    gpus.look({ME})
+    assert gpus.result() == (None, None, "NVML: no permission")
+
+
 @pytest.mark.parametrize(
     ("held", "wanted"),
     [({ME: 300, 1: 50}, 300), ({1: 50}, None), ({}, None), ({ME: None}, None)],
@@ -169,6 +197,18 @@ def test_a_signal_that_comes_before_we_know_of_the_command_reaches_it(
 
     monkeypatch.setattr("msb.bench.track.subprocess.Popen", early)
     assert track(["sleep", "60"]).exit_status == 128 + signal.SIGTERM
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@pytest.mark.parametrize("name", ["HUP", "INT"])
+def test_a_signal_that_is_ignored_here_is_ignored_by_the_command(name: str) -> None:
+    number = signal.Signals[f"SIG{name}"]
+    before = signal.signal(number, signal.SIG_IGN)
+    try:
+        assert track(["sh", "-c", f"kill -{name} $$"]).exit_status == 0
+        assert signal.getsignal(number) == signal.SIG_IGN
+    finally:
+        signal.signal(number, before)
 
 
 @pytest.mark.slow

@@ -189,6 +189,11 @@ def timing(fps: float = 100.0, **changes: Any) -> Timing:
     return Timing(**{**parts, **changes})
 
 
+def at_rate(fps: float) -> dict[str, float]:
+    """Return what to replace of a timing, for so many frames a second."""
+    return {"fps": fps, "seconds": 100 / fps}
+
+
 def quality(
     psnr: float = 20.0,
     ssim: float = 0.5,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -13,13 +14,14 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from msb.bench.records import File, Reason, RendererTiming, Training
-from msb.bench.submission import ABOUT, Scrub, Submission, read_submission, write_submission
+from msb.bench.records import File, Reason, RendererTiming, Result, Training
+from msb.bench.submission import ABOUT, About, Scrub, Submission, read_submission, write_submission
 from msb.errors import InputError, UsageError
-from msb.report.board import build_board, submitted_pictures
+from msb.report.board import _names, build_board, submitted_pictures
 from msb.report.pages import report_files
 from msb.report.results import read_results
 from tests.cli.conftest import Msb, msb
+from tests.report.documents import chamfer
 from tests.report.factory import bake, make_result, write, write_results
 
 __all__ = ["msb"]  # the fixture
@@ -141,8 +143,11 @@ def edit(name: str, *keys: str | int, value: Any) -> Change:
 
 
 FIRST = "records/00000.json"
+MESH = "records/00001.json"
 IMAGE = ("quality", "images", 0)
 OF_A_BAKE = json.loads(bake("kept")["bake"].to_json())
+LOUD = OF_A_BAKE["psnr"]["photographs"] | {"after": 9999.0}
+FAINT = OF_A_BAKE["psnr"]["photographs"] | {"after_16": -4000.0}
 NO_VGG = [{"name": "lpips_vgg", "weights": {"heads": {"known": None}}}]
 HOSTILE = [
     (edit(FIRST, "quality", "psnr", value=99.0), {"true": False}, "is not the one that was submitted"),
@@ -164,6 +169,15 @@ HOSTILE = [
                       for number in range(3)], {}, "/images/0/lpips: 1.7e+308 is no measurement"),
     (edit(FIRST, "timing", "p50_ms", value=1.7e308), {}, "/timing/p50_ms: 1.7e+308 is no measurement"),
     (edit(FIRST, "timing", "fps", value=0), {}, "/timing/fps: "),
+    (edit(FIRST, "timing", "fps", value=1e99), {}, "s are no 1e+99 frames a second"),
+    (edit(FIRST, "timing", "p95_ms", value=0), {}, "and p95_ms less"),
+    (edit(MESH, "audit", "metrics", "nonmanifold_edge_ratio", value=-3), {}, "nonmanifold_edge_ratio -3"),
+    (edit(MESH, "audit", "metrics", "nonmanifold_edge_ratio", value=50), {}, "nonmanifold_edge_ratio 50"),
+    (edit(MESH, "audit", "metrics", "components", value=-7), {}, "no mesh has components -7"),
+    (edit(MESH, "audit", "counts", "faces", value=-7), {}, "no mesh has faces -7"),
+    (edit(MESH, "chamfer", value=chamfer(-1.0)), {}, "/chamfer/overall: "),
+    (edit(FIRST, "bake", value=OF_A_BAKE | {"psnr": {"own": None, "photographs": LOUD}}), {}, "/after: "),
+    (edit(FIRST, "bake", value=OF_A_BAKE | {"psnr": {"own": None, "photographs": FAINT}}), {}, "/after_16: "),
     (edit(FIRST, "bake", value=OF_A_BAKE | {"psnr": {}}), {}, "/bake/psnr/own: it is missing"),
     (edit(FIRST, "quality", "metrics", value=NO_VGG), {}, "/metrics/0/weights: it does not say which"),
 ]  # fmt: skip
@@ -192,6 +206,18 @@ def test_a_picture_that_is_none_is_refused(submission: bytes, tmp_path: Path) ->
     path = tmp_path / "bad.zip"
     path.write_bytes(rebuilt(submission, lambda members: members.update({"pictures/0000.jpg": b"GIF89a"})))
     with pytest.raises(InputError, match=r"RECORD_INVALID: .*pictures/0000.jpg is no JPEG"):
+        build_board([read_submission(path)])
+
+
+@pytest.mark.parametrize("psnr", [9999.0, 1.7e308, -5.0, None])
+def test_the_psnr_under_a_picture_is_that_of_its_record(
+    submission: bytes, tmp_path: Path, psnr: float | None
+) -> None:
+    pictures = json.loads(zipfile.ZipFile(io.BytesIO(submission)).read(ABOUT))["pictures"]
+    number = next(number for number, one in enumerate(pictures) if one["method"])
+    path = tmp_path / "bad.zip"
+    path.write_bytes(rebuilt(submission, edit(ABOUT, "pictures", number, "psnr", value=psnr)))
+    with pytest.raises(InputError, match=r"RECORD_INVALID: .*the PSNR of pictures/.* is that of none of its"):
         build_board([read_submission(path)])
 
 
@@ -277,6 +303,53 @@ def test_nobody_has_the_name_of_another_or_of_the_paper(tmp_path: Path) -> None:
         f"The paper ({posing[1].sha256[:7]})",
     ]
     assert {row["From"] for row in _rows(board)} == {*names, "the paper"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "The  paper",
+        "the\u00a0paper",
+        "the pa\u034fper",
+        "the\u3164paper",
+        "the paper\u2800",
+        "\uff54he paper",
+    ],
+)
+def test_what_looks_like_the_name_of_the_paper_has_a_hash(name: str) -> None:
+    (shown,) = _names([_sent_by(name)])
+    assert shown.endswith(" (000000)")
+
+
+def test_names_that_look_the_same_are_told_apart() -> None:
+    names = ["Lab X", "Lab  X", "lab x\u200b", "Lab Y", "\u3164"]
+    shown = _names([_sent_by(name, str(number)) for number, name in enumerate(names)])
+    assert shown == ["Lab X (000000)", "Lab  X (111111)", "lab x (222222)", "Lab Y", "4" * 12]
+
+
+def _sent_by(name: str, digit: str = "0", records: tuple[Result, ...] = ()) -> Submission:
+    about = About(name=name, tool_version="1", code_sha256="0" * 64, commands=(), files={}, pictures=())
+    return Submission(Path("x.zip"), digit * 64, about, records, {})
+
+
+@pytest.mark.parametrize("what", ["label", "dataset", "scene"])
+def test_twice_the_records_are_twice_the_work(what: str) -> None:
+    made = make_result("capture", "desk", "two_dts", "dedicated")
+
+    def calls(count: int) -> int:
+        cells = (made.cell.model_copy(update={what: f"n{number}"}) for number in range(count))
+        sent = _sent_by("Lab", records=tuple(made.model_copy(update={"cell": cell}) for cell in cells))
+        events: list[str] = []
+        before = sys.getprofile()
+        sys.setprofile(lambda _frame, event, _argument: events.append(event))
+        try:
+            build_board([sent])
+        finally:
+            sys.setprofile(before)
+        return events.count("call")
+
+    calls(1)  # what is read once
+    assert calls(80) < 2.1 * calls(40)
 
 
 def test_pictures_are_small(submission: bytes) -> None:

@@ -17,7 +17,7 @@ from msb.report.paper import paper_numbers
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.report.tables.measured import walk
 from tests.report.documents import WALK, chamfer
-from tests.report.factory import measure, numbers_of
+from tests.report.factory import at_rate, measure, numbers_of
 
 
 def sentences(numbers: Numbers) -> dict[str, list[str]]:
@@ -93,7 +93,7 @@ def test_images_and_surface_may_have_other_leaders(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("kind", "led"), [("gpu", True), ("cpu", False)])
 def test_who_leads_by_images_may_not_lead_by_cost(tmp_path: Path, kind: str, led: bool) -> None:
     for method, psnr, fps in (("two_dts", 31.0, 50.0), ("mesh_splatting", 29.0, 400.0)):
-        timing = {"fps": fps, "device_kind": kind}
+        timing = {**at_rate(fps), "device_kind": kind}
         memory = {"geometry": 300 << 20 if method == "two_dts" else 200 << 20}
         measure(tmp_path, "dedicated", psnr, method=method, timing=timing, memory=memory)
     rate = "{}FPS 400 and " if led else ""
@@ -191,14 +191,14 @@ def test_meshes_of_one_share_are_not_ranked(tmp_path: Path) -> None:
 
 def test_two_tiers_of_one_engine_are_held_against_each_other(tmp_path: Path) -> None:
     measure(tmp_path, "non_engine", 30.0)
-    measure(tmp_path, "dedicated", 30.0, timing={"fps": 50.0})
-    measure(tmp_path, "standard", 20.0, timing={"fps": 100.0})
+    measure(tmp_path, "dedicated", 30.0, timing=at_rate(50.0))
+    measure(tmp_path, "standard", 20.0, timing=at_rate(100.0))
     here: dict[str, Any] = {"device": {"device": {"name": "Another GPU", "platform": "Vulkan"}}}
     engine = {"renderer": "wgpu"}
-    measure(tmp_path, "standard", 18.0, cell=engine, timing={"fps": 900.0}, **here)
+    measure(tmp_path, "standard", 18.0, cell=engine, timing=at_rate(900.0), **here)
     for label, psnr, fps in (("hardware", 29.0, 300.0), ("coarse", 27.0, 450.0)):
         blends = {"device": {"device": {**here["device"]["device"], "blends": "float32"}}}
-        measure(tmp_path, "dedicated", psnr, cell={**engine, "variant": label}, timing={"fps": fps}, **blends)
+        measure(tmp_path, "dedicated", psnr, cell={**engine, "variant": label}, timing=at_rate(fps), **blends)
     numbers = numbers_of(tmp_path)
     rows = {row.labels[1]: [cell.text for cell in row.cells] for row in slowdown_table(numbers).rows}
     assert rows == {

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 
 from msb.bench.aggregate import SCENES
-from msb.bench.documents import ChamferDocument
+from msb.bench.documents import AuditDocument, ChamferDocument
 from msb.bench.records import Cell as Place
 from msb.bench.records import Floor, Reason, RendererInfo, Result, Training
 from msb.metrics.vgg import weights_source
 from msb.report.build import build_report
-from msb.report.collect import NOT_RUN, REFERENCE, STE
+from msb.report.collect import NOT_RUN, REFERENCE, SOUP, STE
 from msb.report.layout import mark_best
 from msb.report.metric_format import text
 from msb.report.numbers import MEAN, Key, Number, Numbers
@@ -28,9 +28,10 @@ from msb.report.tables.asset import asset_tables
 from msb.report.tables.gaps import gaps_table
 from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
-from tests.report.documents import chamfer
+from tests.report.documents import AUDIT, chamfer
 from tests.report.factory import (
     METRICS,
+    at_rate,
     make_result,
     measure,
     numbers_of,
@@ -198,7 +199,7 @@ def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["gpu", "cpu"])
 def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind: str) -> None:
     for method in ("two_dts", "mesh_splatting"):
-        timing = {"device_kind": kind, "fps": float(100 + len(method))}
+        timing = {"device_kind": kind, **at_rate(100.0 + len(method))}
         measure(tmp_path, "dedicated", method=method, timing=timing)
     row = measured.per_scene(numbers_of(tmp_path), "capture", "dedicated").rows[0]
     bold = {cell.metric for cell in row.cells if cell.bold}
@@ -274,6 +275,24 @@ def test_what_is_of_the_model_needs_no_images_of_its_own_renderer(tmp_path: Path
     both = build_report(read_results(tmp_path), pictures=False, with_paper=False)
     assert len(both.tables["native_summary"].rows) == 2
     assert [column.title for column in both.tables["renderer_comparison-dtu"].columns] == ["MeshSplatting"]
+
+
+def test_where_nothing_of_the_model_is_known_there_is_no_row_and_no_column_of_dashes(tmp_path: Path) -> None:
+    trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
+    write(tmp_path, make_result("dtu", "scan24", "two_dts", "exported_mesh", training=trained))
+    lost = {"training": Reason(code="FILE_NOT_FOUND", message="there is no such file")}
+    write(tmp_path, make_result("mipnerf360", "garden", "two_dts", "dedicated", reasons=lost))
+    tables = build_report(read_results(tmp_path), pictures=False).tables
+    assert [row.labels for row in tables["native_summary"].rows if not row.paper] == [("DTU", "2DTS")]
+    assert "scenes-mipnerf360-dedicated" in tables
+    assert not any(name.endswith("-non_engine") for name in tables)
+
+
+def test_a_soup_with_a_degenerate_row_is_one_as_in_its_verdict(tmp_path: Path) -> None:
+    counts = {**AUDIT["counts"], "faces": 1001, "repeated_index_faces": 1, "referenced_vertices": 3000}
+    measure(tmp_path, "exported_mesh", audit=AuditDocument.of({**AUDIT, "counts": counts}))
+    key = Key("capture", "desk", "two_dts", "exported_mesh", "nonmanifold_vertex_ratio")
+    assert SOUP in numbers_of(tmp_path).number(key).notes
 
 
 def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$",
 class _PlainLoader(yaml.SafeLoader):
     """A YAML loader without aliases: no config has them, and nested ones stand for exponentially many values.
 
-    It also bounds the nesting, because the library calls itself for each level.
+    It also bounds the nesting, because the library calls itself for each level, and the length of integers.
     """
 
     _depth = 0
@@ -32,6 +32,12 @@ class _PlainLoader(yaml.SafeLoader):
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
+
+    def construct_object(self, node: Any, deep: bool = False) -> Any:
+        made = super().construct_object(node, deep)
+        if isinstance(made, int) and made.bit_length() > 63:
+            raise OverflowError
+        return made
 
 
 def read_config(root: Path, given: Path | None) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:
@@ -64,6 +70,8 @@ def _config_of(path: Path) -> dict[str, Any]:
         text = match[1]
     try:
         data = yaml.load(text, _PlainLoader)  # a SafeLoader: plain values only
+    except ArithmeticError:
+        raise unusable(path, "a number in it is too large") from None
     # What a value with a tag does not say ends in errors of Python's, such as KeyError for "!!bool maybe".
     except (yaml.YAMLError, ValueError, LookupError, AttributeError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
@@ -71,6 +79,4 @@ def _config_of(path: Path) -> dict[str, Any]:
         raise unusable(path, f"it is not valid YAML{where}") from None
     if not isinstance(data, dict) or not isinstance(data.get("model"), dict):
         raise unusable(path, 'it has no section "model"')
-    if any(isinstance(value, int) and value.bit_length() > 63 for value in data["model"].values()):
-        raise unusable(path, "a number in it has more than 63 bits")
     return data

@@ -13,6 +13,7 @@ from msb.report.numbers import (
     FLOOR,
     MEAN,
     MEANS,
+    OF_ASSET,
     QUALITY,
     Key,
     Numbers,
@@ -74,10 +75,10 @@ _CONNECTIVITY = {
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 
-def native_lines(numbers: Numbers, *, of_asset: bool = False) -> list[Line]:
+def native_lines(numbers: Numbers, *, of_asset: Sequence[str] = ()) -> list[Line]:
     """Return a line per dataset and method with images of the method's own renderer.
 
-    If `of_asset`, numbers of the model itself, such as what its training took, do as well.
+    Numbers of the model itself, such as what its training took, do as well: those of the metrics `of_asset`.
     """
     return [
         line(dataset=dataset, method=method)
@@ -151,7 +152,7 @@ def native_summary(numbers: Numbers, paper: Numbers | None = None) -> Table:
         "Non-Engine results: each method with its own renderer, means over the scenes of a dataset.",
         ("Dataset", "Method"),
         metric_columns((*QUALITY, *_NATIVE)),
-        native_lines(numbers, of_asset=True),
+        native_lines(numbers, of_asset=OF_ASSET),
         {"scene": MEAN, "condition": "non_engine"},
         best_of=("dataset",),
     )
@@ -224,7 +225,7 @@ def per_scene(numbers: Numbers, dataset: str, condition: str) -> Table:
         ("Scene",),
         [
             column
-            for method in numbers.methods(dataset, condition, of_asset=bool(chamfer))
+            for method in numbers.methods(dataset, condition, of_asset=chamfer)
             for column in metric_columns(
                 (*QUALITY, "fps", *chamfer) if method in drawn else chamfer,
                 method_title(method),
