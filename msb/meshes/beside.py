@@ -18,10 +18,15 @@ if TYPE_CHECKING:
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
+Files = dict[tuple[Path, int | None], bytes]
+"""Path of a file, and how many bytes of it were asked for -> what was read."""
 
 
-def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
-    """Return what a `uri` of glTF means: the data in it (RFC 2397), or the first bytes of a file beside."""
+def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:
+    """Return what a `uri` of glTF means: the data in it (RFC 2397), or the first bytes of a file beside.
+
+    A file that is among `files` is not read again.
+    """
     embedded = _EMBEDDED.match(uri)
     if embedded is not None:
         try:
@@ -30,11 +35,25 @@ def read_uri(source: Source, uri: str, pointer: str, most: int) -> bytes:
             return base64.b64decode(data, validate=True) if is_base64 else data
         except ValueError:  # half of a surrogate pair is one, too
             raise source.error("MESH_FILE_INVALID", "the data is not base64", pointer=pointer) from None
-    return read_beside(source, unquote(uri), pointer, most)
+    name = unquote(uri)
+    key = place_beside(source, name, pointer), most
+    if key not in files:
+        files[key] = read_beside(source, name, pointer, most)
+    return files[key]
 
 
-def read_beside(source: Source, name: str, pointer: str, most: int) -> bytes:
-    """Return the first `most` bytes, or one more, of the file `name` beside a mesh file.
+def read_beside(source: Source, name: str, pointer: str, most: int | None) -> bytes:
+    """Return the first `most` bytes, or one more, of the file `name` beside a mesh file; None is all."""
+    place = place_beside(source, name, pointer)
+    try:
+        return read_file(place, most)
+    except InputError as error:
+        text = f"it needs {shorten(name, 80)!r} in its folder, and that cannot be read: {error.message}"
+        raise source.error("MESH_FILE_INVALID", text, pointer=pointer) from None
+
+
+def place_beside(source: Source, name: str, pointer: str) -> Path:
+    """Return the path, without links, of the file `name` beside a mesh file; it need not be there.
 
     Whatever leaves the folder is refused before it is looked at: an absolute name, a scheme or host, "..", a
     link to elsewhere.
@@ -48,11 +67,7 @@ def read_beside(source: Source, name: str, pointer: str, most: int) -> bytes:
     if not place.is_relative_to(folder):
         text = f"{shown!r} is a link that leaves the folder of the mesh; put the file itself there"
         raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=pointer)
-    try:
-        return read_file(place, most)
-    except InputError as error:
-        text = f"it needs {shown!r} in its folder, and that cannot be read: {error.message}"
-        raise source.error("MESH_FILE_INVALID", text, pointer=pointer) from None
+    return place
 
 
 def _why_not(name: str) -> str | None:

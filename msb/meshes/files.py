@@ -38,6 +38,8 @@ for _name in _MODULES:
 
 MESH_SUFFIXES = FORMATS.keys()
 """The suffixes of the files `read_mesh` knows, in lower case."""
+_MOST_LEFT_OUT = 16
+"""Things that are named which a file holds and no reader keeps: it may name any number of them."""
 
 
 def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
@@ -62,6 +64,8 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
         FILE_NOT_FOUND, FILE_UNREADABLE (not a regular file, or no permission) or FILE_NOT_RECOGNISED.
     MeshFileError
         The content is not a valid file of its format: one of the MESH_FILE_ codes.
+    MeshError
+        MESH_INDEX_OUT_OF_RANGE, of a file of USD with colours by corner, whose vertices are doubled.
 
     Notes
     -----
@@ -81,10 +85,16 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     if not data:
         raise source.error("MESH_FILE_INVALID", "the file is empty")
     try:
-        return chosen.read(source)
+        return _in_short(chosen.read(source))
     except MemoryError:
         message = f"this machine has not enough memory for a file of {len(data)} bytes"
         raise source.error("MESH_FILE_TOO_LARGE", message) from None
+
+
+def _in_short(mesh: Mesh) -> Mesh:
+    """Return `mesh` with the first of what is left out, and how much more that is."""
+    first, more = mesh.left_out[:_MOST_LEFT_OUT], len(mesh.left_out) - _MOST_LEFT_OUT
+    return mesh if more <= 0 else replace(mesh, left_out=(*first, f"{more:,} more things"))
 
 
 def write_mesh(

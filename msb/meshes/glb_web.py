@@ -117,7 +117,8 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if mesh.vertex_uvs is not None and mesh.textures:
         side = max(max(image.shape[:2]) for image in mesh.textures)
         most = max(float(np.abs(mesh.vertex_uvs).max(initial=0)), 1.0)
-        bits = min(math.ceil(math.log2(side)) + _TEXEL, _MANTISSA - math.frexp(most)[1])
+        rounded = most * (1 + 0.5**_MANTISSA)  # the float just below a power of two may become that
+        bits = min(math.ceil(math.log2(side)) + _TEXEL, _MANTISSA - math.frexp(rounded)[1])
         parts.exponents["TEXCOORD_0"] = np.full(1, -bits)
         attributes["TEXCOORD_0"] = (np.rint(mesh.vertex_uvs * 2.0**bits) * 0.5**bits).astype(np.float32)
     parts.exponents["POSITION"] = np.zeros(1, np.int64)

@@ -17,6 +17,7 @@ from msb.errors import MeshFileError, shorten
 from msb.meshes.beside import read_uri
 
 if TYPE_CHECKING:
+    from msb.meshes.beside import Files
     from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")
@@ -59,22 +60,24 @@ _NESTING[list(b"]}")] = -1
 class Document:
     """A glTF file: its JSON object and its buffers by number, of which those that are needed get read.
 
-    `embedded` are the long data URIs of the JSON, by what stands in their places: "#0", "#1", ... What was
-    compressed is in `views`, by number, and in `packed`, by pointer of a primitive and name: (count, width).
+    `files` are those beside it that were read, each once, whatever the JSON calls it. `embedded` are the long
+    data URIs of the JSON, by what stands in their places: "#0", "#1", ... What was compressed is in `views`,
+    by number, and in `packed`, by pointer of a primitive and name: (count, width).
     """
 
     source: Source
     root: dict[str, Any]
     embedded: dict[str, str]
     buffers: dict[int, memoryview] = field(default_factory=dict)
+    files: Files = field(default_factory=dict)
     views: dict[int, memoryview] = field(default_factory=dict)
     packed: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)
 
     @property
     def limit(self) -> int:
         """How many bytes its arrays may take, by those of the file and of what was read beside it so far."""
-        beside = (each.nbytes for each in self.buffers.values() if each.obj is not self.source.data)
-        return MAX_BYTES_PER_BYTE * (len(self.source.data) + sum(beside)) + MAX_EXTRA_BYTES
+        beside = sum(map(len, self.files.values()))
+        return MAX_BYTES_PER_BYTE * (len(self.source.data) + beside) + MAX_EXTRA_BYTES
 
     def error(self, code: str, pointer: str, message: str, **about: Any) -> MeshFileError:
         """Return the error about the place with JSON pointer `pointer`."""
@@ -140,15 +143,16 @@ class Document:
                 text = "only the first buffer can lie in the binary chunk, and this one names no other place"
                 raise self.error("MESH_FILE_INVALID", pointer, text)
             most = self.integer(entry, "byteLength", pointer, below=MAX_BUFFER)
-            self.buffers[index] = memoryview(self.resource(entry, pointer, most))[:most]
+            # Read whole: of several buffers that lie in it each may say another length.
+            self.buffers[index] = memoryview(self.resource(entry, pointer, None))[:most]
         return self.buffers[index]
 
-    def resource(self, owner: dict[str, Any], pointer: str, most: int) -> bytes:
-        """Return the bytes that `owner["uri"]` means; of a longer file the first `most` or a few more."""
+    def resource(self, owner: dict[str, Any], pointer: str, most: int | None) -> bytes:
+        """Return the bytes that `owner["uri"]` means; of a longer file the first `most` or one more."""
         uri, where = owner.get("uri"), f"{pointer}/uri"
         if not isinstance(uri, str):
             raise self.error("MESH_FILE_INVALID", where, "'uri' is no text")
-        return read_uri(self.source, self.embedded.get(uri, uri), where, most)
+        return read_uri(self.source, self.embedded.get(uri, uri), where, most, self.files)
 
     def view(self, index: int) -> tuple[memoryview, dict[str, Any], str]:
         """Return the bytes of buffer view `index`, its entry and its JSON pointer."""

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
-from msb.meshes.beside import read_beside
+from msb.meshes.beside import place_beside, read_beside
 from msb.meshes.images import MAX_FILE, Decoder, ImageError
 from msb.meshes.polygons import fan_triangulate
 from msb.meshes.text import first_not_whole, word_blocks
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from msb.meshes.mesh import Mesh
     from msb.meshes.source import Source
     from msb.meshes.text import Words
@@ -28,6 +30,8 @@ _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
 """What stands between the names of libraries, which may have spaces in them."""
 _MAX_LIBRARIES = 1 << 24
 """Bytes of all libraries together."""
+_MAX_FILES = 1 << 10
+"""Libraries that are looked for, and images."""
 _MAX_WORDS = 1 << 12
 """Characters of a line map_Kd, as many as the path of a file has."""
 _WHITE = (255, 255, 255)
@@ -189,15 +193,25 @@ def _index_error(words: Words, chosen: NDArray[np.bool_], number: int, what: str
 
 
 def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
-    """Return the texels of the images of materials by name."""
+    """Return the texels of the images of materials by name; names of one file become the first of them."""
     decoder, images = Decoder(), {}
+    firsts: dict[Path, str] = {}
+    first_of: dict[str, str] = {}
     for name in dict.fromkeys(each.image for each in shown.values() if each.image is not None):
+        if len(firsts) == _MAX_FILES:
+            left_out[f"images beyond {_MAX_FILES:,}"] = None
+            break
+        path = name.replace("\\", "/")
         try:
-            data = read_beside(text, name.replace("\\", "/"), "map_Kd", MAX_FILE)
-            images[name] = decoder.decode(data, alpha=False)
+            place = place_beside(text, path, "map_Kd")
+            first_of[name] = firsts.setdefault(place, name)
+            if first_of[name] == name:
+                images[name] = decoder.decode(read_beside(text, path, "map_Kd", MAX_FILE), alpha=False)
         except (MeshFileError, ImageError) as error:
             why = error.message if isinstance(error, MeshFileError) else str(error)
             left_out[f"image {shorten(name, 60)} ({shorten(why, 200)})"] = None
+    for material in shown.values():
+        material.image = first_of.get(material.image or "")
     return images
 
 
@@ -206,7 +220,10 @@ def _read_libraries(
 ) -> None:
     """Add the materials of the files `names` to those `found`; the first of a name counts."""
     room = _MAX_LIBRARIES
-    for name in names:
+    for number, name in enumerate(names):
+        if number == _MAX_FILES:
+            left_out[f"materials beyond {_MAX_FILES:,} files"] = None
+            return
         try:
             data = read_beside(text, name.replace("\\", "/"), "mtllib", room)
         except MeshFileError as error:

@@ -15,7 +15,7 @@ from msb.asset.texture import Sampler
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
-from msb.errors import shorten
+from msb.errors import about, shorten
 from msb.meshes.beside import read_beside
 from msb.meshes.colors import srgb_colors
 from msb.meshes.formats import Format
@@ -24,6 +24,7 @@ from msb.meshes.images import MAX_FILE, Decoder, ImageError
 from msb.meshes.mesh import Mesh
 from msb.meshes.usd_stage import stage_parts
 from msb.meshes.usd_write import writer
+from msb.meshes.writing import check_indices
 
 if TYPE_CHECKING:
     from msb.meshes.source import Source
@@ -71,6 +72,8 @@ def read(source: Source) -> Mesh:
     if "corner" in colors:
         from msb.meshes.assets import with_corner_colors
 
+        with about(source.path):
+            check_indices(mesh)  # vertices are doubled here, and one that is not there cannot be
         mesh = with_corner_colors(mesh, colors["corner"])
     return _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
 

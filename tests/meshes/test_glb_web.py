@@ -131,7 +131,7 @@ def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texe
         assert (near < 1 / 32 / 16).all()
 
 
-@pytest.mark.parametrize("most", [255.9, 256.0, 3000.0])
+@pytest.mark.parametrize("most", [255.9, 255.99998, 256.0, 511.99997, 3000.0])
 def test_coordinates_that_are_tiled_often_do_not_wrap(most: float, tmp_path: Path) -> None:
     image = np.zeros((16, 4096, 3), np.uint8)
     mesh = Mesh(CORNERS, FACES, corner_uvs=UVS * np.float32(most), textures=(image,), sampler=Sampler())

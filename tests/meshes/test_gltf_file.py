@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from msb.base.files import read_file
+from msb.errors import MeshFileError
 from msb.meshes import read_mesh
 
 from .builders import SQUARE, SQUARE_FACES, TEXELS, Read, glb_textured, picture
@@ -39,6 +41,28 @@ def test_embedded_data_is_no_part_of_the_limit_of_the_text(
     path.write_bytes(made.text())
     assert path.stat().st_size > 8000
     assert_square(path)
+
+
+def test_a_file_that_several_buffers_name_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[Path] = []
+    monkeypatch.setattr(
+        "msb.meshes.beside.read_file", lambda path, most: (opened.append(path), read_file(path, most))[1]
+    )
+    made = glb_textured()
+    whole = made.root["buffers"][0]["byteLength"]
+    made.root["buffers"] += [{"uri": "./a.bin", "byteLength": whole}, {"uri": "%61.bin", "byteLength": 40}]
+    made.root["bufferViews"][1]["buffer"] = 1
+    path = tmp_path / "a.gltf"
+    (tmp_path / "a.bin").write_bytes(made.binary)
+    path.write_bytes(made.text("a.bin"))
+    assert_square(path)
+    assert opened == [tmp_path.resolve() / "a.bin"]
+    made.root["bufferViews"][0]["buffer"] = 2
+    path.write_bytes(made.text("a.bin"))
+    with pytest.raises(MeshFileError, match=r"MESH_FILE_TRUNCATED: .* byte 48 of a buffer of 40 bytes"):
+        read_mesh(path)
 
 
 def test_several_buffers(read: Read) -> None:

@@ -76,6 +76,18 @@ def test_without_a_place_textures_are_colours_of_vertices(suffix: str, tmp_path:
     assert as_held(replace(tinted, vertex_colors=None), ".stl").vertex_colors is None
 
 
+@pytest.mark.parametrize("suffix", [".ply", ".off"])
+def test_colours_of_faces_are_not_lost_beside_textures(suffix: str) -> None:
+    white = np.full((1, 1, 3), 255, np.uint8)
+    colors = np.array([[255, 0, 0], [255, 0, 0], [0, 0, 255]], np.uint8)
+    mesh = textured(textures=(white,), vertex_colors=None, face_colors=colors)
+    held = as_held(mesh, suffix)
+    assert held.face_colors is None  # vertices 1 and 3 are of faces of both colours, vertex 4 is of none
+    assert held.vertex_colors[[0, 2, 4, 5]].tolist() == [[255, 0, 0], [255, 0, 0], [255] * 3, [0, 0, 255]]
+    assert held.vertex_colors[[1, 3], 1].tolist() == [0, 0]
+    assert (held.vertex_colors[[1, 3]][:, [0, 2]] > 100).all()
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])
 def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None:
     uvs = UVS.copy()
@@ -87,8 +99,9 @@ def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None
     assert not as_held(textured(corner_uvs=uvs), ".stl").textures
 
 
-def test_colours_of_a_mesh_too_large_to_be_squared_are_sampled() -> None:
-    usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * size), ".ply") for size in (1, 1e200))
+@pytest.mark.parametrize("size", [1e-30, 1e78, 1e99, 1e200])
+def test_colours_of_a_mesh_too_large_to_be_squared_are_sampled(size: float) -> None:
+    usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
     assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1
 
 

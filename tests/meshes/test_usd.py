@@ -13,7 +13,7 @@ import pytest
 
 import msb
 from msb.asset.texture import Sampler
-from msb.errors import MeshFileError
+from msb.errors import MeshError, MeshFileError
 from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.files import write_whole
 from msb.meshes.formats import Style
@@ -163,18 +163,46 @@ SUBSETS = """        def Material "%s" {
 """
 
 
-def test_plain_colours_of_parts_are_those_of_their_faces(tmp_path: Path) -> None:
-    path = tmp_path / "a.usda"
+def parts_of_colours() -> str:
+    """Return the stage with a red triangle and a green one."""
     before, _, after = STAGE.partition("        color3f[]")
     own = "".join(
         SUBSETS % (name, name, color, name, face, name)
         for name, color, face in (("red", "(1, 0, 0)", 0), ("green", "(0, 1, 0)", 1))
     )
     text = before + own + after.partition('            interpolation = "uniform"\n        )\n')[2]
-    text = text.replace("Counts = [4]", "Counts = [3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
-    path.write_text(text)
+    return text.replace("Counts = [4]", "Counts = [3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
+
+
+def test_plain_colours_of_parts_are_those_of_their_faces(tmp_path: Path) -> None:
+    path = tmp_path / "a.usda"
+    path.write_text(parts_of_colours())
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.face_colors, np.array([[255, 0, 0], [0, 255, 0]], np.uint8))
+
+
+COLORED = """    def Mesh "colored"
+    {
+        point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)] (
+            interpolation = "vertex"
+        )
+    }
+"""
+
+
+@pytest.mark.parametrize("index", [99, -1])
+def test_a_vertex_that_is_not_there_is_refused_before_vertices_are_doubled(
+    index: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.usda"
+    text = parts_of_colours().replace("[0, 1, 2, 0, 2, 3]", f"[0, 1, 2, 0, 2, {index}]")
+    path.write_text(text.replace('    def Mesh "hidden"', COLORED + '    def Mesh "hidden"'))
+    with pytest.raises(MeshError, match="MESH_INDEX_OUT_OF_RANGE") as caught:
+        read_mesh(path)
+    assert (caught.value.file, caught.value.pointer) == (str(path), "faces[1]")
 
 
 def test_a_package_is_stored_and_aligned(tmp_path: Path) -> None:

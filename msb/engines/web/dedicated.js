@@ -162,7 +162,10 @@ export class Dedicated {
   async use(number) {
     this.wanted = number;
     if (!this.compiled.has(number)) this.compiled.set(number, this.#checked(() => this.#compile(this.about.plans[number])));
-    const made = await this.compiled.get(number);
+    const made = await this.compiled.get(number).catch((error) => {
+      if (this.wanted === number) this.wanted = this.number;  // the plan before is still drawn
+      throw error;
+    });
     if (this.wanted !== number) return;  // another one was chosen while this one was compiled
     const before = this.plan?.buffers || {};
     Object.assign(this, made, { number, plan: this.about.plans[number], size: null });
