@@ -25,6 +25,7 @@ from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import AssetError, MeshError, UsageError, shorten
 from msb.meshes.mesh import Mesh
+from msb.topology import audit_arrays
 from msb.topology.weld import weld_vertices
 from msb.trial.geometry import signed_volume
 from msb.trial.tasks.collision import CORNERS
@@ -118,7 +119,7 @@ def kind_of(text: str) -> tuple[Kind, int]:
 
 def need_libraries(kind: str, kept: tuple[NDArray[Any], NDArray[Any]] | None) -> None:
     """Refuse a kind whose libraries are not installed, before there is a mesh: of `kept` triangles, if it is
-    made of these, is known whether it will be closed.
+    made of these, is known whether they have a boundary, which no repair closes.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def need_libraries(kind: str, kept: tuple[NDArray[Any], NDArray[Any]] | None) ->
         return
     modules = ("fast_simplification", "coacd") if name == "hulls" else ("fast_simplification",)
     need_extra("trial", *modules, what=f"a collision mesh {kind}", instead=_NEEDS_NOTHING)
-    if kept is None or not (closed(*kept) or closed(*weld_vertices(*kept, "exact"))):
+    if kept is None or audit_arrays(*weld_vertices(*kept, "exact"))[0].counts.boundary_edges:
         _need_skimage()
 
 

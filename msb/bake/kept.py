@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.bake.search import try_faces
-from msb.bake.soup import Soup
+from msb.bake.soup import Soup, is_soup, without_seams
 from msb.bake.start import Best, Guide, Watch, choose, plain_mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
@@ -53,6 +53,18 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
                 search(best.soup, raster, best, guide.random(), guide.watch)
             soup = best.soup
     return soup.mesh() if mesh is None else repair_mesh(soup.on(mesh), Options())[0]
+
+
+def rejoined(mesh: Mesh) -> Mesh:
+    """Return a kept mesh that has a texture without the cuts that colours at its vertices needed."""
+    if is_soup(mesh.vertices, mesh.faces):
+        return mesh
+    whole = without_seams(mesh)
+    if whole is mesh:
+        return mesh
+    # Faces that met at a cut were not repaired there; what a repair had cut, it cuts again.
+    repaired = repair_mesh(whole, Options())[0]
+    return repaired if len(repaired.vertices) < len(mesh.vertices) else mesh
 
 
 def choosing(guide: Guide, faces: int) -> Guide:

@@ -16,7 +16,7 @@ from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import seen_points
 from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
-from msb.bake.soup import Soup, is_soup, seams_of
+from msb.bake.soup import Soup, is_soup, without_seams
 from msb.bake.space import Space
 from msb.bake.surface import Solid, taught, with_colors_of
 from msb.base.extras import need_extra
@@ -85,7 +85,7 @@ def lods(
 
     Of a soup the faces stay that are worth most in the lessons' pictures, and are moved to make up for the
     others; each level is made of the one before it. A mesh whose faces share vertices gets fewer faces by
-    quadric error: one that is closed, seams aside, in the space that `surface` makes it in, where its faces
+    quadric error, seams aside: one that is closed in the space that `surface` makes it in, where its faces
     then move, and stays closed, manifold and consistently wound. Textures are left out. What no view sees
     keeps the colours of `mesh`.
 
@@ -103,18 +103,9 @@ def lods(
     if is_soup(mesh.vertices, mesh.faces):
         return levels.of_soup()
     need_simplification()
-    whole = _without_seams(mesh)
-    is_closed = closed(whole.vertices, whole.faces)
-    return replace(levels, mesh=whole).of_surface() if is_closed else levels.of_mesh()
-
-
-def _without_seams(mesh: Mesh) -> Mesh:
-    """Return `mesh` with one vertex where it was cut along edges for its colours."""
-    seams = seams_of(mesh.vertices, mesh.faces)
-    if seams is None:
-        return mesh
-    colors = None if mesh.vertex_colors is None else mesh.vertex_colors[seams.first]
-    return Mesh(mesh.vertices[seams.first], seams.merged(mesh.faces), vertex_colors=colors, up=mesh.up)
+    whole = without_seams(mesh)
+    levels = replace(levels, mesh=whole)
+    return levels.of_surface() if closed(whole.vertices, whole.faces) else levels.of_mesh()
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from msb.asset.tiers import why_not
 from msb.bake.collision import PIXELS
 from msb.bake.collision import collision as collide
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
-from msb.bake.kept import FEWEST, FINE, choosing, kept
+from msb.bake.kept import FEWEST, FINE, choosing, kept, rejoined
 from msb.bake.lods import lods, screen_share
 from msb.bake.measured import mean_psnr, measured
 from msb.bake.report import Geometry, Level, Look, Psnr, Verdict, compared
@@ -44,8 +44,13 @@ _SEARCH, _SURFACE = 2 / 3, 0.4
 """Of the time that a bake has, what the search of fitted triangles has, and that of each level of detail; and
 each of a surface's two searches: of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
+_FOR_SOLID: tuple[Geometry, ...] = ("fitted", "surface")
 _TEXTURED = 2
 """How many times as large as the views the pictures are whose pixels a texture has texels for."""
+
+
+def _is_solid(asset: Asset) -> bool:
+    return Verdict.of(audit(asset)).level == "ok"
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,20 @@ class Bake:
         self._master.rest()
         unseen, shares = self._seen()
         wanted, notes = self._wanted()
+        mesh, facts = self._taken(wanted, notes, unseen, shares, stopped)
+        if self._options.for_solid and facts.geometry == "kept" and not _is_solid(asset_from_mesh(mesh)):
+            return self._taken(_FOR_SOLID, [], unseen, shares, stopped)
+        return mesh, facts
+
+    def _taken(
+        self,
+        wanted: Sequence[Geometry],
+        notes: list[str],
+        unseen: float,
+        shares: Shares | None,
+        stopped: Callable[[], bool],
+    ) -> tuple[Mesh, Facts]:
+        """Return that of the `wanted` geometries which is taken, as it is written, and what was found out."""
         made: dict[Geometry, Mesh] = {}
         said: dict[Geometry, list[str]] = {}
         for name in wanted:
@@ -180,16 +199,15 @@ class Bake:
             raise UsageError("USAGE", f"{text}: give its scene (--scene) or cameras (--cameras)")
         return unseen, None if why_not(self._asset.manifest, "dedicated") else teaching
 
-    def _wanted(self) -> tuple[list[Geometry], list[str]]:
+    def _wanted(self) -> tuple[Sequence[Geometry], list[str]]:
         """Return the geometries to make, and what is to be said of one that is left out."""
         options, count = self._options, self._asset.manifest.face_count
         if options.geometry != "auto":
             return [options.geometry], []
         if options.for_solid:
-            is_solid = self._guide.has_look and Verdict.of(audit(self._asset)).level == "ok"
-            if is_solid and options.faces is None:
+            if self._guide.has_look and options.faces is None and _is_solid(self._asset):
                 return ["kept"], ["its own triangles are kept, which are a solid already"]
-            return ["fitted", "surface"], []
+            return _FOR_SOLID, []
         if options.faces is not None:
             return ["fitted"], []
         if self._are_small(count):
@@ -287,6 +305,8 @@ class Bake:
                 device=self._device,
                 watch=self._watch,
             )
+            if name == "kept":
+                mesh = rejoined(mesh)
         else:
             assert mesh.vertex_colors is not None
             colors = np.floor(mesh.vertex_colors.clip(0, 1) * 255 + np.float32(0.5))

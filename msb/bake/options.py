@@ -11,7 +11,7 @@ from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
 from msb.bake.lods import need_simplification
 from msb.bake.report import Geometry, Look
-from msb.bake.soup import is_soup
+from msb.bake.soup import are_apart, is_soup
 from msb.bake.teacher import Source
 from msb.base.extras import is_installed, need_extra
 from msb.errors import UsageError, shorten
@@ -77,11 +77,12 @@ class Options:
     def check_model(self, asset: Asset, *, has_levels: bool = False) -> None:
         """Refuse what would be found to be missing when most of the work is done."""
         is_auto = self.geometry == "auto" and self.faces is None and not self.for_solid
-        if not (is_auto or self.geometry == "kept") or _is_soup(asset):
+        if not (is_auto or self.geometry == "kept"):
             return
-        if self.look("kept", asset) == "texture":
+        faces = asset.buffers["indices"]
+        if self.look("kept", asset) == "texture" and not are_apart(faces):
             need_xatlas()
-        if has_levels:
+        if has_levels and not is_soup(asset.buffers["positions"], faces):
             need_simplification()
 
 
@@ -91,13 +92,9 @@ def _fits_vertices(asset: Asset) -> bool:
     if why_not(asset.manifest, "standard") is not None:
         return False
     tint = tint_of(asset)
-    is_unshared = _is_soup(asset)
+    is_unshared = are_apart(asset.buffers["indices"])
     is_smooth = tint is not None and (is_unshared or tint.domain == "vertex")
     return (is_smooth and textures_of(asset) is None) or not (is_unshared or is_installed("xatlas"))
-
-
-def _is_soup(asset: Asset) -> bool:
-    return is_soup(asset.buffers["positions"], asset.buffers["indices"])
 
 
 def need_libraries(geometry: str) -> None:

@@ -28,6 +28,25 @@ def seams_of(points: NDArray[Any], faces: NDArray[Any]) -> Seams | None:
     return find_seams(points, faces, {"color": np.arange(len(points))[:, None]})
 
 
+def without_seams(mesh: Mesh) -> Mesh:
+    """Return `mesh` with one vertex where it was cut along edges for its colours; `mesh` if it was not."""
+    seams = seams_of(mesh.vertices, mesh.faces)
+    if seams is None:
+        return mesh
+    return replace(
+        mesh,
+        vertices=mesh.vertices[seams.first],
+        faces=seams.merged(mesh.faces),
+        vertex_colors=None if mesh.vertex_colors is None else mesh.vertex_colors[seams.first],
+        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[seams.first],
+    )
+
+
+def are_apart(faces: NDArray[Any]) -> bool:
+    """Return whether each corner of the faces has a vertex, and so a colour, of its own."""
+    return bool(np.bincount(faces.reshape(-1)).max(initial=0) < 2)
+
+
 def is_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
     """Return whether the faces are a soup: each has vertices of its own, and they are no surface that was cut
     along all its edges, as one is whose faces have a colour each.
@@ -35,12 +54,9 @@ def is_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
     Faces that name the vertices one after the other are a soup as assets have it, where corners may meet by
     chance.
     """
-    corners = faces.reshape(-1)
-    if len(points) != len(corners):
+    if len(points) != faces.size or not are_apart(faces):
         return False
-    if np.array_equal(corners, np.arange(len(corners))):
-        return True
-    return len(np.unique(corners)) == len(corners) and seams_of(points, faces) is None
+    return np.array_equal(faces.reshape(-1), np.arange(faces.size)) or seams_of(points, faces) is None
 
 
 @dataclass

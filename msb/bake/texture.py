@@ -22,7 +22,7 @@ from msb.bake.colors import continued
 from msb.bake.fusion import seen_points
 from msb.bake.painting import Painting
 from msb.bake.shares import pixels_shown
-from msb.bake.soup import is_soup
+from msb.bake.soup import are_apart
 from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
@@ -60,7 +60,7 @@ def textured(
     Parameters
     ----------
     mesh : Mesh
-        A soup, whose faces share no vertex, gets a cell of the texture for each face, another mesh charts.
+        If no faces share a vertex, each gets a cell of the texture of its own, else there are charts.
         Its colours are where the search begins, and stay where no picture shows it.
     lessons : Lessons
         Of twice the pixels that will be drawn, if the texture shall be as sharp.
@@ -82,7 +82,7 @@ def textured(
     for each in pixels_shown(mesh, cameras, device):
         np.maximum(pixels, each, out=pixels)
     size = _own_size(pixels) if size is None else size
-    if is_soup(mesh.vertices, mesh.faces):
+    if are_apart(mesh.faces):
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         uvs = connected_atlas(_places(mesh, cameras, device), mesh.faces, pixels, size)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import msb
 from msb.bake.apart import distances
-from msb.bake.collision import Collision, collision, kind_of
+from msb.bake.collision import Collision, collision, kind_of, need_libraries
 from msb.bake.hulls import smallest_box
 from msb.errors import MeshError, UsageError
 from msb.meshes.mesh import Mesh
@@ -222,6 +222,20 @@ def test_what_cannot_be_is_said_in_a_line() -> None:
         collision(Mesh(np.ones((3, 3), np.float32), np.zeros((0, 3), np.int64)), "box")
     with pytest.raises(MeshError, match="not finite"):
         collision(Mesh(np.full((3, 3), np.nan, np.float32), np.array([[0, 1, 2]])), "box")
+
+
+def test_what_encloses_is_asked_for_first_only_where_no_repair_closes_a_mesh(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != "skimage")
+    cube = box((1, 1, 1))
+    turned = cube.faces.copy()
+    turned[0] = turned[0, ::-1]
+    beside = together(cube, replace(cube, vertices=cube.vertices + np.float32([1, 1, 0])))
+    for vertices, faces in ((cube.vertices, turned), (beside.vertices, beside.faces)):
+        need_libraries("mesh:12", (vertices, faces))
+    with pytest.raises(UsageError, match="what encloses an open mesh needs"):
+        need_libraries("mesh:12", (cube.vertices, cube.faces[1:]))
 
 
 def test_kinds_are_read() -> None:

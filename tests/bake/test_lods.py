@@ -21,8 +21,9 @@ from msb.bake.soup import Soup, is_soup
 from msb.bake.start import Guide
 from msb.bake.surface import Fewer
 from msb.errors import UsageError
-from msb.meshes.assets import asset_from_mesh
+from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
+from msb.topology.faces import face_areas
 from tests.bake.solids import ball, box, colors_at, soup_of, together
 from tests.bake.soups import all_round, cameras, lessons_of, mesh_of, tiles
 
@@ -139,6 +140,20 @@ def test_a_closed_mesh_whose_faces_have_colours_of_their_own_stays_closed(
         assert not is_soup(made.vertices, made.faces)
         ((level, _),) = lods(made, guide, (0.5,))
     assert closed(level.vertices.astype(np.float64), level.faces)
+
+
+def test_an_open_mesh_whose_faces_have_colours_of_their_own_gets_no_holes() -> None:
+    corners, _ = tiles(8)
+    vertices, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    painted = np.random.default_rng(0).random((len(corners), 3)).astype(np.float32)
+    mesh = with_vertex_colors(Mesh(vertices, number.reshape(-1, 3), face_colors=painted))
+    assert len(mesh.vertices) == 3 * len(mesh.faces)
+    with lessons_of(corners, np.repeat(painted[:, None], 3, axis=1), cameras(2)) as lessons:
+        ((level, _),) = lods(mesh, Guide(lessons, lessons), (0.25,))
+    assert len(level.faces) <= len(mesh.faces) // 4
+    before, after = (face_areas(each.vertices, each.faces)[0].sum() for each in (mesh, level))
+    assert 0.9 * before < after <= before
+    assert level.vertex_colors is not None
 
 
 def swapped(faces: Any) -> Any:

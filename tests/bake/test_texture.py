@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from msb.asset.texture import Sampler
 from msb.bake.lessons import Lessons
 from msb.bake.painting import Painting
+from msb.bake.soup import is_soup
 from msb.bake.stencils import SMOOTHNESS, STEPS, Pyramid
-from msb.bake.texture import FEW, textured
+from msb.bake.texture import FEW, _charts, textured
 from msb.base.extras import is_installed
 from msb.cl import Device
-from msb.meshes.assets import asset_from_mesh
+from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.metrics import psnr
 from msb.reference.taught import applied, asked_of, samples_of, solved
@@ -100,6 +101,17 @@ def test_shows_what_it_was_taught() -> None:
     assert np.array_equal(made.corner_uvs, again.corner_uvs)
     few = len(CAMERAS[::FEW])
     assert heard == [("texture", done + 1, few + len(CAMERAS)) for done in range(few + len(CAMERAS))]
+
+
+def test_faces_cut_apart_for_their_colours_have_no_chart_in_common() -> None:
+    """Those of a mesh that was cut along all its edges: its colours jump there."""
+    whole = wall(joined=True)
+    painted = np.eye(3, dtype=np.float32)
+    mesh = with_vertex_colors(replace(whole, vertex_colors=None, face_colors=painted))
+    assert not is_soup(mesh.vertices, mesh.faces)
+    with lessons(CAMERAS[:1]) as taught:
+        made = textured(mesh, taught, 128)
+    assert len(np.unique(_charts(made, made.corner_uvs))) == len(mesh.faces)
 
 
 @pytest.mark.skipif(not is_installed("xatlas"), reason="xatlas is not installed")
