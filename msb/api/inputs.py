@@ -23,7 +23,8 @@ def matches(path: Path) -> list[Path]:
     """Return the typed path itself, or everything that matches it as a pattern, sorted.
 
     If nothing has the typed name, it is read as a pattern (``*``, ``?``, ``[...]``, ``**``), which some
-    shells pass on unchanged; everything that matches it is taken as if it were typed.
+    shells pass on unchanged; everything that matches it is taken as if it were typed, but for the parts of an
+    asset or checkpoint that matches.
     """
     if _is_folder(path) or os.path.lexists(path):
         return [path]
@@ -32,7 +33,10 @@ def matches(path: Path) -> list[Path]:
     names = sorted(glob.glob(text, recursive=True)) if glob.has_magic(text) else []  # noqa: PTH207
     if not names:
         raise InputError("FILE_NOT_FOUND", "there is no such file or folder", file=path)
-    return [Path(name) for name in names]
+    found = [Path(name) for name in names]
+    # What such a pattern as ** matches in an asset or checkpoint is that one again.
+    whole = {each for each in found if _is_folder(each) and is_input(each)}
+    return [each for each in found if whole.isdisjoint(each.parents)]
 
 
 def inputs_at(path: Path) -> list[Path]:
@@ -60,14 +64,15 @@ def _is_folder(path: Path) -> bool:
 def _below(folder: Path) -> Iterator[Path]:
     for root, folders, files in os.walk(folder):
         here = Path(root)
-        assets = [name for name in folders if _is_input(here / name)]
+        assets = [name for name in folders if is_input(here / name)]
         folders[:] = [name for name in folders if name not in assets and not name.startswith(".")]
         yield from (here / name for name in assets)
         wanted = (ASSET_SUFFIX, *MESH_SUFFIXES)
         yield from (here / name for name in files if name.lower().endswith(wanted))
 
 
-def _is_input(folder: Path) -> bool:
+def is_input(folder: Path) -> bool:
+    """Return whether a folder is one input: an asset or a checkpoint."""
     try:
         return is_asset(folder) or is_checkpoint(folder)
     except InputError:

@@ -87,8 +87,8 @@ def write_folder(baked: Baked, parts: Sequence[Part], folder: Path, overwrite: b
     It holds `ASSET` with its levels of detail and its shape beside it, the report as `bake.json`, in which
     files have their names in the folder, `preview.png`, and a page of all that.
     """
-    is_free = check_folder(folder)
-    with new_folder(folder, overwrite=overwrite or is_free) as made:
+    check_folder(folder)
+    with new_folder(folder, overwrite=overwrite) as made:
         files = write_all(parts, [made / ASSET])
         report = baked.report.written([(Path(path.name), size) for path, size in files])
         document = {"schema": SCHEMA, "tool_version": __version__, **report.to_dict()}

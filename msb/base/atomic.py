@@ -128,14 +128,14 @@ def new_folder(
     """Yield a new folder that takes the place of `path` when the block ends without an error.
 
     The old folder or file is moved aside, the new one moved in, the old one removed; `size` and `overwrite`
-    are as for `new_file`.
+    are as for `new_file`, but that an empty folder, where it stays empty, is always replaced.
     """
     target = _target(path)
     temporary, aside = _beside(target), _beside(target)
     with _translated(target, size):
         try:
             _refuse_stream(target)
-            _refuse_existing(target, overwrite)
+            _refuse_existing(target, overwrite or _is_empty(target))
             _make_parent(target)
             temporary.mkdir()
             yield temporary
@@ -298,8 +298,26 @@ def _move_to_new(temporary: Path, target: Path) -> None:
         raise _exists(target) from error
     except OSError:  # the file system has no hard links
         pass
-    _refuse_existing(target, overwrite=False)
-    temporary.rename(target)  # a folder replaces no file, and no folder that holds anything
+    is_empty = temporary.is_dir() and _is_empty(target)
+    _refuse_existing(target, is_empty)
+    if is_empty and target.is_symlink():
+        target.unlink()
+    elif is_empty and os.name == "nt":  # where a folder replaces nothing
+        target.rmdir()
+    try:
+        temporary.rename(target)  # a folder replaces no file, and no folder that holds anything
+    except OSError as error:
+        if error.errno in {errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR}:
+            raise _exists(target) from error
+        raise
+
+
+def _is_empty(target: Path) -> bool:
+    """Return whether there is a folder that holds nothing."""
+    try:
+        return next(target.iterdir(), None) is None
+    except OSError:
+        return False
 
 
 _STANDARD = ("stdin", "stdout", "stderr")

@@ -31,6 +31,8 @@ class Option:
         something at which the command itself looks; or a folder for files, which may be an input as well.
     endings : tuple of str
         How the name of a file that is written must end.
+    searched : bool
+        Whether a folder that it names is searched for inputs; else a folder is one input with all it holds.
     only_typed : bool
         Whether neither a file of defaults nor a variable may set it.
     """
@@ -43,6 +45,7 @@ class Option:
     count: bool = False
     output: Literal["file", "own", "folder"] | None = None
     endings: tuple[str, ...] = ()
+    searched: bool = False
     only_typed: bool = False
 
 

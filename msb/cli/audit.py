@@ -53,15 +53,24 @@ class AuditOptions:
             "PATH is missing; give a .triasset, mesh file or checkpoint, or a folder of these",
             needs="paths explain version",
         ),
-        Rule("explain", "stands alone, without PATH", excludes="paths"),
+        Rule("explain version", "stands alone, without PATH", excludes="paths"),
         Rule("elements csv_file", "does not go with --explain, which writes no mesh's", excludes="explain"),
-        Rule("elements json_file json_lines csv_file", "does not go with --version", excludes="version"),
+        Rule("fail_on fail_on_verdict profile", "does not go with --explain", excludes="explain"),
+        Rule(
+            "elements json_file json_lines csv_file fail_on fail_on_verdict profile explain",
+            "does not go with --version",
+            excludes="version",
+        ),
     ),
 )
 def audit(
     paths: Annotated[
         tuple[Path, ...],
-        Argument("A .triasset, mesh file or checkpoint, or a folder or pattern of these.", metavar="PATH..."),
+        Argument(
+            "A .triasset, mesh file or checkpoint, or a folder or pattern of these.",
+            metavar="PATH...",
+            searched=True,
+        ),
     ] = (),
     *,
     options: AuditOptions,

@@ -55,7 +55,7 @@ def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool
     if output.quiet:
         return
     counts = audit.counts
-    kind = "triangle soup" if audit.topology == "triangle_soup" else "indexed mesh"
+    kind = "triangle soup" if counts.all_apart else "indexed mesh"
     method = f", {audit.method}" if audit.method else ""
     output.line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}")
     output.line("")
@@ -124,7 +124,7 @@ def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = 
 
 def _print_defects(audit: Audit, output: Output) -> None:
     counts = vars(audit.counts)
-    soup = audit.judged.topology == "triangle_soup"
+    soup = audit.judged.counts.all_apart
     if soup and counts["boundary_edges"]:
         output.line("Every edge is a boundary edge: that is what a triangle soup means.")
     rows: list[tuple[str, ...]] = []

@@ -263,6 +263,7 @@ def _command(
     own = {each.name for each in declared}
     everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in own)
     declared = list(_with_needs([*declared, *everywhere], rules))
+    searched = {each.label for each in declared if each.option.searched}
     outputs = next((key for key, group in groups.items() if issubclass(group.kind, Output)), None)
 
     def run(context: typer.Context, **values: Any) -> Any:
@@ -276,10 +277,15 @@ def _command(
         if outputs is not None:
             for kind, label, path in _paths(declared, values):
                 if kind != "folder":  # for files in it each has a place of its own
-                    objects[outputs].keep(label, path, written=kind is not None)
+                    objects[outputs].keep(label, path, written=kind is not None, searched=label in searched)
             _check_free(declared, values, objects[outputs])
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
-        return function(**objects, **alone)
+        try:
+            return function(**objects, **alone)
+        except MsbError as error:
+            if outputs is not None:
+                objects[outputs].reword(error)
+            raise
 
     functools.update_wrapper(run, function)
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)

@@ -66,7 +66,8 @@ class ConvertOptions:
 )
 def convert(
     source: Annotated[
-        Path, Argument("A .triasset, checkpoint or mesh file, or a folder of these.", metavar="IN")
+        Path,
+        Argument("A .triasset, checkpoint or mesh file, or a folder of these.", metavar="IN", searched=True),
     ],
     target: Annotated[
         Path,
@@ -93,13 +94,13 @@ def convert(
     from msb.cli.output import report_error
 
     inputs = expand(source)
+    output.keep_found(inputs)
     if inputs == [source]:
         if "to" in typed:
             raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
         _check_held(target, typed)
         _convert(source, target, options, output)
         return
-    output.keep_found(inputs)
     places = _places(source, inputs, target, options.to or "glb")
     for place in places.values():
         output.check_apart(place)  # of all before the first is written: it may be the input of a later one
@@ -158,7 +159,7 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
 
     if not options.official:
         output_suffix(target, "OUT")
-    overwrite = check_asset_place(target, options.form, output)
+    check_asset_place(target, options.form, output)
     if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:
@@ -167,22 +168,20 @@ def _convert(source: Path, target: Path, options: ConvertOptions, output: Output
                 "USAGE",
                 "--up, --color, --texture and --for are for mesh files; a .triasset keeps what is stored",
             )
-        _write_asset(source, target, options.form or "packed", output, overwrite=overwrite)
+        _write_asset(source, target, options.form or "packed", output)
     else:
         if options.form is not None:
             raise UsageError("USAGE", f"--form is for .triasset; {target.name} is a mesh file")
         _write_mesh(source, target, options, output)
 
 
-def _write_asset(
-    source: Path, target: Path, form: Literal["packed", "folder"], output: Output, *, overwrite: bool
-) -> None:
+def _write_asset(source: Path, target: Path, form: Literal["packed", "folder"], output: Output) -> None:
     from msb.asset import write_asset
     from msb.cli.inputs import open_asset
 
     asset = open_asset(source, output)
     with output.progress(f"writing {target.name}"):
-        write_asset(asset, target, form, overwrite=overwrite)
+        write_asset(asset, target, form, overwrite=output.force)
     manifest = asset.manifest
     _say(target, [f"{manifest.vertex_count:,} vertices", f"{manifest.face_count:,} faces"], output)
 

@@ -27,8 +27,7 @@ def demo_data(
     from msb.base.atomic import check_place
     from msb.base.files import is_folder
 
-    is_empty = is_folder(target) and not any(target.iterdir())
-    if is_empty:
+    if is_folder(target) and not any(target.iterdir()):
         check_place(target, folder=True)
     else:
         output.check_free(target, folder=True)
@@ -36,7 +35,7 @@ def demo_data(
             text = "it holds more than demo data, and --force would replace all of it; name another folder"
             raise UsageError("OUTPUT_EXISTS", text, file=target)
     with output.progress(f"writing {target.name}"):
-        size = write_demo(target, overwrite=output.force or is_empty)
+        size = write_demo(target, overwrite=output.force)
     echo(f"{target}: 4 scenes, 8 models, a checkpoint, an asset, cameras, two protocols; {size / 1e6:.1f} MB")
     if not output.quiet:
         names = ("splat_like.triasset", PROTOCOL, RESULTS)

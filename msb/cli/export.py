@@ -62,12 +62,12 @@ def export(
 
     place = locate(source)
     target = target or Path(place.name + ASSET_SUFFIX)
-    overwrite = check_asset_place(target, options.form, output)
+    check_asset_place(target, options.form, output)
     with output.progress(f"reading {source.name}"):
         model = read_model(place, method=options.method, settings=drawing.assignments, config=options.config)
     with output.bars() as progress:
         asset = finish(model, progress=progress)
-        write_asset(asset, target, options.form, overwrite=overwrite, progress=progress)
+        write_asset(asset, target, options.form, overwrite=output.force, progress=progress)
     note_taken(source, asset.opened_from, output)
     note_warnings(asset.warnings, source, output)
     warnings = [warning.to_dict() for warning in asset.warnings]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msb.api.inputs import inputs_at, matches
-from msb.cli.output import report_error
+from msb.cli.output import real_place, report_error
 from msb.errors import MsbError, UsageError
 
 if TYPE_CHECKING:
@@ -55,29 +55,32 @@ def for_each(
 ) -> tuple[int, list[dict[str, Any]]]:
     """Call `work` with each input; write the documents that it returns, return the highest status and them.
 
-    An input that is named twice, as a file and by its folder, is one. `work` is told whether the input is
-    alone. An input that fails is a line on standard error, and a document with its error beside those of
-    others. `single` are the options that take one input.
+    An input that is named twice, in two spellings or as a file and by its folder, is one. `work` is told
+    whether the input is alone. An input that fails is a line on standard error, and a document with its error
+    beside those of others. `single` are the options that take one input.
     """
     status = 0
     documents: list[dict[str, Any]] = []
 
     def fail(path: Path, error: MsbError) -> int:
+        output.reword(error)
         wrong = {"code": error.code, "message": error.message}
         documents.append({"schema": schema, "path": str(path), "error": wrong})
         return max(status, report_error(error))
 
     def found(step: Callable[[Path], list[Path]], path: Path) -> list[Path]:
         nonlocal status
+        if status and output.fail_fast:
+            return []
         try:
             return step(path)
         except MsbError as error:
             status = fail(path, error)
             return []
 
-    named = [each for path in paths for each in found(matches, path)]
+    named = [each for path in _each_once(paths) for each in found(matches, path)]
     # A pattern may match a folder and the files in it, too.
-    inputs = list(dict.fromkeys(each for path in named for each in found(inputs_at, path)))
+    inputs = _each_once(each for path in _each_once(named) for each in found(inputs_at, path))
     output.keep_found(inputs)
     for option in single if len(inputs) > 1 else ():
         raise UsageError("USAGE", f"{option} takes one mesh; there are {len(inputs)}")
@@ -94,6 +97,14 @@ def for_each(
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
     return status, documents
+
+
+def _each_once(paths: Iterable[Path]) -> list[Path]:
+    """Return the first path of all that lead to one place; two names of one file (hard links) are two."""
+    first: dict[str, Path] = {}
+    for path in paths:
+        first.setdefault(real_place(path), path)
+    return list(first.values())
 
 
 def note_warnings(warnings: Iterable[Finding], path: Path, output: Output) -> None:

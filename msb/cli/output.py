@@ -16,12 +16,14 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from msb.base.atomic import REPLACES, check_place, is_stream, new_file
-from msb.base.files import is_folder
+from msb.base.files import is_file, is_folder, map_file
 from msb.base.option import Option
 from msb.base.version import __version__
 from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
+    import mmap
+
     from rich.console import Console
     from rich.table import Table
 
@@ -74,7 +76,9 @@ class Output:
     _checked: set[str] = field(default_factory=set, init=False)
     _inputs: list[tuple[str, Path]] = field(default_factory=list, init=False)
     _read: set[object] = field(default_factory=set, init=False)
+    _folders: list[tuple[str, set[Path]]] = field(default_factory=list, init=False)
     _written: list[Path] = field(default_factory=list, init=False)
+    _replaced: list[Path] = field(default_factory=list, init=False)
     _way_out: ClassVar[str] = "--force replaces it"
 
     def __post_init__(self) -> None:
@@ -235,7 +239,7 @@ class Output:
                 check_place(path)  # says so: --force would not replace it
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._way_out}", file=path)
         check_place(path, folder=folder)
-        place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image
+        place = _own_place(path)
         if replaced and place in self._checked:
             raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
         self._checked.add(place)
@@ -245,13 +249,18 @@ class Output:
         del path  # a command may look at what is there
         return self.force
 
-    def keep(self, label: str, path: Path, *, written: bool = False) -> None:
-        """Remember an input, which no output may be and no folder that is replaced may hold, or an output."""
+    def keep(self, label: str, path: Path, *, written: bool = False, searched: bool = False) -> None:
+        """Remember an input, which no output may be and no folder that is replaced may hold, or an output.
+
+        A folder is one input with all that it holds, unless it is `searched` for inputs.
+        """
         if written:
             self._written.append(path)
             return
         self._inputs.append((label, path))
         self._read.add(place_of(path))
+        if not searched and is_folder(path):
+            self._folders.append((label, {Path(os.path.abspath(path)), Path(os.path.realpath(path))}))  # noqa: PTH100
 
     def keep_found(self, inputs: Iterable[Path]) -> None:
         """Remember the inputs that a typed folder or pattern stands for; refuse outputs that are one."""
@@ -259,30 +268,65 @@ class Output:
             self.keep(str(path), path)
         for path in self._written:
             self.check_apart(path)
+        for folder in self._replaced:
+            self._check_holds_no_input(folder)
 
     def check_apart(self, path: Path) -> None:
-        """Refuse an output that is an input: it would be lost, and --force is no wish for that."""
-        if self._read and not is_stdout(path) and not is_stream(path) and place_of(path) in self._read:
-            raise UsageError("USAGE", "it is an input; an output needs a place of its own", file=path)
+        """Refuse an output that is an input or a file in one: --force is no wish to lose it.
 
-    def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> bool:
+        What a folder in an input holds is looked at where that is replaced; a log is only added to, and what
+        commands wrote there is no part of an input.
+        """
+        if not self._read or is_stdout(path) or is_stream(path):
+            return
+        if place_of(path) in self._read:
+            raise UsageError("USAGE", "it is an input; an output needs a place of its own", file=path)
+        if self.force and os.path.lexists(path) and not is_folder(path) and not _is_log(path):
+            places = Path(os.path.abspath(path)), Path(_own_place(path))  # noqa: PTH100 - without links, and with
+            for label, folders in self._folders:
+                is_in = any(not folders.isdisjoint(place.parents) for place in places)
+                if is_in and not _is_made(path, min(folders)):
+                    text = f"it is a file of {label}, an input; an output needs a place of its own"
+                    raise UsageError("USAGE", text, file=path)
+
+    def check_unnamed(self, path: Path) -> None:
+        """Refuse to replace a file whose name stands in an input, or in a library of materials of that."""
+        named = re.compile(rb"(?<![\w.-])" + re.escape(os.fsencode(path.name)))
+        for label, source in self._inputs if os.path.lexists(path) else ():
+            folder = os.path.realpath(source.parent)
+            if is_file(source) and Path(_own_place(path)).is_relative_to(folder):
+                text = map_file(source)
+                texts = [
+                    text,
+                    *(map_file(each) for each in source.parent.glob("*.mtl") if _holds(text, each)),
+                ]
+                if any(map(named.search, texts)):
+                    said = f"{label} names it, which makes it an input; an output needs a place of its own"
+                    raise UsageError("USAGE", said, file=path)
+
+    def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> None:
         """Refuse a folder with an input in it, or that `check` refuses, and without --force one to replace.
 
-        `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does. Returns
-        whether its writer may replace a folder: an empty one that is there now, with --force any.
+        `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does.
         """
-        is_there = os.path.lexists(folder)
-        for label, path in self._inputs if is_folder(folder) else ():
-            link = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - it would be lost, too
-            place = os.path.realpath(folder)
-            if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), link)):
-                text = f"{label} lies in it; an output needs a place of its own"
-                raise UsageError("USAGE", text, file=folder)
-        if check(folder) and is_there:
+        self._replaced.append(folder)
+        self._check_holds_no_input(folder)
+        if check(folder) and os.path.lexists(folder):
             check_place(folder, folder=True)
         else:
             self.check_free(folder, folder=True)
-        return self.force or is_there
+
+    def _check_holds_no_input(self, folder: Path) -> None:
+        place = os.path.realpath(folder)
+        for label, path in self._inputs if is_folder(folder) else ():
+            # A link to an input would be lost, too.
+            if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), _own_place(path))):
+                text = f"{label} lies in it; an output needs a place of its own"
+                raise UsageError("USAGE", text, file=folder)
+
+    def reword(self, error: MsbError) -> None:
+        """Let an error of the library, which knows no options, name the option of this command."""
+        error.message = error.message.replace(REPLACES, self._way_out)
 
     def write_json(self, data: Any) -> None:
         """Write `data`, a document or a list of them, where --json points to, if it was given."""
@@ -342,8 +386,34 @@ def place_of(path: Path) -> object:
     try:
         status = path.stat()
     except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
-        return os.path.realpath(path) if "\0" not in str(path) else str(path)
+        return real_place(path)
     return status.st_dev, status.st_ino
+
+
+def real_place(path: Path) -> str:
+    """Return the place to which a path leads; of one that none can have, itself."""
+    return os.path.realpath(path) if "\0" not in str(path) else str(path)
+
+
+def _own_place(path: Path) -> str:
+    """Return where the file or link of that name itself lies."""
+    return os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image
+
+
+def _is_made(path: Path, folder: Path) -> bool:
+    """Return whether a file in an input is what a command wrote there: a document, or of a model a look."""
+    from msb.api.inputs import is_input
+
+    ending = path.suffix.lower()
+    if ending in _TABLES or (ending in _LOOKS and is_input(folder)):
+        return True
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        return _DOCUMENT.match(file.read(64)) is not None
+    return False
+
+
+def _holds(text: bytes | mmap.mmap, other: Path) -> bool:
+    return text.find(os.fsencode(other.name)) >= 0
 
 
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
@@ -414,9 +484,9 @@ def open_log(path: Path) -> None:
     import shlex
 
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         if not is_stream(path):
             _check_log(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
         # Open as long as the process lives; every line is flushed.
         _LOG[:] = [path.open("a", encoding="utf-8", errors="backslashreplace")]
     except OSError as error:
@@ -424,18 +494,29 @@ def open_log(path: Path) -> None:
     log(f"msb {__version__}: {shlex.join(sys.argv)}", "INFO")
 
 
+def _is_log(path: Path) -> bool:
+    return any(Path(file.name) == path for file in _LOG)
+
+
 def _check_log(path: Path) -> None:
-    """Refuse a file that does not begin as our logs do."""
-    try:
-        with path.open("rb") as file:
-            begin = file.read(_LOG_BEGINS_WITHIN)
-    except FileNotFoundError:
-        return
-    if begin and not _LOG_BEGINS.match(begin):
-        text = "it is no log of msb's, and a log is only added to one; name another file"
-        raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
+    """Refuse a file that does not begin as our logs do, and one that a search for inputs would find."""
+    from msb.asset import ASSET_SUFFIX
+    from msb.meshes import MESH_SUFFIXES
+
+    with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
+        begin = file.read(_LOG_BEGINS_WITHIN)
+        if begin and not _LOG_BEGINS.match(begin):
+            text = "it is no log of msb's, and a log is only added to one; name another file"
+            raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
+    if path.suffix.lower() in (ASSET_SUFFIX, *MESH_SUFFIXES):
+        raise UsageError("USAGE", f"--log-file: a log is no {path.suffix} file; name another", file=path)
 
 
+_DOCUMENT = re.compile(rb'[\s\[{]*"schema": "msb\.')
+_TABLES = frozenset((".csv", ".html", ".vtp"))
+"""Endings of what no input holds."""
+_LOOKS = frozenset(".exr .gif .glb .gltf .jpg .mp4 .obj .off .png .stl .usd .usda .usdc .usdz".split())  # noqa: SIM905
+"""Endings of pictures and meshes, but PLY, of which no reader of a model's folder takes one."""
 _LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ERROR) ")
 _LOG_BEGINS_WITHIN = 100
 _LOG: list[IO[str]] = []
@@ -449,20 +530,18 @@ def write_held(held: Mesh, target: Path, output: Output, style: Style | None = N
 
     for other in beside(held, target, style or Style()):
         output.check_free(other)
+        output.check_unnamed(other)
     write_whole(held, target, style, overwrite=output.force)
 
 
-def check_asset_place(target: Path, form: str | None, output: Output) -> bool:
-    """Refuse a place for a `.triasset` of this form; return whether what is there may be replaced.
-
-    Of a folder that is there only an asset is replaced.
-    """
+def check_asset_place(target: Path, form: str | None, output: Output) -> None:
+    """Refuse a place for a `.triasset` of this form. Of a folder that is there only an asset is replaced."""
     from msb.asset.writer import check_asset_folder
 
     if form == "folder" and is_folder(target):
-        return output.check_folder(target, check_asset_folder)
-    output.check_free(target, folder=form == "folder")
-    return output.force
+        output.check_folder(target, check_asset_folder)
+    else:
+        output.check_free(target, folder=form == "folder")
 
 
 def setting_text(value: object) -> str:

@@ -152,7 +152,7 @@ class _Repair:
             if written is None
             else replace(written, path=done.after.path, method=done.after.method)
         )
-        splits = done.after.topology != after.judged.topology
+        splits = done.after.counts.all_apart != after.judged.counts.all_apart
         left = what_is_left(after, why_split(self.suffix) if splits else None)
         self.output.write_json(self.document(done, after, left))
         if self.output.prints_text:
@@ -161,7 +161,10 @@ class _Repair:
 
     @contextmanager
     def rows_kept(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
-        """Write the maps, which take their place when the block that writes OUT ends: both or neither."""
+        """Write the maps, which take their place when the block that writes OUT ends.
+
+        It is both or neither, but for a file that another program puts in the maps' place meanwhile.
+        """
         from msb.base.atomic import is_stream, new_file
         from msb.base.npz import write_npz
 
@@ -323,20 +326,25 @@ def compare_strategies(
     from msb.views import choose_views
 
     wanted = _tasks(tasks)
-    overwrite = folder is not None and output.check_folder(folder, check_pictures)
+    if folder is not None:
+        output.check_folder(folder, check_pictures)
     asset = open_asset(source, output)
     given = None if views.cameras is None else views.read(output)
     with about(source):
         seen = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
     which = seen.said if given is None else seen.said.replace("given", f"of {views.cameras}")
-    with (
-        output.counted("trying repairs", len(strategies(options)) + 1) as step,
-        nullcontext() if folder is None else new_folder(folder, overwrite=overwrite) as keep,
-    ):
-        rows = compare(asset, seen, options, tasks=wanted, device=device, keep=keep, step=step)
-    if output.prints_text:
-        _print(rows, which, output)
-    output.write_json(document(str(source), which, rows))
+    rows = None
+    try:
+        with (
+            output.counted("trying repairs", len(strategies(options)) + 1) as step,
+            nullcontext() if folder is None else new_folder(folder, overwrite=output.force) as keep,
+        ):
+            rows = compare(asset, seen, options, tasks=wanted, device=device, keep=keep, step=step)
+    finally:  # it is said even if pictures cannot be kept: minutes of work
+        if rows is not None:
+            if output.prints_text:
+                _print(rows, which, output)
+            output.write_json(document(str(source), which, rows))
 
 
 def _tasks(given: Sequence[str]) -> list[str]:

@@ -108,6 +108,7 @@ def report(
         Argument(
             "Folders that msb run wrote, of the same cell the last counts; or files of msb submit.",
             metavar="RESULTS...",
+            searched=True,
         ),
     ] = (),
     *,
@@ -150,6 +151,8 @@ def report(
                 path = folder / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(data)
+            if overwrite and not output.force:  # what came into the report meanwhile
+                _refuse_others(target)
     output.write_json({**made.to_dict(), "files": sorted(files)})
     if not output.prints_text:
         return
@@ -227,22 +230,31 @@ def _check_target(target: Path, folders: tuple[Path, ...], output: Output) -> bo
     Returns whether what is there may be replaced.
     """
     from msb.base.atomic import check_place, is_stream
-    from msb.report.pages import is_report, not_ours
+    from msb.report.pages import is_report
 
     inside = any(folder.resolve().is_relative_to(target.resolve()) for folder in folders)
     own = not inside and is_report(target)
     if own and not output.force:
-        if others := not_ours(target):
-            text = f"the report also holds {shorten(others[0], 60)}, which --force would remove"
-            raise UsageError("OUTPUT_EXISTS", text, file=target)
+        _refuse_others(target)
         check_place(target, folder=True)
         return True
-    empty = target.is_dir() and not any(target.iterdir())
-    if target.exists() and not (own or empty or is_stream(target)):
+    if target.is_dir() and not any(target.iterdir()):
+        check_place(target, folder=True)
+        return output.force
+    if target.exists() and not (own or is_stream(target)):
         text = "it is no report, and all of it would be lost; give another folder with -o"
         raise UsageError("OUTPUT_EXISTS", text, file=target)
     output.check_free(target, folder=True)
     return output.force
+
+
+def _refuse_others(target: Path) -> None:
+    """Refuse to replace a report in which somebody keeps more."""
+    from msb.report.pages import not_ours
+
+    if others := not_ours(target):
+        text = f"the report also holds {shorten(others[0], 60)}, which --force would remove"
+        raise UsageError("OUTPUT_EXISTS", text, file=target)
 
 
 def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:

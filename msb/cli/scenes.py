@@ -45,7 +45,9 @@ class ScenesOptions:
     "msb scenes --json - --rules two_dts data_stubs/scenes/nerf_synthetic/pebble",
 )
 def scenes(
-    paths: Annotated[tuple[Path, ...], Argument("Scenes, or folders of scenes.", metavar="PATH...")],
+    paths: Annotated[
+        tuple[Path, ...], Argument("Scenes, or folders of scenes.", metavar="PATH...", searched=True)
+    ],
     options: ScenesOptions,
     output: ManyOutput,
 ) -> None:
@@ -72,6 +74,7 @@ def scenes(
         except MsbError as error:
             status = max(status, report_error(error))
             continue
+        output.keep_found(places)
         with output.counted(f"reading {path.name}", len(places)) as step:
             for place in places:
                 reports.append(describe_scene(place, **vars(options)))

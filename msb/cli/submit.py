@@ -15,7 +15,7 @@ _MOST_NAME = 60
 
 @command("msb submit out/one -o out/ours.zip --name 'Our lab'")
 def submit(
-    results: Annotated[Path, Argument("The folder that msb run wrote.", metavar="RESULTS")],
+    results: Annotated[Path, Argument("The folder that msb run wrote.", metavar="RESULTS", searched=True)],
     out: Annotated[Path, file_option("Where the submission goes.", "--out", "-o", endings=(".zip",))],
     name: Annotated[str, Option("What you want to be called on the board.", metavar="NAME")],
     *,

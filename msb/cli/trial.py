@@ -74,7 +74,9 @@ def trial(
     paths: Annotated[
         tuple[Path, ...],
         Argument(
-            "A .triasset, mesh file or checkpoint, or a folder or pattern of these.", metavar="ASSET..."
+            "A .triasset, mesh file or checkpoint, or a folder or pattern of these.",
+            metavar="ASSET...",
+            searched=True,
         ),
     ],
     options: TrialOptions,
@@ -126,7 +128,8 @@ class _Run:
             "limits": limits,
             "device": drawing.device,
         }
-        self.overwrite = options.save is not None and output.check_folder(options.save, check_kept)
+        if options.save is not None:
+            output.check_folder(options.save, check_kept)
         drawing.check_device()  # without any device it is tried what needs no pictures
         if not limits.limits_memory:
             output.note("warning: this system has no limit of memory for a process; only --seconds holds")
@@ -139,16 +142,31 @@ class _Run:
         from msb.trial.run import try_asset
 
         asset = open_asset(path, self.output)
-        with (
-            nullcontext() if self.save is None else new_folder(self.save, overwrite=self.overwrite) as keep,
-            self.output.counted("trying", len(self.tasks)) as step,
-        ):
+        result, kept = None, False
+        try:
+            with (
+                nullcontext()
+                if self.save is None
+                else new_folder(self.save, overwrite=self.output.force) as keep,
+                self.output.counted("trying", len(self.tasks)) as step,
+            ):
 
-            def watch(one: Trial) -> None:
-                step()
-                self.output.note(f"{one.task}: {_WORDS[one.outcome][0]}, {one.seconds:.1f} s", level=1)
+                def watch(one: Trial) -> None:
+                    step()
+                    self.output.note(f"{one.task}: {_WORDS[one.outcome][0]}, {one.seconds:.1f} s", level=1)
 
-            result = try_asset(asset, self.tasks, **self.asked, keep=keep, watch=watch)
+                result = try_asset(asset, self.tasks, **self.asked, keep=keep, watch=watch)
+            kept = self.save is not None
+        finally:  # it is said even if it cannot be kept: minutes of work
+            if result is not None:
+                self.say(result, one_line(str(path)), kept=kept)
+        failed = (one for one in result.trials if one.task in self.gated and one.outcome in _FAILING)
+        texts = (f"{one.task} {_FAILING[one.outcome]}: {one.why}" for one in failed)
+        status = max((report_error(GateFailed("GATE_FAILED", text, file=path)) for text in texts), default=0)
+        return {**result.to_dict(), "path": str(path)}, status
+
+    def say(self, result: Trials, name: str, *, kept: bool) -> None:
+        """Print what came of it, and note what it was judged by."""
         seen_by = result.cameras
         if "no_pictures" in seen_by:
             self.output.note(f"{seen_by['no_pictures']}; so nothing is judged by how it looks")
@@ -156,13 +174,9 @@ class _Run:
             text = f"{seen_by['see_nothing']} of the views see none of the mesh, and do not count"
             self.output.note(text)
         if self.output.prints_text:
-            self.show(result, one_line(str(path)))
-        failed = (one for one in result.trials if one.task in self.gated and one.outcome in _FAILING)
-        texts = (f"{one.task} {_FAILING[one.outcome]}: {one.why}" for one in failed)
-        status = max((report_error(GateFailed("GATE_FAILED", text, file=path)) for text in texts), default=0)
-        return {**result.to_dict(), "path": str(path)}, status
+            self.show(result, name, kept=kept)
 
-    def show(self, result: Trials, name: str) -> None:
+    def show(self, result: Trials, name: str, *, kept: bool) -> None:
         """Print the table, or with --quiet what it comes to."""
         from msb.trial.run import summary
 
@@ -187,6 +201,6 @@ class _Run:
         ]
         headers = ("Task", "Outcome", "Seconds", "What was made, and what is wrong with it")
         self.output.table(headers, rows, right=[2], whole=True)
-        if self.save is not None:
+        if kept:
             files = ", ".join(file for one in result.trials for file in one.files)
             echo(f"kept in {one_line(str(self.save))}: {files}")

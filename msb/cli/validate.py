@@ -35,7 +35,8 @@ MAX_FINDINGS = 1000
 )
 def validate(
     paths: Annotated[
-        tuple[Path, ...], Argument("Assets, mesh files, or folders of these.", metavar="PATH...")
+        tuple[Path, ...],
+        Argument("Assets, mesh files, or folders of these.", metavar="PATH...", searched=True),
     ] = (),
     *,
     explain: Annotated[

@@ -288,7 +288,7 @@ def what_is_left(after: Audit, split: str | None = None) -> list[str]:
     after = after.judged
     counts, left = after.counts, []
     why = "open stays open unless close fills holes"
-    if after.topology == "triangle_soup":
+    if counts.all_apart:
         why = "a soup stays one unless weld merges vertices"
         if not after.corners_coincide:
             why = "a soup stays one, because no two of its corners coincide"

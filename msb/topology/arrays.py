@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msb.errors import MeshError
+from msb.errors import MeshError, shorten
 
 MAX_VERTICES = 2**32 - 1
 """Most vertices of a mesh: a pair of vertex indices must fit into 64 bits."""
@@ -43,7 +43,9 @@ def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise MeshError("MESH_ARRAY", f"{name} has rows of different lengths; it must be (n, 3)") from error
+        ragged = "inhomogeneous" in str(error)
+        wrong = "has rows of different lengths" if ragged else f"is no array ({shorten(str(error))})"
+        raise MeshError("MESH_ARRAY", f"{name} {wrong}; it must be (n, 3)") from error
     if array.shape in {(0,), (0, 3), (1, 0)}:  # [], no rows, and [[]]
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:

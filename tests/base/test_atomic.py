@@ -54,6 +54,22 @@ def held(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+def test_an_empty_folder_is_free_while_it_is_empty(tmp_path: Path) -> None:
+    place, link = tmp_path / "place", tmp_path / "link"
+    place.mkdir()
+    link.symlink_to("place")
+    with pytest.raises(UsageError, match="it exists"), new_folder(place, overwrite=False):
+        (place / "theirs").write_bytes(b"precious")
+    assert held(tmp_path) == {"place/theirs": b"precious"}
+    (place / "theirs").unlink()
+    for path in (link, place):
+        with new_folder(path, overwrite=False) as folder:
+            (folder / "a").write_bytes(b"new")
+    assert held(tmp_path) == {"place/a": b"new", "link/a": b"new"}
+    assert {path.name for path in tmp_path.iterdir()} == {"place", "link"}
+    assert not link.is_symlink()
+
+
 def raiser(error: BaseException, after: int = 0) -> Callable[..., Any]:
     """Return what stands in for a call of the system: after so many calls it raises `error`."""
     calls = iter(range(after + 1))

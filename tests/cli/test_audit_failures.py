@@ -10,7 +10,9 @@ import pytest
 
 import msb as library
 from msb.asset import build_asset
-from tests.cli.conftest import Here, Msb
+from msb.repair.run import what_is_left
+from msb.topology import audit_arrays
+from tests.cli.conftest import Here, Msb, mesh_file
 from tests.conftest import ROOT, TETRAHEDRON
 
 
@@ -33,3 +35,13 @@ def test_a_peer_that_disagrees_fails_the_audit(here: Here, monkeypatch: pytest.M
     done = here("audit", "-q", "--cross-check", asset)
     assert done.status == 1
     assert f"CROSS_CHECK_DISAGREES: {asset}: igl says components is 2, we say 1" in done.err
+
+
+def test_a_soup_with_a_degenerate_row_is_called_a_soup_throughout(here: Here, tmp_path: Path) -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [1, 0, 5], [0, 1, 5]], np.float64)
+    mesh = mesh_file(tmp_path / "a.ply", points, np.array([[0, 1, 2], [3, 4, 5], [0, 0, 1]]))
+    said = here("audit", mesh).out
+    assert "\ntriangle soup, 6 vertices, 3 faces" in said
+    assert "Every edge is a boundary edge: that is what a triangle soup means." in said
+    left = what_is_left(audit_arrays(points, [[0, 1, 2], [3, 4, 5], [0, 0, 1]])[0])
+    assert left[0] == "6 boundary edges: a soup stays one, because no two of its corners coincide"

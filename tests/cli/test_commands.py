@@ -117,6 +117,11 @@ def test_wrong_usage_is_one_line_that_says_what_was_meant(msb: Msb, line: str, s
         ("render --turntable 2 --film a.gif --name {index} y", "--name needs --out FOLDER"),
         ("report --paper --table mesh_connectivity -o OUT", "--out does not go with --table"),
         ("report --allow-mixed -o OUT a.zip", "--allow-mixed does not go with submissions"),
+        ("audit --version y", "--version stands alone, without PATH"),
+        ("audit --version --fail-on faces>1", "--fail-on does not go with --version"),
+        ("audit --version --explain faces", "--explain does not go with --version"),
+        ("audit --explain faces --profile game", "--profile does not go with --explain"),
+        ("audit --explain faces --fail-on-verdict bad", "--fail-on-verdict does not go with --explain"),
     ],
 )
 def test_an_option_that_would_change_nothing_is_refused(refused: Refused, line: str, said: str) -> None:

@@ -20,7 +20,7 @@ import msb as library
 from msb.base.atomic import new_folder
 from msb.cli.app import app
 from msb.cli.defaults import single_commands
-from msb.cli.output import Output
+from msb.cli.output import Output, echo
 from msb.errors import OutputError, UsageError
 from tests.cli.conftest import Here, Msb, Refused, Result, mesh_file
 from tests.conftest import ROOT, TETRAHEDRON
@@ -221,6 +221,65 @@ def test_what_another_program_wrote_meanwhile_is_kept(
     said = f"OUTPUT_EXISTS: {out}: it exists; --force replaces it\n"
     assert (result.status, result.err[-len(said) :]) == (2, said), result
     assert out.read_text() == "precious"
+
+
+@pytest.mark.parametrize("line", ["repair --compare --task none {mesh} {out}", "trial --save {out} {mesh}"])
+def test_what_came_into_an_empty_folder_is_kept_and_what_was_measured_is_said(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    out, mesh = tmp_path / "out", mesh_file(tmp_path / "m.off", *TETRAHEDRON)
+    out.mkdir()
+
+    def measure(*_: object, **__: object) -> Any:
+        (out / "theirs").write_text("precious")
+        # As it is found if the file comes a moment later.
+        monkeypatch.setattr("msb.base.atomic._is_empty", lambda _: True)
+        one = {"outcome": "works", "seconds": 1.0, "says": "", "why": "", "files": ["a.glb"]}
+        trial = SimpleNamespace(task="uv", title="the table", **one)
+        cameras, counts = {"views": "round it"}, {"vertices": 4, "faces": 4}
+        return SimpleNamespace(trials=[trial], cameras=cameras, mesh=counts)
+
+    monkeypatch.setattr("msb.trial.run.try_asset", measure)
+    monkeypatch.setattr("msb.trial.repairs.compare", measure)
+    monkeypatch.setattr("msb.trial.repairs.document", lambda *_: {})
+    monkeypatch.setattr("msb.cli.repair._print", lambda *_: echo("the table"))
+    result = here(*line.format(out=out, mesh=mesh).split())
+    said = f"OUTPUT_EXISTS: {out}: it exists; --force replaces it\n"
+    assert (result.status, result.err[-len(said) :]) == (2, said), result
+    assert "the table" in result.out
+    assert "kept in" not in result.out
+    assert [path.name for path in out.iterdir()] == ["theirs"]
+
+
+def test_what_came_into_a_report_meanwhile_is_kept(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = ("report", "--paper", "--format", "csv", "-o", tmp_path / "out")
+    (tmp_path / "out").mkdir()
+    assert here(*line).status == 0
+    assert here(*line).status == 0
+
+    def make(*_: object, **__: object) -> dict[str, bytes]:
+        (tmp_path / "out" / "mine.txt").write_text("precious")
+        return {}
+
+    monkeypatch.setattr("msb.report.pages.report_files", make)
+    here(*line).ends(2, f"OUTPUT_EXISTS: {tmp_path / 'out'}: the report also holds mine.txt")
+    assert (tmp_path / "out" / "mine.txt").exists()
+
+
+def test_an_error_in_json_names_the_option_of_the_command(
+    here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, mesh, check = tmp_path / "a.csv", mesh_file(tmp_path / "m.off", *TETRAHEDRON), Output.check_free
+
+    def check_and_lose(output: Output, path: Path | None, *, folder: bool = False) -> None:
+        check(output, path, folder=folder)
+        out.write_text("precious")
+
+    monkeypatch.setattr(Output, "check_free", check_and_lose)
+    result = here("audit", "-q", "--json", "-", "--elements", out, "missing", mesh)
+    assert result.json[1]["error"] == {"code": "OUTPUT_EXISTS", "message": "it exists; --force replaces it"}
 
 
 def test_a_bake_and_a_submission_keep_it_too(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from msb.base.atomic import REPLACES
 from msb.bench.protocol import example, parse_protocol
 from msb.cli.run import RunOutput
 from msb.errors import UsageError
@@ -223,3 +224,14 @@ def test_json_replaces_that_of_a_run_and_nothing_else(here: Here, tmp_path: Path
     with pytest.raises(UsageError, match="it exists"):
         output.write_json({"schema": "msb.run/1"})
     assert file.read_text() == "precious"
+
+
+def test_a_run_names_no_option_that_it_has_not(here: Here, monkeypatch: pytest.MonkeyPatch) -> None:
+    def find_json(*_: object, **__: object) -> None:
+        raise UsageError("OUTPUT_EXISTS", f"it exists; {REPLACES}", file="a.json")
+
+    monkeypatch.setattr("msb.bench.run.run_protocol", find_json)
+    here("run", ROOT / "data_stubs" / "protocol.toml").ends(
+        2,
+        "OUTPUT_EXISTS: a.json: it exists; msb run replaces only what its --json wrote; name another file\n",
+    )

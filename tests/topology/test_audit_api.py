@@ -101,6 +101,11 @@ def test_asset_is_audited_with_its_path_and_method() -> None:
 # --- refused
 
 
+class _NoArray:
+    def __array__(self, *_: object, **__: object) -> None:
+        raise ValueError("it lies on another device")
+
+
 @pytest.mark.parametrize(
     ("faces", "words"),
     [
@@ -117,6 +122,7 @@ def test_asset_is_audited_with_its_path_and_method() -> None:
         (np.array([[0, 1, 2]], object), "dtype object"),
         ([[0, 1, 2**70]], "dtype object"),
         ([[0, 1, 2], [0, 1]], "faces has rows of different lengths"),
+        (_NoArray(), "faces is no array .it lies on another device.; it must be"),
         (np.zeros((1, 3), [("x", "i4")]), "it must hold integers"),
         (np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]), "masked"),
     ],
