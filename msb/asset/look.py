@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.activation import sigmoid
+from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0
 from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
 
@@ -184,11 +185,13 @@ def visible_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.bool_
     """Return a mask (F,) of the faces that an STE threshold leaves; None if there is no threshold or opacity.
 
     A face is shown if its opacity is above the threshold, both in float32, as in the official code
-    (GaodeRender/triangle-splatting). The standard tier reads opacity for nothing else.
+    (GaodeRender/triangle-splatting). The standard tier reads opacity for nothing else. Where
+    it is not of faces, `TRIASSET_BUFFER` refuses it.
     """
     if ste_threshold is None or "opacity" not in asset.buffers:
         return None
-    return np.asarray(sigmoid(asset.buffers["opacity"].reshape(-1)) > np.float32(ste_threshold))
+    opacity = required_buffer(asset, "opacity", asset.manifest.face_count)
+    return np.asarray(sigmoid(opacity) > np.float32(ste_threshold))
 
 
 def shown_faces(asset: Asset, ste_threshold: float | None) -> NDArray[np.uint32] | None:

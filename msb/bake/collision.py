@@ -281,10 +281,14 @@ def _nearer(points: Reals, seen: Reals, faces: Faces) -> Reals:
 
 
 def _fewer(solid: Part, count: int) -> Part:
-    """Return a surface of about so many faces, no more than it has."""
-    for fewer in (_AT_FIRST * count, count):  # at once it is far worse
-        solid = simpler(*solid, fewer)
-    return solid
+    """Return a surface of about so many faces, no more than it has; of more where it would lose its shape."""
+    finer = simpler(*solid, _AT_FIRST * count)  # at once it is far worse
+    made = simpler(*finer, count)
+    # On its way to faces that it cannot spare the library eats whole sides.
+    while count < len(made[1]) < len(finer[1]) and distances(spread(*finer)[0], *made).mean() > MID_AIR:
+        count *= 2
+        made = simpler(*finer, count)
+    return made
 
 
 def _fewer_far(surface: Part, count: int, space: Space) -> Part:

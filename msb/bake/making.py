@@ -45,6 +45,7 @@ _SEARCH, _SURFACE = 2 / 3, 0.4
 each of a surface's two searches: of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
 _FOR_SOLID: tuple[Geometry, ...] = ("fitted", "surface")
+_OPAQUE = "its triangles are opaque: where alpha cut them off they have the colour of what lies behind"
 _TEXTURED = 2
 """How many times as large as the views the pictures are whose pixels a texture has texels for."""
 
@@ -159,7 +160,8 @@ class Bake:
             notes.append(f"{why}: {compared(tried)}")
         if dropped := self._asset.manifest.face_count - len(mesh.faces):
             verb = "fewer" if dropped > 0 else "more"
-            notes.append(f"{abs(dropped):,} triangles {verb} than the model's")
+            plural = "s" if abs(dropped) > 1 else ""
+            notes.append(f"{abs(dropped):,} triangle{plural} {verb} than the model's")
         return mesh, Facts(chosen, unseen, tried, tuple(notes))
 
     def _chosen(self, made: dict[Geometry, Mesh], tried: dict[str, float]) -> tuple[Geometry, str]:
@@ -231,7 +233,8 @@ class Bake:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
         options = self._options
         if name == "kept":
-            return kept(self._asset, self._guide, shares), []
+            has_holes = self._asset.manifest.appearance.get("alpha_cutoff") is not None
+            return kept(self._asset, self._guide, shares), [_OPAQUE] if has_holes else []
         # A surface has its number of faces from the end, not from the soup that it is made of.
         most = options.faces if name == "fitted" else None
         if most not in self._soups:

@@ -19,6 +19,7 @@ from msb.bench.digest import describe_file, digest, stamp
 from msb.bench.documents import BakeDocument
 from msb.bench.folder import Results, check_run
 from msb.bench.models import Model, stored_size
+from msb.bench.parts import mask_files
 from msb.bench.photographs import Views, checked_scene, numbers_of
 from msb.bench.records import File
 from msb.errors import MsbError
@@ -81,7 +82,8 @@ def bake_key(
     """
     taught = [numbers_of(camera) for camera in scene.train]
     photographs = scene.train if options["teacher"] == "photographs" else ()
-    paths = (camera.image_path for camera in photographs)
+    masks = mask_files(scene) if photographs and scene.mask_source == "mask_folder" else ()
+    paths = (*(camera.image_path for camera in photographs), *masks)
     hashes = [file_sha256(path) for path in paths if path is not None and Path(path).is_file()]
     asset = model.asset.sha256
     tests = [views.cameras, views.photographs]

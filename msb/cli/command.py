@@ -392,6 +392,7 @@ def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: O
             checked_ending(path, each.label, each.option.endings)
         if path is not None and each.option.output == "file":
             output.check_free(path)
+            output.check_unnamed(path)
 
 
 _EXIT_TABLE = (

@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from msb.base.atomic import REPLACES, check_place, is_stream, new_file
-from msb.base.files import is_file, is_folder, map_file
+from msb.base.files import is_folder
 from msb.base.option import Option
 from msb.base.version import __version__
+from msb.cli.parts import is_made, names, own_place
 from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
-    import mmap
-
     from rich.console import Console
     from rich.table import Table
 
@@ -239,7 +238,7 @@ class Output:
                 check_place(path)  # says so: --force would not replace it
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._way_out}", file=path)
         check_place(path, folder=folder)
-        place = _own_place(path)
+        place = own_place(path)
         if replaced and place in self._checked:
             raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
         self._checked.add(place)
@@ -282,27 +281,22 @@ class Output:
         if place_of(path) in self._read:
             raise UsageError("USAGE", "it is an input; an output needs a place of its own", file=path)
         if self.force and os.path.lexists(path) and not is_folder(path) and not _is_log(path):
-            places = Path(os.path.abspath(path)), Path(_own_place(path))  # noqa: PTH100 - without links, and with
-            for label, folders in self._folders:
-                is_in = any(not folders.isdisjoint(place.parents) for place in places)
-                if is_in and not _is_made(path, min(folders)):
+            places = Path(os.path.abspath(path)), Path(own_place(path))  # noqa: PTH100 - without links, and with
+            inside = [
+                one for one in self._folders if any(not one[1].isdisjoint(place.parents) for place in places)
+            ]
+            # A model may lie in its scene: the nearest of such folders says what the file is.
+            for label, folders in sorted(inside, key=lambda one: len(os.path.realpath(min(one[1]))))[-1:]:
+                if not is_made(path, min(folders)):
                     text = f"it is a file of {label}, an input; an output needs a place of its own"
                     raise UsageError("USAGE", text, file=path)
 
     def check_unnamed(self, path: Path) -> None:
-        """Refuse to replace a file whose name stands in an input, or in a library of materials of that."""
-        named = re.compile(rb"(?<![\w.-])" + re.escape(os.fsencode(path.name)))
+        """Refuse to replace a file that an input names, or a library of materials of that."""
         for label, source in self._inputs if os.path.lexists(path) else ():
-            folder = os.path.realpath(source.parent)
-            if is_file(source) and Path(_own_place(path)).is_relative_to(folder):
-                text = map_file(source)
-                texts = [
-                    text,
-                    *(map_file(each) for each in source.parent.glob("*.mtl") if _holds(text, each)),
-                ]
-                if any(map(named.search, texts)):
-                    said = f"{label} names it, which makes it an input; an output needs a place of its own"
-                    raise UsageError("USAGE", said, file=path)
+            if names(source, path):
+                text = f"{label} names it, which makes it an input; an output needs a place of its own"
+                raise UsageError("USAGE", text, file=path)
 
     def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> None:
         """Refuse a folder with an input in it, or that `check` refuses, and without --force one to replace.
@@ -320,7 +314,7 @@ class Output:
         place = os.path.realpath(folder)
         for label, path in self._inputs if is_folder(folder) else ():
             # A link to an input would be lost, too.
-            if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), _own_place(path))):
+            if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), own_place(path))):
                 text = f"{label} lies in it; an output needs a place of its own"
                 raise UsageError("USAGE", text, file=folder)
 
@@ -393,27 +387,6 @@ def place_of(path: Path) -> object:
 def real_place(path: Path) -> str:
     """Return the place to which a path leads; of one that none can have, itself."""
     return os.path.realpath(path) if "\0" not in str(path) else str(path)
-
-
-def _own_place(path: Path) -> str:
-    """Return where the file or link of that name itself lies."""
-    return os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text an image
-
-
-def _is_made(path: Path, folder: Path) -> bool:
-    """Return whether a file in an input is what a command wrote there: a document, or of a model a look."""
-    from msb.api.inputs import is_input
-
-    ending = path.suffix.lower()
-    if ending in _TABLES or (ending in _LOOKS and is_input(folder)):
-        return True
-    with contextlib.suppress(OSError), path.open("rb") as file:
-        return _DOCUMENT.match(file.read(64)) is not None
-    return False
-
-
-def _holds(text: bytes | mmap.mmap, other: Path) -> bool:
-    return text.find(os.fsencode(other.name)) >= 0
 
 
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
@@ -512,11 +485,6 @@ def _check_log(path: Path) -> None:
         raise UsageError("USAGE", f"--log-file: a log is no {path.suffix} file; name another", file=path)
 
 
-_DOCUMENT = re.compile(rb'[\s\[{]*"schema": "msb\.')
-_TABLES = frozenset((".csv", ".html", ".vtp"))
-"""Endings of what no input holds."""
-_LOOKS = frozenset(".exr .gif .glb .gltf .jpg .mp4 .obj .off .png .stl .usd .usda .usdc .usdz".split())  # noqa: SIM905
-"""Endings of pictures and meshes, but PLY, of which no reader of a model's folder takes one."""
 _LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ERROR) ")
 _LOG_BEGINS_WITHIN = 100
 _LOG: list[IO[str]] = []

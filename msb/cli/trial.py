@@ -12,7 +12,7 @@ from msb.base.option import Argument, Option
 from msb.cli.camera_options import NO_CAMERAS, Drawing, Views
 from msb.cli.command import Rule, command, option_value
 from msb.cli.output import LinesOutput, Output, echo, report_error
-from msb.errors import GateFailed, UsageError, one_line
+from msb.errors import GateFailed, MsbError, UsageError, one_line
 
 if TYPE_CHECKING:
     from msb.trial.run import Trial, Trials
@@ -142,7 +142,7 @@ class _Run:
         from msb.trial.run import try_asset
 
         asset = open_asset(path, self.output)
-        result, kept = None, False
+        result, status = None, 0
         try:
             with (
                 nullcontext()
@@ -156,13 +156,15 @@ class _Run:
                     self.output.note(f"{one.task}: {_WORDS[one.outcome][0]}, {one.seconds:.1f} s", level=1)
 
                 result = try_asset(asset, self.tasks, **self.asked, keep=keep, watch=watch)
-            kept = self.save is not None
-        finally:  # it is said even if it cannot be kept: minutes of work
-            if result is not None:
-                self.say(result, one_line(str(path)), kept=kept)
+        except MsbError as error:  # it is said even if it cannot be kept: minutes of work
+            if result is None:
+                raise
+            self.output.reword(error)
+            status = report_error(error)
+        self.say(result, one_line(str(path)), kept=self.save is not None and not status)
         failed = (one for one in result.trials if one.task in self.gated and one.outcome in _FAILING)
         texts = (f"{one.task} {_FAILING[one.outcome]}: {one.why}" for one in failed)
-        status = max((report_error(GateFailed("GATE_FAILED", text, file=path)) for text in texts), default=0)
+        status = max(status, *(report_error(GateFailed("GATE_FAILED", text, file=path)) for text in texts), 0)
         return {**result.to_dict(), "path": str(path)}, status
 
     def say(self, result: Trials, name: str, *, kept: bool) -> None:

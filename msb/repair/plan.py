@@ -98,6 +98,7 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)
     steps = []
+    given: dict[str, float | str] = {}
     for word in plan.split(",") if isinstance(plan, str) else plan:
         step, *numbers = str(word).split(":")
         if step not in STEPS:
@@ -107,11 +108,15 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
         if len(numbers) > len(known):
             takes = ":".join((step, *(name.upper() for name in known)))
             raise UsageError("USAGE", f'"{shorten(str(word), 40)}" has too many numbers; it may be {takes}')
-        options |= {name: _number(name, text) for name, text in zip(known, numbers, strict=False)}
+        values = {name: _number(name, text) for name, text in zip(known, numbers, strict=False)}
+        if any(given.get(name, value) != value for name, value in values.items()):
+            text = f'"{shorten(str(word), 40)}" has other numbers than {step} before; a plan has one of each'
+            raise UsageError("USAGE", text)
+        given |= values
         steps.append(step)
     if not steps:
         raise UsageError("USAGE", f"the plan has no step; there are {', '.join(STEPS)}")
-    return Options(tuple(steps), **options).check()
+    return Options(tuple(steps), **(options | given)).check()
 
 
 def _number(name: str, text: str) -> float | str:

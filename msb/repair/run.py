@@ -36,10 +36,11 @@ _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
     "drop": ("drop", "orient", "debris"),
-    "debris": ("debris", "orient"),
+    "debris": ("debris",),
 }
 """Step -> steps after whose changes it has nothing to do if it had nothing to do before: a turned face stays
-where it is, debris goes as whole components, and no step finds more to do in its own result."""
+where it is, debris goes as whole components, and no step finds more to do in its own result. Where `orient`
+cuts what is one-sided, a component may fall apart."""
 _PARTING = frozenset({"pair", "cut", "drop"})
 """Steps after which no edge has more than two faces. `orient` lets them choose which stay together."""
 _MOST_ROUNDS = 16
@@ -220,7 +221,8 @@ def run_plan(
         same = (np.arange(len(points)), np.arange(len(faces)), np.zeros(len(faces), bool))
         return Outcome(buffers, domains, *same, tuple(shown), before, before)
     if seams is not None:
-        note = f"without its seams, at which {seams.doubles:,} vertices are doubled: UVs are by corner now"
+        doubled = "vertex is" if seams.doubles == 1 else "vertices are"
+        note = f"without its seams, at which {seams.doubles:,} {doubled} doubled: UVs are by corner now"
         shown[0] = replace(shown[0], notes=(note, *shown[0].notes))
     work.flush()
     after, _ = audit_arrays(

@@ -103,7 +103,8 @@ class Camera:
             text = f"split is {shorten(repr(self.split), 60)}; it must be {', '.join(SPLITS)} or None"
             raise SceneError("CAMERA_INVALID", text)
         if not 0 < self.unit < math.inf:
-            raise SceneError("CAMERA_FILE", f"unit is {self.unit}; it must be a positive length")
+            raise SceneError("CAMERA_INVALID", f"unit is {self.unit}; it must be a positive length")
+        values["unit"] = float(self.unit)  # a views.json cannot hold NumPy's
         for key, value in values.items():
             object.__setattr__(self, key, value)
 

@@ -86,6 +86,8 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]
+    if not len(near):
+        return None
     held = [_by_corner(name, values, faces, near) for name, values in attributes.items()]
     edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
     if not len(edges):
@@ -150,7 +152,8 @@ def _torn_edges(
     for values in held:
         differs |= (values[at] != values[at[beside]]).any(axis=(1, 2))
     differs = np.bincount(group, differs, len(size))[group] > 0
-    torn = differs & (size[group] == 2)
+    own = at[:, 0] // 3 == at[beside, 0] // 3  # both sides of a sliver: a face is not folded onto itself
+    torn = differs & (size[group] == 2) & (np.bincount(group, own)[group] < 2)
     alike = bool(((size[group] > 1) & ~differs).any())
     pairs = np.stack([rim, rim[beside]], axis=-1)[torn].reshape(-1, 2)
     return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(at[torn] // 3)), alike

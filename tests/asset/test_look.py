@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -16,6 +16,7 @@ from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.engines.engine import engine_mesh
+from msb.errors import AssetError
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import mesh_from_asset
 from msb.methods.two_dts.reference import straight_through
@@ -70,6 +71,17 @@ def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:
     assert np.array_equal(engine_mesh(asset, {}).numbers, shown)
     write_official(asset, tmp_path / "a.ply")
     assert len(read_mesh(tmp_path / "a.ply").faces) in (len(shown), 2 * len(shown))
+
+
+@pytest.mark.parametrize("domain", ["vertex", "corner"])
+def test_a_threshold_takes_no_other_opacities_for_those_of_faces(domain: str) -> None:
+    asset = soup("two_dts", random_triangles(1, 2))
+    buffers = {**asset.buffers, "opacity": np.zeros(6, np.float32)}
+    kept = {field.name: getattr(asset.manifest, field.name) for field in fields(Description)}
+    domains = {name: spec.domain for name, spec in asset.manifest.buffers.items()} | {"opacity": domain}
+    made = build_asset(buffers, domains, Description(**kept))
+    with pytest.raises(AssetError, match="opacity is 6; two_dts has 2"):
+        shown_faces(made, 0.75)
 
 
 @pytest.mark.parametrize("place", [0.1, 0.3, 0.7, 0.9])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import msb
 from msb.bake.apart import distances
 from msb.bake.collision import Collision, collision, kind_of, need_libraries
 from msb.bake.hulls import smallest_box
+from msb.bake.simpler import simpler
 from msb.errors import MeshError, UsageError
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
@@ -82,6 +84,19 @@ def test_a_closed_surface_gets_fewer_faces() -> None:
     assert 100 < len(made.mesh.faces) <= 200
     assert made.mean_distance < 0.01
     assert made.mid_air_share < 0.05
+
+
+def test_a_surface_that_so_few_faces_would_tear_down_keeps_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As decimation does to sides of flat boxes, whose slim faces it cannot spare."""
+    torn = ball(6, 0.05)
+
+    def stuck(points: NDArray[Any], faces: NDArray[Any], count: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        return (torn.vertices, torn.faces) if count < len(torn.faces) else simpler(points, faces, count)
+
+    monkeypatch.setattr("msb.bake.collision.simpler", stuck)
+    made = checked(collision(ball(), "mesh:50"))
+    assert len(torn.faces) < len(made.mesh.faces) <= 200
+    assert made.mean_distance < 0.01
 
 
 def test_a_surface_whose_vertices_are_only_doubled_is_closed() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import msb
+from msb.asset.texture import Sampler
 from msb.bake import making
 from msb.bake.kept import rejoined
 from msb.bake.options import Options
@@ -92,3 +93,30 @@ def test_charts_are_asked_for_where_faces_share_vertices(
     asset = asset_from_mesh(replace(mesh, faces=mesh.faces[:, [1, 0, 2]]))
     with nullcontext() if apart else pytest.raises(UsageError, match="xatlas is not installed"):
         Options("kept", color="texture").check_model(asset)
+
+
+@pytest.mark.parametrize("cutoff", [0.5, None])
+def test_that_kept_triangles_are_opaque_is_said(cutoff: float | None) -> None:
+    """What alpha cut off gets the colour of what was behind it."""
+    card = Mesh(
+        np.eye(3, dtype=np.float32),
+        np.array([[0, 1, 2]]),
+        vertex_uvs=np.array([[0, 0], [1, 0], [0, 1]], np.float32),
+        textures=(np.array([[[255, 0, 0, 255], [0, 255, 0, 0]]], np.uint8),),
+        sampler=Sampler(alpha_cutoff=cutoff),
+    )
+    views = all_round(4, (-1, 1), 3, side=32)
+    made = msb.bake(asset_from_mesh(card), cameras=views, geometry="kept", color="vertex", seconds=0)
+    assert any("triangles are opaque" in note for note in made.report.notes) == (cutoff is not None)
+
+
+@pytest.mark.parametrize(("lost", "said"), [(1, "1 triangle fewer"), (2, "2 triangles fewer")])
+def test_how_many_triangles_went_is_said(monkeypatch: pytest.MonkeyPatch, lost: int, said: str) -> None:
+    whole = ball(4)
+    monkeypatch.setattr(
+        making, "fitted", lambda *_, **__: (soup_of(replace(whole, faces=whole.faces[lost:])), [])
+    )
+    views = all_round(4, (-1, 1), 3, side=32)
+    model = asset_from_mesh(replace(whole, vertex_colors=None))
+    made = msb.bake(model, cameras=views, geometry="fitted", color="vertex", seconds=0)
+    assert f"{said} than the model's" in made.report.notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -74,6 +75,18 @@ def test_a_bake_is_another_where_any_input_is_and_the_same_wherever_it_lies() ->
     ]
     assert len(set(keys)) == len(keys)
     assert bake_key(_of(model, path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
+
+
+def test_masks_beside_photographs_that_teach_are_of_a_bake(tmp_path: Path) -> None:
+    root = Path(shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", tmp_path / "scan1"))
+    scene = replace(read_scene(root, dataset="dtu"), mask_source="mask_folder")
+    model: Any = SimpleNamespace(asset=File(path="a.triasset", bytes=1, sha256="0" * 64))
+    views: Any = SimpleNamespace(cameras="", photographs="")
+    before, after = [], []
+    for keys in (before, after):
+        keys += [bake_key(model, {"teacher": who}, {}, scene, views) for who in ("dedicated", "photographs")]
+        next((root / "mask").iterdir()).write_bytes(b"another")
+    assert [one == two for one, two in zip(before, after, strict=True)] == [True, False]
 
 
 def test_a_dry_run_names_what_a_surface_lacks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
+import time
 from pathlib import Path
 
 import pytest
 
 import msb as library
-from msb.cli.output import _LOG
+from msb.cli.output import _LOG, Output
+from msb.errors import UsageError
 from msb.meshes.files import write_whole
 from tests.cli.conftest import Here, Refused, mesh_file
 from tests.conftest import ROOT, TETRAHEDRON
@@ -78,6 +81,7 @@ def test_a_new_name_in_an_input_folder_and_an_old_one_beside_inputs_that_were_fo
         "info -q -f --json {at}/ck/info.json {at}/ck",
         "audit -q -f --jsonl {at}/ck/audit.jsonl --csv {at}/ck/audit.csv {at}/ck",
         "convert -q -f {at}/ck {at}/ck/mesh.glb",
+        "export -q -f {at}/ck {at}/ck/ck.triasset",
         "render -q -f -o {at}/ck/renders --turntable 1 --size 32x24 {at}/ck",
         "eval -q -f --background black --json {at}/sc/test/a.json {at}/sc/test {at}/sc/test",
         "eval -q -f --background black --csv {at}/sc/test/a.csv {at}/sc/test {at}/sc/test",
@@ -87,6 +91,47 @@ def test_what_a_command_wrote_into_an_input_it_writes_again(here: Here, inputs: 
     for _ in range(2):
         done = here(*line.format(at=inputs).split())
         assert (done.status, done.err) == (0, "")
+
+
+@pytest.mark.parametrize("name", ["figure.svg", "figure.pdf", "elements.npz", "ck.triasset"])
+def test_what_is_made_of_a_model_may_be_made_again_in_its_folder(inputs: Path, name: str) -> None:
+    output = Output(force=True)
+    output.keep("ASSET", inputs / "ck")
+    (inputs / "ck" / name).write_bytes(b"")
+    output.check_free(inputs / "ck" / name)
+
+
+@pytest.mark.parametrize("model", ["sc/ck", "bare"])
+def test_pictures_in_a_model_are_drawn_again_in_its_scene_or_of_no_known_method(
+    here: Here, inputs: Path, model: str
+) -> None:
+    shutil.move(inputs / "ck", inputs / "sc" / "ck")
+    (inputs / "bare").mkdir()
+    state = next((inputs / "sc" / "ck").rglob("*.pt"))
+    shutil.copy(state, inputs / "bare" / "model.pt")
+    for _ in range(2):
+        line = ("-q", "-f", "--scene", inputs / "sc", "--camera", 0, "-o", inputs / model / "renders")
+        assert here("render", *line, inputs / model).status == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "file"),
+    [
+        ("convert -f {at} {file}", "sugarfine_a.obj"),
+        ("view -q -f --screenshot {file} {at}", "sugarfine_a.png"),
+        ("view -q -f --screenshot {file} {at}", "lut0.png"),
+    ],
+)
+def test_a_mesh_or_picture_that_a_model_consists_of_is_a_part_of_it(
+    refused: Refused, tmp_path: Path, line: str, file: str
+) -> None:
+    write_whole(textured_cube("vertex"), tmp_path / "sugarfine_a.obj")
+    if file == "lut0.png":  # of another method
+        (tmp_path / file).write_bytes(b"mine")
+    before = (tmp_path / file).read_bytes()
+    said = refused(line.format(file=tmp_path / file, at=tmp_path))
+    assert said.startswith(f"USAGE: {tmp_path / file}: it is a file of ")
+    assert (tmp_path / file).read_bytes() == before
 
 
 def test_a_folder_is_not_replaced_with_an_input_that_a_search_found_in_it(
@@ -120,6 +165,46 @@ def test_what_a_mesh_file_names_is_an_input_too(
     assert {path.read_bytes() for path in tmp_path.iterdir() if path.suffix != ".obj"} == {*mine.values()}
     for _ in range(2):  # its own are replaced
         assert here(*command.split(), tmp_path / "in.obj", tmp_path / "other.obj").status == 0
+
+
+def test_a_texture_is_not_replaced_by_a_picture(refused: Refused, tmp_path: Path) -> None:
+    write_whole(textured_cube("vertex"), tmp_path / "a.obj")
+    before = (tmp_path / "a.png").read_bytes()
+    said = refused(f"view -q -f --screenshot {tmp_path / 'a.png'} {tmp_path / 'a.obj'}")
+    assert said.endswith("ASSET names it, which makes it an input; an output needs a place of its own")
+    assert (tmp_path / "a.png").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "is_named"),
+    [
+        ("a.gltf", '{"uri": "my%20own.png"}', True),
+        ("a.glb", '{"images":[{"name" : "my own.png"}]}', False),
+        ("a.usdz", "my own.png", False),  # it holds its images
+        ("a.obj", "# not my own.png", True),
+        ("a.obj", "# not_my own.png, notmy own.png", False),
+        ("a.triasset", "my own.png", False),
+    ],
+)
+def test_a_name_in_a_mesh_file_is_a_file_beside_it(
+    tmp_path: Path, name: str, text: str, is_named: bool
+) -> None:
+    (tmp_path / name).write_text(text)
+    (tmp_path / "my own.png").write_bytes(b"")
+    output = Output(force=True)
+    output.keep("IN", tmp_path / name)
+    with pytest.raises(UsageError) if is_named else contextlib.nullcontext():
+        output.check_unnamed(tmp_path / "my own.png")
+
+
+def test_a_large_mesh_is_searched_for_a_name_in_no_time(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_bytes(b"v 0.123 0.234 0.567\n" * 1_500_000)
+    (tmp_path / "b.png").write_bytes(b"")
+    output = Output(force=True)
+    output.keep("IN", tmp_path / "a.obj")
+    start = time.process_time()
+    output.check_unnamed(tmp_path / "b.png")
+    assert time.process_time() - start < 0.2
 
 
 def test_a_log_is_not_called_like_an_input(refused: Refused, tmp_path: Path) -> None:

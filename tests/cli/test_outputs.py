@@ -223,7 +223,14 @@ def test_what_another_program_wrote_meanwhile_is_kept(
     assert out.read_text() == "precious"
 
 
-@pytest.mark.parametrize("line", ["repair --compare --task none {mesh} {out}", "trial --save {out} {mesh}"])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "repair --compare --task none {mesh} {out}",
+        "trial --save {out} {mesh}",
+        "trial --json - --save {out} {mesh}",
+    ],
+)
 def test_what_came_into_an_empty_folder_is_kept_and_what_was_measured_is_said(
     here: Here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
 ) -> None:
@@ -237,7 +244,8 @@ def test_what_came_into_an_empty_folder_is_kept_and_what_was_measured_is_said(
         one = {"outcome": "works", "seconds": 1.0, "says": "", "why": "", "files": ["a.glb"]}
         trial = SimpleNamespace(task="uv", title="the table", **one)
         cameras, counts = {"views": "round it"}, {"vertices": 4, "faces": 4}
-        return SimpleNamespace(trials=[trial], cameras=cameras, mesh=counts)
+        data = {"schema": "msb.trial/1", "said": "the table"}
+        return SimpleNamespace(trials=[trial], cameras=cameras, mesh=counts, to_dict=lambda: data)
 
     monkeypatch.setattr("msb.trial.run.try_asset", measure)
     monkeypatch.setattr("msb.trial.repairs.compare", measure)

@@ -194,6 +194,15 @@ def test_meshes_without_proper_faces_and_with_doubles_are_repaired_too(faces: np
     assert done.after.counts.nonmanifold_edges == 0
 
 
+def test_debris_that_a_cut_of_what_is_one_sided_parts_goes_too() -> None:
+    faces = np.concatenate([strip(8, 2), [[1, 4, 24]]])  # a third face at an edge of the strip
+    buffers = {"positions": np.random.default_rng(1).random((25, 3)), "indices": faces}
+    for plan in ("debris:2,orient", "orient,debris:2"):
+        done = run_plan(buffers, {}, parse_plan(plan))
+        assert (done.before.counts.nonmanifold_edges, done.after.counts.components) == (1, 1)
+        assert len(done.face_map) == len(faces) - 1
+
+
 def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
     points = BOOK[0].astype(np.float64) + 1e-12
     colors, shades = np.arange(15, dtype=np.uint8).reshape(5, 3), np.arange(9, dtype=np.uint8).reshape(3, 3)
@@ -214,6 +223,7 @@ def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
         ({"plan": "weld:0.1:2"}, "USAGE"),
         ({"plan": "orient:1"}, "USAGE"),
         ({"plan": "debris:few"}, "USAGE"),
+        ({"plan": "debris:1,close,debris:2"}, "USAGE"),
         ({"plan": "close:8:-1"}, "USAGE"),
         ({"close_edges": -1}, "USAGE"),
         ({"weights": np.ones(3), "plan": "drop"}, "USAGE"),

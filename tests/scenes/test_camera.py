@@ -142,11 +142,12 @@ def test_equal_cameras_are_equal_and_hash_alike() -> None:
 def test_numpy_and_integer_arguments_become_python_numbers() -> None:
     camera = Camera(
         np.int32(5), np.uint64(6), np.float32(1.5), 2, np.int64(3), 0, np.eye(4, dtype=np.float32), "n",
-        "images/n.png", [10, 12], "test",
+        "images/n.png", [10, 12], "test", np.float32(2),
     )  # fmt: skip
     assert [type(value) for value in (camera.width, camera.height, camera.fx, camera.fy, camera.cx)] == [
         int, int, float, float, float
     ]  # fmt: skip
+    assert type(camera.unit) is float
     assert camera.world_to_camera.dtype == np.float64
     assert camera.source_size == (10, 12)
     assert str(camera.image_path) == "images/n.png"
@@ -181,6 +182,7 @@ BAD = {
     "surrogate": ({"name": "a\ud800"}, "surrogate"),
     "bad source size": ({"source_size": (5, 0)}, "height is 0"),
     "split": ({"split": "Test"}, "it must be train, val, test or None"),
+    "unit": ({"unit": 0}, "unit is 0; it must be a positive length"),
 }
 
 

@@ -114,6 +114,19 @@ def test_doubles_for_no_uv_or_colour_are_no_seams() -> None:
     assert MERGED in found.sentence
 
 
+def test_rows_that_name_a_vertex_twice_have_no_seam() -> None:
+    points = np.concatenate([POINTS, POINTS + 9, POINTS[:1] + 9])
+    faces = np.concatenate([FACES[:3], [[4, 4, 8]]])  # the only face whose vertices are doubled
+    found, _ = audit_arrays(points, faces, attributes={"uv": np.random.default_rng(1).random((9, 2))})
+    assert (found.seams, found.counts.repeated_index_faces) == (None, 1)
+
+
+def test_both_sides_of_a_sliver_are_no_seam() -> None:
+    points = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0]], np.float32)
+    found, _ = audit_arrays(points, [[0, 1, 2]], attributes={"uv": np.eye(3, 2)})
+    assert (found.seams, found.judged.counts.repeated_index_faces) == (None, 0)
+
+
 def test_doubles_of_a_format_that_needs_none_are_seams_where_uvs_of_corners_differ() -> None:
     points, faces, uvs = doubled(*CUBE, CUBE_UVS)  # as an OBJ that an engine wrote
     by_corner = {"corner_uv": uvs[faces.reshape(-1)]}
