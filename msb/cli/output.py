@@ -75,7 +75,7 @@ class Output:
     _checked: set[str] = field(default_factory=set, init=False)
     _inputs: list[tuple[str, Path]] = field(default_factory=list, init=False)
     _read: set[object] = field(default_factory=set, init=False)
-    _folders: list[tuple[str, set[Path]]] = field(default_factory=list, init=False)
+    _folders: dict[Path, str] = field(default_factory=dict, init=False)
     _written: list[Path] = field(default_factory=list, init=False)
     _replaced: list[Path] = field(default_factory=list, init=False)
     _way_out: ClassVar[str] = "--force replaces it"
@@ -259,7 +259,8 @@ class Output:
         self._inputs.append((label, path))
         self._read.add(place_of(path))
         if not searched and is_folder(path):
-            self._folders.append((label, {Path(os.path.abspath(path)), Path(os.path.realpath(path))}))  # noqa: PTH100
+            places = Path(os.path.abspath(path)), Path(os.path.realpath(path))  # noqa: PTH100 - as in check_apart
+            self._folders.update(dict.fromkeys(places, label))
 
     def keep_found(self, inputs: Iterable[Path]) -> None:
         """Remember the inputs that a typed folder or pattern stands for; refuse outputs that are one."""
@@ -282,14 +283,13 @@ class Output:
             raise UsageError("USAGE", "it is an input; an output needs a place of its own", file=path)
         if self.force and os.path.lexists(path) and not is_folder(path) and not _is_log(path):
             places = Path(os.path.abspath(path)), Path(own_place(path))  # noqa: PTH100 - without links, and with
-            inside = [
-                one for one in self._folders if any(not one[1].isdisjoint(place.parents) for place in places)
-            ]
+            inside = [each for place in places for each in place.parents if each in self._folders]
             # A model may lie in its scene: the nearest of such folders says what the file is.
-            for label, folders in sorted(inside, key=lambda one: len(os.path.realpath(min(one[1]))))[-1:]:
-                if not is_made(path, min(folders)):
-                    text = f"it is a file of {label}, an input; an output needs a place of its own"
-                    raise UsageError("USAGE", text, file=path)
+            folder = max(inside, key=lambda each: len(os.path.realpath(each)), default=None)
+            if folder is not None and not is_made(path, folder):
+                label = self._folders[folder]
+                text = f"it is a file of {label}, an input; an output needs a place of its own"
+                raise UsageError("USAGE", text, file=path)
 
     def check_unnamed(self, path: Path) -> None:
         """Refuse to replace a file that an input names, or a library of materials of that."""

@@ -10,6 +10,7 @@ import signal
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -475,7 +476,8 @@ def test_temporary_files_without_room_are_said_to_be_so(
             raise OSError(28, "No space left on device")
 
     model, cameras = files
-    monkeypatch.setattr("msb.bake.lessons.tempfile.TemporaryFile", Full)
+    # Of that module alone: others make temporary files as well, the first time that OpenCL is used.
+    monkeypatch.setattr("msb.bake.lessons.tempfile", SimpleNamespace(TemporaryFile=Full))
     result = here("bake", "--geometry", "kept", "--cameras", cameras, model, "-o", model.parent / "a.glb")
     said = "temporary files cannot be written: No space left on device; TMPDIR names another folder"
     result.ends(3, "OUTPUT_UNWRITABLE: ")
