@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 
 import msb
-from msb.cli.audit_text import print_audit
+from msb.api.commands.audit_text import print_audit
 from msb.cli.output import Output
 
 HERE = Path(__file__).parent

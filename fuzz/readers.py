@@ -271,6 +271,6 @@ def published(path: Path) -> None:
 
 
 def benchmark(path: Path) -> None:
-    from msb.cli.bench import _read_old
+    from msb.bench.commands.bench import _read_old
 
     _read_old(path)

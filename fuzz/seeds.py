@@ -324,7 +324,7 @@ def published() -> list[bytes]:
 
 
 def benchmarks() -> list[bytes]:
-    from msb.cli.bench import SCHEMA
+    from msb.bench.commands.bench import SCHEMA
 
     tables = {
         "device_ms": {"p50": 1.5},

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
-from msb.base.callable_packages import make_callable
-from msb.render.frame import Frame
-from msb.render.renderer import Renderer, render
+from typing import TYPE_CHECKING
+
+from msb.base.lazy import make_lazy
+
+if TYPE_CHECKING:
+    from msb.render.frame import Frame
+    from msb.render.renderer import Renderer, render
 
 __all__ = ["Frame", "Renderer", "render"]
 
-make_callable(__name__, render)
+make_lazy(
+    __name__,
+    {"Frame": "msb.render.frame", "Renderer": "msb.render.renderer", "render": "msb.render.renderer"},
+)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from msb.base.callable_packages import make_callable
-from msb.base.limits import Limits
-from msb.trial.run import Trial, trial
+from typing import TYPE_CHECKING
+
+from msb.base.lazy import make_lazy
+
+if TYPE_CHECKING:
+    from msb.base.limits import Limits
+    from msb.trial.run import Trial, trial
 
 __all__ = ["Limits", "Trial", "trial"]
 
-make_callable(__name__, trial)
+make_lazy(__name__, {"Limits": "msb.base.limits", "Trial": "msb.trial.run", "trial": "msb.trial.run"})

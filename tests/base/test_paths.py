@@ -18,7 +18,7 @@ from msb.asset import validate
 from msb.base.files import file_sha256
 from msb.base.paths import SpelledFiles
 from msb.bench.renders import find_renders
-from msb.cli.camera_options import Views
+from msb.render.options import Views
 from msb.errors import InputError, MetricError, SceneError
 from msb.metrics.dtu_data import read_dtu_scan
 from msb.report.results import read_results

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from msb.bench.machine import OF_THE_MOMENT
+from msb.render.machine import OF_THE_MOMENT
 from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import read_result

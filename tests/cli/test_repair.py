@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import msb as library
-from msb.cli.repair import print_table
+from msb.repair.command import print_table
 from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import asset_from_mesh

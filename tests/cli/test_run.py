@@ -9,7 +9,7 @@ import pytest
 
 from msb.base.atomic import REPLACES
 from msb.bench.protocol import example, parse_protocol
-from msb.cli.run import RunOutput
+from msb.bench.commands.run import RunOutput
 from msb.errors import UsageError
 from msb.scenes.datasets import DATASETS
 from tests.cli.conftest import Here, Msb

@@ -29,7 +29,7 @@ from data_stubs.make import write_checkpoint
 from msb.adapters import export
 from msb.asset import write_asset
 from msb.base.atomic import is_leftover
-from msb.bench.machine import OF_THE_MOMENT
+from msb.render.machine import OF_THE_MOMENT
 from msb.bench.records import read_result
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol

@@ -71,7 +71,7 @@ def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str
 @pytest.mark.parametrize(("raised", "status"), [("KeyboardInterrupt", 130), ("SystemExit(143)", 143)])
 def test_what_objects_to_being_closed_does_not_hide_why(raised: str, status: int) -> None:
     code = (
-        "import sys\nimport msb.cli.info as info\nimport msb.asset\n"
+        "import sys\nimport msb.api.commands.info as info\nimport msb.asset\n"
         f"def load(*args):\n    try:\n        raise {raised}\n"
         "    finally:\n        raise ValueError('open')\n"
         "msb.asset.load = load\nsys.argv = ['msb', 'info', 'data_stubs/splat_like.triasset']\n"
@@ -84,7 +84,7 @@ def test_what_objects_to_being_closed_does_not_hide_why(raised: str, status: int
 def test_a_signal_that_is_ignored_stays_so(tmp_path: Path) -> None:
     code = (
         "import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "import msb.cli.info as info\nimport msb.asset\nload = msb.asset.load\n"
+        "import msb.api.commands.info as info\nimport msb.asset\nload = msb.asset.load\n"
         "def hang_up(*args):\n    os.kill(os.getpid(), signal.SIGHUP)\n    return load(*args)\n"
         "msb.asset.load = hang_up\nsys.argv = ['msb', 'info', 'data_stubs/splat_like.triasset']\n"
         "from msb.cli import main\nmain()"
