@@ -17,26 +17,33 @@ from benchmarks.official import SCHEMA, tables
 from benchmarks.repair_figures import repair_tables, trial_table
 
 HERE = Path(__file__).parent
-RESULTS, PAGES = HERE / "results", HERE / "pages"
+RESULTS, PAGES, README = HERE / "results", HERE / "pages", HERE / "README.md"
 TITLES = {
     "audit": "Speed of the audit",
     "bake": "Baked meshes",
     "before": "Speed against an earlier commit",
     "dedicated": "Speed of the dedicated tier",
     "delivery": "Compressed GLB files",
+    "diffsoup": "DiffSoup on the dedicated tier",
     "endurance": "Resources of long processes",
     "engines": "Engines beside our renderers",
     "export": "Speed and memory of the export",
     "mesh": "Mesh libraries and damaged files",
     "official": "Official checkpoints",
     "opened": "GLB files opened in engines",
+    "porting": "Mistakes of a port",
     "primitives": "Scan, sort and scratch buffers",
+    "reference": "Reference renderers",
     "repair": "Repairs",
     "scale": "Ten million triangles",
     "sizes": "One and four million faces",
     "standard": "Speed of the standard tier",
+    "trained": "Models of our trainer",
+    "training": "Speed of our trainer",
     "trial": "Trials",
+    "viewer": "The viewer on large meshes",
     "weigh": "Weighing faces",
+    "why": "Causes of a worse look",
 }
 """First word of a result -> title of its page; a word that is not here is the title itself."""
 
@@ -595,10 +602,20 @@ def pages() -> dict[str, str]:
     }
 
 
+def readme(made: Iterable[str]) -> str:
+    """Return the README with links to these pages at its end."""
+    head, mark, _ = README.read_text(encoding="utf-8").partition("## Pages\n")
+    titles = {name: TITLES.get(word := Path(name).stem, word.capitalize()) for name in sorted(made)}
+    return (
+        f"{head}{mark}\n" + "\n".join(f"- [{title}](pages/{name})" for name, title in titles.items()) + "\n"
+    )
+
+
 def main() -> None:
-    """Write every page, and delete those whose results are gone."""
+    """Write every page and the links to them, and delete pages whose results are gone."""
     made = pages()
     PAGES.mkdir(exist_ok=True)
+    README.write_text(readme(made), encoding="utf-8")
     for path in PAGES.glob("*.md"):
         if path.name not in made:
             path.unlink()

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import pages
 from tests.conftest import ROOT
 
 SMALL = {
@@ -47,3 +48,11 @@ def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) 
 @pytest.mark.slow
 def test_endurance_is_tried() -> None:
     run("benchmarks.endurance", "renders", "--share", "0.01")
+
+
+def test_pages_are_what_the_results_say() -> None:
+    """Else: python -m benchmarks.pages."""
+    made = pages.pages()
+    assert made == {path.name: path.read_text(encoding="utf-8") for path in pages.PAGES.glob("*.md")}
+    assert pages.readme(made) == pages.README.read_text(encoding="utf-8")
+    assert {path.suffix for path in pages.RESULTS.iterdir()} == {".json"}

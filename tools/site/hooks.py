@@ -1,31 +1,40 @@
-"""What the site needs beside docs/: files of the root as pages, links by titles, the code's own tables.
+"""What the site needs beside docs/: pages of other folders, links by titles, the code's own tables.
 
 MkDocs calls these functions by their names (mkdocs.yml, hooks).
 """
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
 
-from docs.tables import AT_THE_END
+from tools.site.tables import AT_THE_END
 
-ROOT = Path(__file__).parent.parent
-PAGES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md", "SECURITY.md": "security.md"}
-"""File beside docs/ -> the page that it is."""
+ROOT = Path(__file__).parents[2]
+MEASURED = sorted((ROOT / "benchmarks" / "pages").glob("*.md"))
+PAGES = {
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "benchmarks/README.md": "measurements/index.md",
+    **{f"benchmarks/pages/{path.name}": f"measurements/{path.name}" for path in MEASURED},
+}
+"""File beside docs/ -> its page on the site."""
 TAGS = re.compile(r"(<[^>]*>)")
 OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*")
 BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|dB|[kKMGT]i?B|ms|s)(?!\w))")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages that lie in the root, for GitHub's sake."""
+    """Add the pages that lie outside of docs/: those of the root and of benchmarks/."""
     from mkdocs.structure.files import File
 
     for name, page in PAGES.items():
         text = (ROOT / name).read_text(encoding="utf-8")
-        text = re.sub(r"\]\(docs/", "](", text)
+        text = re.sub(r"\]\((?:\.\./)?docs/", "](" + "../" * page.count("/"), text)
+        text = re.sub(r"\]\(pages/", "](", text)
         files.append(File.generated(config, page, content=text))
     return files
 
@@ -47,7 +56,7 @@ def _by_title(folder: Path, target: str, anchor: str | None) -> str:
     """Return the link with the title of the section or page as its text, where the text was a file's name."""
     from markdown.extensions.toc import slugify
 
-    place = folder / target
+    place = Path(os.path.normpath(folder / target))  # a page of another folder has none in docs/
     text = (place if place.exists() else ROOT / target).read_text(encoding="utf-8")
     heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     title = next((head for head in heads if slugify(head, "-") == anchor), heads[0])
@@ -75,7 +84,7 @@ def on_post_template(output_content: str, **_: Any) -> str:
 
 def on_post_page(output: str, **_: Any) -> str:
     """Put our own script in the place of one that the search plugin would fetch from elsewhere."""
-    shim = (ROOT / "docs" / "search_frame.js").read_text(encoding="utf-8")
+    shim = Path(__file__).with_name("search_frame.js").read_text(encoding="utf-8")
     output = re.sub(
         r'<script src="https://unpkg[^"]*"></script>', lambda _: f"<script>{shim}</script>", output
     )
