@@ -57,6 +57,8 @@ def percent(share: float, digits: int) -> str:
 def generic(record: Any) -> Iterator[str]:
     """Yield the tables of a record: its plain values, then each list of rows and each part."""
     plain = {key: value for key, value in record.items() if not _is_part(value)}
+    if "what" in plain:
+        yield f"{plain.pop('what')}."
     if plain:
         yield table(["figure", "value"], [(label(key), value) for key, value in plain.items()])
     for key, value in record.items():

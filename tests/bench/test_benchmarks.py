@@ -16,6 +16,7 @@ SMALL = {
     "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
     "before": "HEAD --faces 2000 --rounds 1 --row standard/mesh_splatting",
     "bake_scale": "--faces 2000 --views 3 --size 64 48 --geometry kept",
+    "delivery": "data_stubs/models/pebble/two_dts",
     "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
     "export": "--triangles 2000 --rounds 1",
     "repair": "--sizes 5 --rounds 1",
