@@ -9,12 +9,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from typer import Context
 from typer.main import get_command
 
 import msb
 from data_stubs.make import splat_like_asset
 from msb.cli.app import app
-from msb.cli.defaults import single_commands
 from msb.errors import EXIT_STATUS, AssetError, CheckpointError, MeshFileError, SceneError
 from msb.metrics.registry import IMAGE_METRICS
 from tests.conftest import ROOT
@@ -93,10 +93,12 @@ def test_the_reference_has_everything_public() -> None:
 @pytest.mark.slow
 def test_docs_have_a_word_on_every_option_and_metric() -> None:
     said = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", "".join(PAGES.values())))
+    root = get_command(app)
+    context = Context(root)
     silent = {
         f"msb {name} {'/'.join(param.opts)}"
-        for name, command in single_commands(get_command(app)).items()
-        for param in command.params
+        for name in root.list_commands(context)
+        for param in root.get_command(context, name).params
         if param.param_type_name == "option" and said.isdisjoint(param.opts)
     }
     assert not silent
