@@ -21,7 +21,7 @@ from tests.conftest import ROOT
 
 PAGES = {path: path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")}
 README = ROOT / "README.md"
-SOURCES = ("msb", "viewers", "tests", "fuzz", "docs", "benchmarks", "data_stubs")
+SOURCES = ("msb", "viewers", "tests", "fuzz", "docs", "tools", "benchmarks", "data_stubs")
 WITH_EXAMPLES = sorted(
     path.relative_to(folder).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
     for folder, package in ((ROOT, "msb"), (ROOT / "viewers", "msb_viewers"))
