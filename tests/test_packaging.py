@@ -73,7 +73,7 @@ def test_sdist_holds_what_is_needed_to_build_test_and_read(built: Path, wheel: P
         "Makefile",
         "pyproject.toml",
         "docs/guides/trained.md",
-        "js/package.json",
+        "integrations/js/package.json",
         "mkdocs.yml",
     ):
         assert (tree / name).is_file(), name

@@ -42,7 +42,7 @@ def test_one_place_is_marked_for_the_address() -> None:
     assert set(PROJECT["urls"].values()) == {PLACE, f"{PLACE}/issues", f"{PLACE}/blob/main/CHANGELOG.md"}
     assert of_yaml("CITATION.cff")["repository-code"] == PLACE
     assert of_yaml("conda/recipe.yaml")["about"]["repository"] == PLACE
-    package = json.loads((ROOT / "js" / "package.json").read_text())
+    package = json.loads((ROOT / "integrations" / "js" / "package.json").read_text())
     assert package["repository"]["url"] == f"git+{PLACE}.git"
     assert f"{PLACE}/actions/workflows/ci.yml" in (ROOT / "README.md").read_text()
 
