@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
+
 from msb.bake.report import Psnr, Report
 from msb.bake.run import Baked, bake
-from msb.base.callable_packages import make_callable
+from msb.base.callable_packages import CallablePackage
 
 __all__ = ["Baked", "Psnr", "Report", "bake"]
 
-make_callable(__name__, bake)
+sys.modules[__name__].__class__ = CallablePackage

@@ -1,39 +1,27 @@
-"""Packages of the public API that are called like the function of their name, such as `msb.render`."""
+"""Packages of the public API that can be called like the function of their name, such as `msb.render`."""
 
 from __future__ import annotations
 
 import inspect
-import sys
-from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
 
-class _Callable(ModuleType):
-    _function: Callable[..., Any]
+class CallablePackage(ModuleType):
+    """A package whose call is that of its function of the same name: ``msb.render(asset, camera)``.
+
+    Importing the package `msb.render` sets the attribute `render` of `msb` to this package, so no
+    `__getattr__` of `msb` can return the function instead. A package opts in by
+    ``sys.modules[__name__].__class__ = CallablePackage``.
+    """
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         return self._function(*args, **kwargs)
 
     @property
-    def __signature__(self) -> inspect.Signature:
+    def __signature__(self) -> inspect.Signature:  # what editors show
         return inspect.signature(self._function)
 
-
-def make_callable(name: str, function: Callable[..., Any]) -> None:
-    """Let the package `name` be called as `function`, and `help` of it show how.
-
-    ``msb.render(asset, camera)`` is then the function, whatever was imported first, and ``msb.render.images``
-    still is a module.
-    """
-    package: Any = sys.modules[name]
-    package.__class__ = _Callable
-    package._function = function
-    summary, _, rest = (inspect.getdoc(function) or "").partition("\n\n")
-    parameters = [
-        one.replace(annotation=one.empty) for one in inspect.signature(function).parameters.values()
-    ]
-    about = inspect.cleandoc(package.__doc__ or "")
-    package.__doc__ = (
-        f"{summary}\n\nCall it: {name}{inspect.Signature(parameters)}\n\n{rest}\n\nThe package: {about}"
-    )
+    @property
+    def _function(self) -> Any:
+        return getattr(self, self.__name__.rpartition(".")[2])

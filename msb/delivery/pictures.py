@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
+from msb.base.soup import is_unindexed
 from msb.errors import DeviceError
 from msb.meshes.formats import FORMATS, Style, Web
 
@@ -80,7 +81,7 @@ def web_style(pictures: Pictures) -> tuple[Style, str]:
 
 def _coarsest(pictures: Pictures) -> tuple[Style, str]:
     """Try what each part may lose by itself, whose noise adds, and take of all that the smallest file."""
-    from msb.meshes.glb_web import Grid, is_soup, srgb_of, stored_light
+    from msb.meshes.glb_web import Grid, srgb_of, stored_light
 
     mesh = as_glb(pictures.mesh)
     colors = mesh.vertex_colors
@@ -107,7 +108,7 @@ def _coarsest(pictures: Pictures) -> tuple[Style, str]:
         if colors is not None:
             shown = srgb_of(stored_light(colors, levels))
             room -= _noise(pictures.loss(replace(mesh, vertex_colors=shown)))
-        for by_distance in (False, True) if is_soup(mesh) else (False,):
+        for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
             web = Web(least(room, by_distance=by_distance), levels, by_distance, is_compact=False)
             ways.append((web.quarters == _FINEST, len(_file(mesh, _style(web))), web))
     web = min(ways, key=lambda way: way[:2])[2]

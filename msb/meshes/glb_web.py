@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import linear_to_srgb, srgb_to_linear
 from msb.base.extras import need_extra
+from msb.base.soup import is_unindexed
 from msb.meshes.colors import with_alpha
 from msb.meshes.face_order import compact_order
 from msb.meshes.glb_write import INDICES, VERTICES, Part, Parts, add_mesh, finish, root_of, split
@@ -57,7 +58,7 @@ class Grid:
         """
         positions = as_float32(mesh.vertices, "GLB").astype(np.float64)
         coarser = np.zeros(len(positions), np.int64)
-        if web.by_distance and is_soup(mesh):
+        if web.by_distance and is_unindexed(mesh.faces, len(mesh.vertices)):
             coarser = _by_distance(mesh, positions)
         bits, rest = divmod(min(web.quarters, _FINEST_BY_DISTANCE if coarser.any() else _FINEST), 4)
         low = positions.min(axis=0)
@@ -79,12 +80,6 @@ class Grid:
         """Positions (V, 3) as a file has them: uint16, or float32 where these do not fit."""
         short = self.whole.max() < 1 << 16 and not self.exponents.any()
         return self.whole.astype(np.uint16 if short else np.float32)
-
-
-def is_soup(mesh: Mesh) -> bool:
-    """Return whether every vertex is that of one face, so that no numbers need to say of which."""
-    corners = mesh.faces.reshape(-1)
-    return len(corners) == len(mesh.vertices) and bool((np.bincount(corners) == 1).all())
 
 
 def _by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -125,7 +120,7 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     made = []
     for part in split(mesh, attributes):
         assert part.faces is not None
-        if is_soup(mesh):
+        if is_unindexed(mesh.faces, len(mesh.vertices)):
             order = _soup_order(part, grid.exponents)
             made.append(_taken(part, order, None))
             if grid.exponents.any():

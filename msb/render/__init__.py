@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from msb.base.callable_packages import make_callable
+import sys
+
+from msb.base.callable_packages import CallablePackage
 from msb.render.frame import Frame
 from msb.render.renderer import Renderer, render
 
 __all__ = ["Frame", "Renderer", "render"]
 
-make_callable(__name__, render)
+sys.modules[__name__].__class__ = CallablePackage

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from msb.base.callable_packages import make_callable
+import sys
+
+from msb.base.callable_packages import CallablePackage
 from msb.repair.assets import Repaired, repair
 from msb.repair.plan import STEPS, Options
 
 __all__ = ["STEPS", "Options", "Repaired", "repair"]
 
-make_callable(__name__, repair)
+sys.modules[__name__].__class__ = CallablePackage

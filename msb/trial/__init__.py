@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from msb.base.callable_packages import make_callable
+import sys
+
+from msb.base.callable_packages import CallablePackage
 from msb.base.limits import Limits
 from msb.trial.run import Trial, trial
 
 __all__ = ["Limits", "Trial", "trial"]
 
-make_callable(__name__, trial)
+sys.modules[__name__].__class__ = CallablePackage

@@ -8,6 +8,7 @@ docs/worse.md shows every cause in pictures.
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ import numpy as np
 from msb.api.opening import as_asset
 from msb.asset.arguments import check_type
 from msb.asset.settings import with_settings
-from msb.base.callable_packages import make_callable
+from msb.base.callable_packages import CallablePackage
 from msb.render.splat.order import few_frames
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
@@ -169,4 +170,4 @@ def _measured(known: Known, views: Views) -> Cause:
     )
 
 
-make_callable(__name__, why)
+sys.modules[__name__].__class__ = CallablePackage

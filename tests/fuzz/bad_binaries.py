@@ -12,39 +12,8 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from scipy.io import savemat
 
 from tests.fuzz.bad_texts import Bad
-
-GRID: dict[str, Any] = {
-    "ObsMask": np.ones((3, 3, 3), np.uint8),
-    "BB": np.array([[0, 0, 0], [1, 1, 1.0]]),
-    "Res": np.array([[0.5]]),
-}
-
-
-def matlab(form: str = "5", **variables: Any) -> bytes:
-    """Return a MATLAB file."""
-    stream = io.BytesIO()
-    savemat(stream, variables, format=form)
-    return stream.getvalue()
-
-
-def grid(old: bytes = b"", new: bytes = b"", **variables: Any) -> bytes:
-    """Return the volume of a scan with other variables, or with its first `old` bytes replaced."""
-    content = matlab(**{**GRID, **variables})
-    assert old in content
-    return content.replace(old, new, 1)
-
-
-def extents(*axes: int) -> bytes:
-    """Return the lengths of axes as MATLAB stores them."""
-    return struct.pack("<3i", *axes)
-
-
-BYTES = struct.pack("<2I", 2, 27)
-"""The tag before the voxels: type uint8, 27 bytes."""
-
 
 def chunk(kind: bytes, body: bytes) -> bytes:
     """Return a chunk of a PNG with its checksum."""
@@ -106,27 +75,6 @@ _PNG: dict[str, tuple[bytes, str]] = {
     ),
     "checksum": (png(4, 3, rows=bytes(39)).replace(b"IDAT", b"IDAU"), "cannot be decoded"),
     "another format": (picture("RGB", form="BMP"), "cannot be decoded"),
-}
-
-_GRID: dict[str, tuple[bytes, str]] = {
-    "empty": (b"", "cannot be read"),
-    "HDF5": (grid(b"\x00\x01IM", b"\x00\x02IM"), "cannot be read"),
-    "negative axis": (grid(extents(3, 3, 3), extents(-1, 3, 3)), "ObsMask is -1 x 3 x 3"),
-    "no voxel": (grid(extents(3, 3, 3), extents(0, 3, 3)), "ObsMask is 0 x 3 x 3"),
-    "more voxels than bytes": (grid(extents(3, 3, 3), extents(300, 300, 300)), "cannot be read"),
-    "4 GiB of voxels": (grid(BYTES, struct.pack("<2I", 2, 0xFFFFFFF0)), "cannot be read"),
-    "unknown type": (grid(BYTES, struct.pack("<2I", 200, 27)), "unknown type 200"),
-    "text": (grid(Res="x"), "Res"),
-    "complex": (grid(BB=GRID["BB"] * 1j), "no real numbers"),
-    "NaN": (grid(Res=np.array([[np.nan]])), "Res is not a finite number"),
-    "box beyond float32": (grid(BB=GRID["BB"] * 1e39), "BB is not a finite number between -1e+30 and 1e+30"),
-    "voxels too small to count": (grid(Res=1e-300), "it must be positive"),
-    "no size": (grid(Res=0.0), "must be positive"),
-    "negative size": (grid(Res=-1.0), "must be positive"),
-    "several sizes": (grid(Res=np.zeros((2, 2))), "Res is 2 x 2; it must have 1 x 1"),
-    "box of three corners": (grid(BB=np.zeros((3, 3))), "BB is 3 x 3; it must have 2 x 3"),
-    "plane of voxels": (grid(ObsMask=np.zeros((4, 4))), "ObsMask is 4 x 4; it must have three axes"),
-    "no plane": (matlab(P=np.ones((4, 1))), "no variable ObsMask"),
 }
 
 _NPY: dict[str, tuple[bytes, str]] = {
@@ -214,7 +162,6 @@ BAD: dict[str, Bad] = {
     for target, code, table in (
         ("image_png", "METRIC_IMAGE", _PNG),
         ("image_npy", "METRIC_IMAGE", _NPY),
-        ("dtu_grid", "METRIC_DTU", _GRID),
         ("vgg_npz", "METRIC_WEIGHTS", _WEIGHTS),
         ("neus_npz", "SCENE_LAYOUT", _NEUS),
         ("page", "FILE_NOT_RECOGNISED", _PAGE),
