@@ -10,10 +10,10 @@ import zipfile
 import zlib
 from typing import Any
 
-import numpy as np
 from PIL import Image
 
 from tests.fuzz.bad_texts import Bad
+
 
 def chunk(kind: bytes, body: bytes) -> bytes:
     """Return a chunk of a PNG with its checksum."""
