@@ -55,9 +55,8 @@ def test_an_empty_path_is_not_the_current_folder(
     read: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(COLMAP)
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
         read("")
-    assert str(caught.value) == "FILE_NOT_FOUND: the path is empty; the current folder is called ."
 
 
 # --- normal forms --------------------------------------------------------------------------------------
@@ -89,13 +88,10 @@ def test_images_pair_whose_names_differ_in_their_normal_form_only(tmp_path: Path
 def test_two_images_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) -> None:
     for name in (COMPOSED, DECOMPOSED):
         picture(tmp_path / "pred" / f"{name}.png")
-    with pytest.raises(MetricError, match="the same name, in different Unicode normal forms; leave one"):
+    with pytest.raises(MetricError, match="METRIC_IMAGE_NAMES"):
         metrics.pair_images(tmp_path / "pred", tmp_path / "pred")
-    with pytest.raises(
-        InputError, match=r"2 files in it are called .* different Unicode normal forms"
-    ) as caught:
+    with pytest.raises(InputError, match="FILE_UNREADABLE"):
         SpelledFiles(tmp_path / "pred").find(f"{COMPOSED}.png")
-    assert caught.value.code == "FILE_UNREADABLE"
 
 
 def renamed(folder: Path, file: str, old: str, new: str) -> None:
@@ -129,5 +125,5 @@ def test_official_renderings_are_found_by_names_that_are_spelled_otherwise(tmp_p
 def test_two_cameras_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) -> None:
     camera = msb.read_cameras(SCENE)[0]
     cameras = [replace(camera, name=name) for name in (COMPOSED, DECOMPOSED)]
-    with pytest.raises(SceneError, match="cameras 0 and 1 are both called"):
+    with pytest.raises(SceneError, match="CAMERA_FILE"):
         write_cameras(cameras, tmp_path / "views.json")
