@@ -44,7 +44,6 @@ def test_the_manifest_describes_the_buffers(make) -> None:
         assert not array.flags.writeable
 
 
-@pytest.mark.slow
 @given(POINTS)
 def test_bounds_are_exact_and_the_sphere_holds_every_vertex(points: np.ndarray) -> None:
     bounds, sphere = measure_bounds(points)

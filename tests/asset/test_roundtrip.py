@@ -237,7 +237,6 @@ def test_a_link_given_by_the_user_is_followed(form, tmp_path: Path) -> None:
     assert_same(load(tmp_path / "link"), mesh())
 
 
-@pytest.mark.slow
 @given(st.data())
 def test_any_arrays_survive_both_forms(tmp_path_factory, data) -> None:
     vertices, faces = data.draw(st.integers(1, 9)), data.draw(st.integers(1, 9))

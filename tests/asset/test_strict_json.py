@@ -39,7 +39,6 @@ def code_of(data: bytes) -> str:
     return caught.value.message
 
 
-@pytest.mark.slow
 @given(VALUES, st.booleans())
 def test_what_json_writes_is_read_back(value: Any, ascii_only: bool) -> None:
     text = json.dumps(value, ensure_ascii=ascii_only).encode()

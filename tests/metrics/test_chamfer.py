@@ -86,7 +86,6 @@ def sample_by_loops(vertices: NDArray[Any], faces: NDArray[Any], spacing: float)
     return found
 
 
-@pytest.mark.slow
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 2))
 def test_sampling_and_thinning_are_the_loops(seed: int, spacing: float) -> None:
@@ -130,7 +129,6 @@ def test_nothing_in_reach_is_none_with_a_reason() -> None:
     assert metrics.chamfer_points([middle], data)["n_inbound"] == 1
 
 
-@pytest.mark.slow
 @settings(max_examples=25, derandomize=True)
 @given(st.integers(0, 2**32 - 1), st.floats(0.3, 40))
 def test_distances_are_those_of_all_pairs(seed: int, limit: float) -> None:

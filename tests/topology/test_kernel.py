@@ -69,7 +69,6 @@ def test_cases(device: Device, case: object) -> None:
     everywhere(device, (case.vertices, case.faces))
 
 
-@pytest.mark.slow
 @QUICK
 @given(mesh=meshes())
 def test_small_meshes(device: Device, mesh: Mesh) -> None:
@@ -98,7 +97,6 @@ def crowded(draw: st.DrawFn) -> Mesh:
     return random.standard_normal((count + 2, 3)) * 10.0 ** random.integers(-3, 4), faces
 
 
-@pytest.mark.slow
 @QUICK
 @given(mesh=crowded())
 def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
