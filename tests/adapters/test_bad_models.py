@@ -1,4 +1,4 @@
-"""Models that are damaged, incomplete or of another method: one line each, naming file, key, what is right."""
+"""Models that are damaged, incomplete or of another method: a code each, and the key at fault."""
 
 from __future__ import annotations
 
@@ -90,10 +90,19 @@ def refused(path: Path, **options: Any) -> MsbError:
     return caught.value
 
 
-@pytest.mark.parametrize("bad", [[], [None, "x"], [None, 0.5], [None, math.nan], [[1, 2, 3], 1.0]])
-def test_two_dts_tuple(bad: list[Any], tmp_path: Path) -> None:
-    values = (models.two_dts(), {}, *(bad or [None]))
-    assert refused(write_model(tmp_path, "two_dts", values)).code == "CHECKPOINT_LAYOUT"
+@pytest.mark.parametrize(
+    ("bad", "code"),
+    [
+        ([None], "LAYOUT"),
+        ([None, "x"], "LAYOUT"),
+        ([None, 0.5], "LAYOUT"),
+        ([None, math.nan], "NONFINITE"),
+        ([[1, 2, 3], 1.0], "LAYOUT"),
+    ],
+)
+def test_two_dts_tuple(bad: list[Any], code: str, tmp_path: Path) -> None:
+    values = (models.two_dts(), {}, *bad)
+    assert refused(write_model(tmp_path, "two_dts", values)).code == f"CHECKPOINT_{code}"
 
 
 @pytest.mark.parametrize(
@@ -199,6 +208,11 @@ def bomb(data: bytes) -> bytes:
     return data[:12] + head + zlib.crc32(head).to_bytes(4, "big") + data[33:]
 
 
+def beyond_float32(data: bytes) -> bytes:
+    """Return the decoder with a number that float32 cannot hold."""
+    return re.sub(rb'("b3": \[)[^,]+', rb"\g<1>1e39", data)
+
+
 WEB: dict[str, tuple[str, Any, str]] = {
     "absent": ("lut0.png", None, "FILE_MISSING"),
     "no mesh": ("mesh.ply", None, "FILE_MISSING"),
@@ -211,11 +225,7 @@ WEB: dict[str, tuple[str, Any, str]] = {
     "no object": ("mlp_weights.json", b"[]", "DAMAGED"),
     "key missing": ("mlp_weights.json", b"{}", "DAMAGED"),
     "too long": ("mlp_weights.json", b"[" + b" " * (1 << 20) + b"]", "DAMAGED"),
-    "no float32": (
-        "mlp_weights.json",
-        lambda data: re.sub(rb'("b3": \[)[^,]+', rb"\g<1>1e39", data),
-        "DAMAGED",
-    ),
+    "no float32": ("mlp_weights.json", beyond_float32, "DAMAGED"),
     "other face count": ("meta.json", b'{"num_faces": 5}', "DAMAGED"),
     "wrong level": ("meta.json", b'{"level": 5}', "DAMAGED"),
 }
@@ -241,7 +251,7 @@ def test_a_web_export_without_faces_is_empty(tmp_path: Path) -> None:
     folder = write_web_export(tmp_path / "scene")
     none = Mesh(np.zeros((3, 3), np.float32), np.zeros((0, 3), np.int64))
     write_mesh(none, folder / "mesh.ply", suffix=".ply")
-    assert refused(folder).code == "CHECKPOINT_LAYOUT"
+    assert refused(folder).code == "CHECKPOINT_DAMAGED"
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float64])

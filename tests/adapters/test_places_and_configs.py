@@ -69,7 +69,7 @@ def test_paths_that_hold_nothing(tmp_path: Path) -> None:
         msb.export(tmp_path / "nowhere")
     with pytest.raises(InputError, match="FILE_NOT_FOUND"):
         msb.export("a\0b")
-    with pytest.raises(CheckpointError, match="CHECKPOINT_NOT_RECOGNISED"):
+    with pytest.raises(CheckpointError, match="CHECKPOINT_UNKNOWN"):
         msb.export(tmp_path)
 
 
