@@ -67,7 +67,7 @@ def test_a_failure_while_writing_leaves_the_old_asset(form, tmp_path: Path, monk
             yield item
 
     monkeypatch.setattr(writer_module, "_members", fail_at_the_third)
-    with pytest.raises(OutputError, match="No space left"):
+    with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
         write_asset(soup(), path, form)
     assert names(tmp_path) == ["a.triasset"]
     assert load(path).manifest == mesh().manifest
@@ -120,6 +120,6 @@ def test_a_manifest_that_grows_over_its_limit_by_being_indented_is_not_written(t
     compact = str(good.manifest).replace("'", '"').replace(" ", "").encode()
     good.write_packed(tmp_path / "a", compact.replace(b'"meshsplatbench', b'"meshsplatbench '))
     asset = load(tmp_path / "a")
-    with pytest.raises(AssetError, match="bytes as written; 1048576 are allowed"):
+    with pytest.raises(AssetError, match="TRIASSET_MANIFEST"):
         write_asset(asset, tmp_path / "b")
     assert names(tmp_path) == ["a"]

@@ -143,5 +143,5 @@ def test_coordinates_that_are_tiled_often_do_not_wrap(most: float, tmp_path: Pat
 
 def test_without_the_extra_one_line_names_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
-    with pytest.raises(UsageError, match=r'EXTRA_MISSING: .* pip install "meshsplatbench\[compressed\]"'):
+    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*\[compressed\]"):
         write_mesh(wavy(), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))
