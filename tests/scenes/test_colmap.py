@@ -102,7 +102,7 @@ def test_no_file_is_looked_for_by_a_name_that_is_refused(
 ) -> None:
     monkeypatch.setattr(SpelledFiles, "find", None)
     files = images(b"1 1 0 0 0 0 0 0 7 " + "é/".encode() * 100_000 + b"x", b"")
-    with pytest.raises(SceneError, match=r"CAMERA_INVALID: .*the name is"):
+    with pytest.raises(SceneError, match="CAMERA_INVALID"):
         msb.read_cameras(write(tmp_path / "sparse" / "0", files))
 
 
