@@ -72,6 +72,6 @@ def test_the_api_names_the_extra_and_leaves_nothing_behind(tmp_path: Path) -> No
 
 def test_what_is_there_is_not_asked_for() -> None:
     need_extra("bench", "numpy", what="this")
-    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*no_such.*\[bench\]") as info:
+    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*no_such.*") as info:
         need_extra("bench", "numpy", "no_such", what="this", instead="that needs none")
     assert info.value.exit_status == 2

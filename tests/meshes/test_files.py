@@ -48,7 +48,7 @@ def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content
         return
     path = tmp_path / f"mesh{suffix}"
     path.write_bytes(SMALL[content])
-    with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .*begins like {CONTENTS[content]}"):
+    with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .* {CONTENTS[content]}"):
         read_mesh(path)
 
 
@@ -67,5 +67,5 @@ def test_a_mesh_is_what_it_says() -> None:
         (vertices, faces, np.zeros((4, 3))),
         (vertices, faces, None, np.zeros((4, 3), np.uint8)),
     ):
-        with pytest.raises(MeshError, match=r"MESH_ARRAY: (vertices|faces|vertex_colors|face_colors) is "):
+        with pytest.raises(MeshError, match="MESH_ARRAY"):
             Mesh(*wrong)

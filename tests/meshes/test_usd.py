@@ -190,7 +190,7 @@ def test_a_vertex_that_is_not_there_is_refused_before_vertices_are_doubled(
     path = tmp_path / "a.usda"
     text = parts_of_colours().replace("[0, 1, 2, 0, 2, 3]", f"[0, 1, 2, 0, 2, {index}]")
     path.write_text(text.replace('    def Mesh "hidden"', COLORED + '    def Mesh "hidden"'))
-    with pytest.raises(MeshError, match="MESH_INDEX_OUT_OF_RANGE") as caught:
+    with pytest.raises(MeshError, match="INDEX_OUT_OF_RANGE") as caught:
         read_mesh(path)
     assert (caught.value.file, caught.value.pointer) == (str(path), "faces[1]")
 

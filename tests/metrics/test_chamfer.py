@@ -247,5 +247,5 @@ def test_a_bad_grid_is_refused(name: str, dataset: Path) -> None:
 
 
 def test_the_dataset_folder_must_exist(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"FILE_NOT_FOUND: .*none: .*ObsMask"):
+    with pytest.raises(InputError, match=r"FILE_NOT_FOUND: .*none: "):
         metrics.chamfer_dtu(DTU / "mesh1.ply", tmp_path / "none", 1)

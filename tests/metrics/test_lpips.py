@@ -71,7 +71,7 @@ def test_is_the_package_s_number(network: metrics.LpipsVgg) -> None:
 @needs_torch
 def test_unknown_weights_are_used_recorded_and_warned_about(vgg_file: Path) -> None:
     image = np.zeros((16, 16, 3))
-    with pytest.warns(metrics.MetricWarning, match="METRIC_VGG_UNKNOWN: .*synthetic.npz"):
+    with pytest.warns(metrics.MetricWarning, match="METRIC_VGG_UNKNOWN: .*synthetic"):
         assert metrics.lpips_vgg(image, image, vgg_weights=vgg_file) == 0
     network = metrics.LpipsVgg(vgg_file)
     assert [warning.code for warning in network.warnings] == ["METRIC_VGG_UNKNOWN"]
@@ -125,7 +125,7 @@ def test_linear_layers_that_cannot_be_read_are_said(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(
         vgg.importlib.util, "find_spec", lambda _: SimpleNamespace(origin="/nowhere/__init__.py")
     )
-    with pytest.raises(MetricError, match=r"METRIC_WEIGHTS: /nowhere/weights/v0.1/vgg.pth"):
+    with pytest.raises(MetricError, match=r"METRIC_WEIGHTS: /nowhere/"):
         read_heads()
 
 

@@ -18,7 +18,7 @@ from .builders import write
 def test_a_model_of_too_many_images(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     write(tmp_path, SMALL["text"])
     monkeypatch.setattr("msb.scenes.colmap.MAX_CAMERAS", 1)
-    with pytest.raises(SceneError, match=r"CAMERA_FILE: .*images.txt: line 5"):
+    with pytest.raises(SceneError, match=r"CAMERA_FILE: .*: line 5"):
         msb.read_cameras(tmp_path)
 
 

@@ -151,7 +151,7 @@ def test_vertices_that_are_no_points_are_refused(points: object) -> None:
 )
 def test_index_out_of_range_names_the_first_face_and_is_never_wrapped(bad: int, dtype: str) -> None:
     faces = np.array([[0, 1, 2], [1, 2, 3], [2, 3, bad], [bad, 0, 1]], dtype)
-    with pytest.raises(MeshError, match=f"MESH_INDEX_OUT_OF_RANGE: .*{bad}") as caught:
+    with pytest.raises(MeshError, match=f"INDEX_OUT_OF_RANGE: .*{bad}") as caught:
         audit(POINTS, faces)
     assert caught.value.pointer == "faces[2]"
 

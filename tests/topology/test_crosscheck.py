@@ -299,7 +299,7 @@ def test_a_peer_that_fails_or_hangs_is_skipped_with_the_reason(monkeypatch: pyte
 def test_bad_index_is_an_error_before_any_peer_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "ask_peers", None)
     report, analysis = audit_arrays(*BOOK)
-    with pytest.raises(MeshError, match="MESH_INDEX_OUT_OF_RANGE"):
+    with pytest.raises(MeshError, match="INDEX_OUT_OF_RANGE"):
         cross_check(BOOK[0], [[0, 1, 99]], report, analysis)
 
 
