@@ -27,7 +27,7 @@ import msb
 from benchmarks import measure
 from msb.adapters.locate import locate
 from msb.asset.settings import effective_settings
-from msb.bench.machine import machine
+from msb.render.machine import machine
 from msb.bench.nvml import Gpus
 from msb.bench.profile import profile
 from msb.bench.renders import Renders, check_size, find_renders

@@ -155,7 +155,7 @@ def weigh_by_reference(folder: Path) -> int:
 
 
 def _views(asset: Any) -> list[Any]:
-    from msb.cli.web import TEST_SIDE, TEST_VIEWS
+    from msb.engines.command import TEST_SIDE, TEST_VIEWS
     from msb.scenes.around import around
 
     return around(asset, 2 * TEST_VIEWS, TEST_SIDE, TEST_SIDE * 3 // 4, "+y")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import chdir
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -182,23 +180,6 @@ def protocol(path: Path) -> None:
     read(path)
 
 
-@cache
-def commands() -> Any:
-    from typer.main import get_command
-
-    from msb.cli.app import app
-    from msb.cli.defaults import single_commands
-
-    return single_commands(get_command(app))
-
-
-def settings(path: Path) -> None:
-    from msb.cli.defaults import read_defaults as read
-
-    with chdir(path.parent):
-        read(commands())
-
-
 def gate(path: Path) -> None:
     from msb.api.gates import parse_gate
 
@@ -265,6 +246,6 @@ def published(path: Path) -> None:
 
 
 def benchmark(path: Path) -> None:
-    from msb.cli.bench import _read_old
+    from msb.bench.commands.bench import _read_old
 
     _read_old(path)

@@ -197,19 +197,6 @@ def protocols() -> list[bytes]:
     return [(STUBS / "protocol.toml").read_bytes(), MINIMAL.encode(), *(text.encode() for text in WRONG)]
 
 
-def settings() -> list[bytes]:
-    return [
-        b'device = "cpu"\nquiet = true\n[audit]\nfail-on = ["components>1"]\n[render]\nset = ["gamma=20"]\n',
-        b"verbose = 2\n[run]\nverbose = 1.5\n",
-        b"x = 1979-05-27T07:32:00Z\ny = [{a = 0x1f, b = inf}]\n",
-    ]
-
-
-def pyproject() -> list[bytes]:
-    tables = (b"[tool.msb]\n" + text.replace(b"[", b"[tool.msb.", 1) for text in settings()[:1])
-    return [*tables, b"tool.msb = 1\n", b"[[tool]]\nmsb = 1\n"]
-
-
 def gates() -> list[bytes]:
     from msb.api.gates import PROFILES
 
@@ -313,7 +300,7 @@ def published() -> list[bytes]:
 
 
 def benchmarks() -> list[bytes]:
-    from msb.cli.bench import SCHEMA
+    from msb.bench.commands.bench import SCHEMA
 
     tables = {
         "device_ms": {"p50": 1.5},

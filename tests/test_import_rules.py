@@ -23,6 +23,9 @@ GROUND = {"errors", "base", "registry", "asset", "scenes"}
 """NumPy and the standard library only; scenes reads the headers of photographs with Pillow."""
 ALLOWED: dict[str, set[str]] = {
     "__main__": {"cli"},
+    # The kit of commands knows no capability; where it may look for one is a table of names.
+    "cli": GROUND,
+    "command_files": GROUND | {"cli", "api", "meshes"},
     "__init__": GROUND
     | {"topology", "render", "repair", "trial", "bake", "adapters", "metrics", "api", "why", "delivery"},
     "why": GROUND | {"adapters", "meshes", "metrics", "api", "render", "views"},
@@ -92,7 +95,17 @@ ALLOWED: dict[str, set[str]] = {
     # What shows is below the commands that open it.
     "viewers": GROUND | {"api", "meshes", "topology", "metrics", "render", "cl"},
 }
-ANYTHING = {"cli"}
+KIT = {"cli", "api", "render", "command_files"}
+"""What every command may import beside what its package may: the kit, opening files, options of drawing."""
+COMMANDS: dict[str, set[str]] = {
+    "repair": {"trial", "views", "delivery", "adapters"},
+    "api": {"report", "viewers", "delivery"},
+    "delivery": {"adapters"},
+    "engines": {"views", "metrics"},
+    "viewers": {"views", "delivery"},
+    "report": {"viewers"},
+}
+"""What the commands of a package may import beside that, when they are called."""
 LAZY = {
     "torch",
     "PIL",
@@ -172,7 +185,7 @@ MODULES = sorted([*(ROOT / "msb").rglob("*.py"), *(ROOT / "viewers").rglob("*.py
 
 def part_of(path: Path) -> str:
     if path.is_relative_to(ROOT / "viewers"):
-        return "viewers"
+        return "viewers.command" if "commands" in path.parts else "viewers"
     names = path.relative_to(ROOT / "msb").with_suffix("").parts
     return "asset.asset" if names == ("asset", "asset") else part_named(names)
 
@@ -180,11 +193,13 @@ def part_of(path: Path) -> str:
 def part_named(names: Sequence[str]) -> str:
     """Return the part of the module msb.NAMES; in a method's folder the role its name begins with."""
     in_folder = names[0] == "methods" and len(names) > 2 and (ROOT / "msb" / "methods" / names[1]).is_dir()
-    return (
-        f"methods.{names[2].partition('_')[0]}"
-        if in_folder and names[2].islower() and names[2] != "__init__"
-        else names[0]
-    )
+    if in_folder and names[2].islower() and names[2] != "__init__":
+        return f"methods.{names[2].partition('_')[0]}"
+    if names[0:2] == ("api", "command_files"):
+        return "command_files"
+    if names[0] == "cli":
+        return "cli"
+    return f"{names[0]}.command" if names[1:2] in (("command",), ("commands",)) else names[0]
 
 
 @cache
@@ -217,20 +232,30 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
     return found
 
 
+def allowed(part: str) -> set[str]:
+    """Return what a part may import of ours; its commands may import more."""
+    package = part.removesuffix(".command")
+    if package == part:
+        return ALLOWED[part]
+    return ALLOWED[package] | KIT | {package} | COMMANDS.get(package, set())
+
+
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_module_imports_only_what_its_part_may(path: Path) -> None:
     part = part_of(path)
     for name, when in imports_of(path):
         top, _, rest = name.partition(".")
-        if top == "msb" and part not in ANYTHING:
-            target = part_named(rest.split(".")) or "msb"
+        if top == "msb":
+            target = part_named(tuple(rest.split("."))) or "msb"
+            assert not target.endswith(".command") or target == part, f"{path}: a command is its own"
             if target != part:
-                assert target in ALLOWED[part], f"{path}: {part} may not import msb.{target}"
+                assert target in allowed(part), f"{path}: {part} may not import msb.{target}"
                 assert target != "msb" or when != "loaded", f"{path}: {name} at load"
-        elif top == "msb_viewers" and part == "viewers":
+        elif top == "msb_viewers" and part.startswith("viewers"):
             continue
-        elif top != "msb" and top not in sys.stdlib_module_names:
-            wanted = FOREIGN.get(part, {"numpy"})
+        elif top not in sys.stdlib_module_names:
+            wanted = FOREIGN.get(part) or FOREIGN.get(part.removesuffix(".command"), set()) | {"numpy"}
+            wanted = wanted | ({"typer", "rich", "msb_viewers"} if part.endswith(".command") else set())
             assert top in wanted, f"{path}: {part} may not import {top}"
             assert when != "loaded" or top not in LAZY or name in LOADS_NOTHING, (
                 f"{path}: import {top} inside the function that needs it"
@@ -310,12 +335,14 @@ def test_what_draws_opens_no_path_but_at_its_front_door() -> None:
     assert users == ["renderer.py"]
 
 
-FOLDERS = ("msb", "viewers", "data_stubs", "benchmarks", "fuzz", "docs")
+FOLDERS = ("msb", "viewers", "data_stubs", "benchmarks", "fuzz", "tools")
 ROOMS = {path.stem for path in (ROOT / "msb").iterdir()} - {"__init__"}
 
 
 def room(names: Sequence[str]) -> str | None:
     """Return the room of a module: a package or module of msb/, the viewers or another folder of ours."""
+    if "cli" not in names and {"command", "commands", "command_files"} & set(names):
+        return "commands"  # they stand above all rooms
     if names[0] == "msb":
         return names[1] if len(names) > 1 and names[1] in ROOMS else None  # who comes in by the front
     return "viewers" if names[0] == "msb_viewers" else names[0] if names[0] in FOLDERS else None
@@ -339,11 +366,11 @@ def test_no_import_runs_up() -> None:
     for here, there, when in arrows():
         if when != "never":
             below.setdefault(here, set()).add(there)
-    assert [*TopologicalSorter(below).static_order()][-1] in FOLDERS  # or it raises CycleError
+    assert [*TopologicalSorter(below).static_order()][-1] in (*FOLDERS, "commands")  # or it raises CycleError
 
 
 def test_rules_cover_every_part() -> None:
-    assert {part_of(path) for path in MODULES} <= set(ALLOWED) | ANYTHING
+    assert {part_of(path).removesuffix(".command") for path in MODULES} <= set(ALLOWED)
 
 
 HELP = (

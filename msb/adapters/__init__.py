@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
-from msb.adapters.exporter import export, read_model
-from msb.adapters.locate import is_checkpoint
+from typing import TYPE_CHECKING
+
+from msb.base.lazy import make_lazy
+
+if TYPE_CHECKING:
+    from msb.adapters.exporter import export, read_model
+    from msb.adapters.locate import is_checkpoint
 
 __all__ = ["export", "is_checkpoint", "read_model"]
+
+make_lazy(
+    __name__,
+    {
+        "export": "msb.adapters.exporter",
+        "is_checkpoint": "msb.adapters.locate",
+        "read_model": "msb.adapters.exporter",
+    },
+)

@@ -86,3 +86,19 @@ def audit_stored(mesh: StoredMesh, *, weld: Weld | None = None) -> tuple[Audit, 
         report, analysis = audit_arrays(mesh.vertices, mesh.faces, weld=weld, attributes=mesh.attributes)
     path = None if mesh.path is None else str(mesh.path)
     return replace(report, path=path, method=mesh.method), analysis
+
+
+def advice(audit: Audit, output: str, source: str) -> str | None:
+    """Return what helps where faces share no vertices; `output` is the option -o, `source` what to repair."""
+    from msb.registry import lookup
+
+    audit = audit.judged
+    if audit.closed_once_merged or audit.corners_coincide:
+        return f"Merge the vertices: msb repair --plan weld,orient,pair {output} {source}"
+    if audit.corners_coincide is False and audit.method and "dedicated" in lookup(audit.method).passes:
+        shown = f"msb web --tier dedicated -o page.html {source}"
+        return (
+            f"As trained it is seen on the dedicated tier alone: {shown}; what engines lose: msb why "
+            f"{source}; a plain mesh that looks like it: msb bake -o plain.glb {source}"
+        )
+    return None

@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from msb.base.atomic import new_folder
+from msb.base.own_folder import own_folder
 
 CONTENTS = (
     "checkpoint",
@@ -28,19 +28,14 @@ def demo_folder() -> Path:
     return _IN_WHEEL if _IN_WHEEL.is_dir() else _IN_CHECKOUT
 
 
-def is_demo(folder: Path) -> bool:
-    """Return whether a folder holds what `write_demo` writes and its results, and nothing else."""
-    return folder.is_dir() and {path.name for path in folder.iterdir()} - {RESULTS} == set(CONTENTS)
-
-
 def write_demo(folder: str | os.PathLike[str], *, overwrite: bool = True) -> int:
     """Write the demo's data as `folder`, and return its size in bytes.
 
-    With `overwrite` it takes the place of what is there.
+    With `overwrite` it replaces demo data that an earlier call wrote; other files stay.
     """
     source = demo_folder()
     paths = [path for name in CONTENTS for path in (source / name, *(source / name).rglob("*"))]
-    with new_folder(folder, overwrite=overwrite) as target:
+    with own_folder(folder, overwrite=overwrite) as target:
         for path in sorted(paths):
             place = target / path.relative_to(source)
             if path.is_dir():

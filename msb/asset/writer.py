@@ -15,10 +15,9 @@ from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
 from msb.asset.progress import Meter
 from msb.asset.reader import load
 from msb.asset.strict_json import MAX_BYTES
-from msb.base.atomic import new_file, new_folder
+from msb.base.atomic import folder_is_taken, new_file, new_folder
 from msb.base.files import is_folder
-from msb.base.own_folder import check_own_folder
-from msb.errors import AssetError, MsbError
+from msb.errors import AssetError, MsbError, UsageError, shorten
 
 if TYPE_CHECKING:
     from msb.asset.asset import Asset
@@ -67,17 +66,18 @@ def write_asset(
             _write_packed(asset, file, meter)
 
 
-def check_asset_folder(folder: Path) -> bool:
-    """Return whether a folder is empty or not there; refuse one that holds more than an asset."""
-
-    def others(names: list[str]) -> list[str]:
-        try:
-            strays = [each.file for each in load(folder).warnings if each.code == "TRIASSET_FILE_UNDECLARED"]
-        except MsbError:
-            return names
-        return [str(name) for name in strays]
-
-    return check_own_folder(folder, "export or convert", others)
+def check_asset_folder(folder: Path) -> None:
+    """Reject an existing folder that holds anything but an asset, whose manifest lists its files."""
+    if not folder_is_taken(folder):
+        return
+    try:
+        strays = [each.file for each in load(folder).warnings if each.code == "TRIASSET_FILE_UNDECLARED"]
+    except MsbError:
+        strays = [None]
+    if strays:
+        what = "files" if strays[0] is None else shorten(strays[0], 60)
+        text = f"it holds {what}, which would be lost; name another folder"
+        raise UsageError("OUTPUT_EXISTS", text, file=folder)
 
 
 def write_packed(asset: Asset, file: IO[bytes]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import os
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,8 +13,7 @@ from msb.asset import ASSET_SUFFIX
 from msb.asset.look import up_axis
 from msb.bake.report import SCHEMA
 from msb.bake.written import write_all
-from msb.base.atomic import new_folder
-from msb.base.own_folder import check_own_folder
+from msb.base.own_folder import own_folder
 from msb.base.version import __version__
 from msb.engines.engine import engine_mesh
 from msb.engines.webpage import filled, scene_data
@@ -31,9 +29,6 @@ if TYPE_CHECKING:
 ASSET = "asset.glb"
 PAGE = "index.html"
 _DOCUMENT, _PICTURE = "bake.json", "preview.png"
-_OURS = re.compile(r"asset(_lod\d+|_collision)?\.glb|bake\.json|preview\.png|index\.html")
-_START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(SCHEMA).encode())
-"""How every ``bake.json`` begins."""
 _SCRIPTS = "camera.js", "page.js", "hands.js", "baked.js", "start.js"
 _LEAST_SIDE = 1024
 """Pixels of the longer side of a view on the page: a mesh has no size of its own."""
@@ -57,38 +52,13 @@ def only_folder(paths: Sequence[Path]) -> bool:
     return folder is not None
 
 
-def check_folder(folder: Path) -> bool:
-    """Return whether a folder can be written without any replacement: it is empty, or there is none.
-
-    Raises
-    ------
-    UsageError
-        OUTPUT_EXISTS: it is there, and holds what no bake wrote.
-    OutputError
-        OUTPUT_UNWRITABLE: it cannot be read.
-    """
-    own = _is_bake(folder)
-    return check_own_folder(
-        folder, "bake", lambda names: [name for name in names if not (own and _OURS.fullmatch(name))]
-    )
-
-
-def _is_bake(folder: Path) -> bool:
-    try:
-        with (folder / _DOCUMENT).open("rb") as file:
-            return _START.match(file.read(100)) is not None
-    except OSError:
-        return False
-
-
 def write_folder(baked: Baked, parts: Sequence[Part], folder: Path, overwrite: bool) -> Report:
     """Write what was baked, of these parts, as a folder, whole or not at all; return the report on it.
 
     It holds `ASSET` with its levels of detail and its shape beside it, the report as `bake.json`, in which
     files have their names in the folder, `preview.png`, and a page of all that.
     """
-    check_folder(folder)
-    with new_folder(folder, overwrite=overwrite) as made:
+    with own_folder(folder, overwrite=overwrite) as made:
         files = write_all(parts, [made / ASSET])
         report = baked.report.written([(Path(path.name), size) for path, size in files])
         document = {"schema": SCHEMA, "tool_version": __version__, **report.to_dict()}

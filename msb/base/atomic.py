@@ -194,6 +194,11 @@ def check_place(path: str | os.PathLike[str], *, folder: bool = False) -> None:
             raise OutputError("OUTPUT_UNWRITABLE", text, file=target)
 
 
+def folder_is_taken(path: str | os.PathLike[str]) -> bool:
+    """Return whether there is anything at `path` that a new folder would replace; an empty folder is not."""
+    return os.path.lexists(path) and not is_stream(path) and not _is_empty(Path(path))
+
+
 def _refuse_folder(target: Path) -> None:
     if target.is_dir():
         raise OutputError("OUTPUT_UNWRITABLE", "it is a folder; a file is to be written", file=target)

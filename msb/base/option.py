@@ -31,10 +31,6 @@ class Option:
         something at which the command itself looks; or a folder for files, which may be an input as well.
     endings : tuple of str
         How the name of a file that is written must end.
-    searched : bool
-        Whether a folder that it names is searched for inputs; else a folder is one input with all it holds.
-    only_typed : bool
-        Whether neither a file of defaults nor a variable may set it.
     """
 
     help: str
@@ -45,8 +41,6 @@ class Option:
     count: bool = False
     output: Literal["file", "own", "folder"] | None = None
     endings: tuple[str, ...] = ()
-    searched: bool = False
-    only_typed: bool = False
 
 
 class Argument(Option):

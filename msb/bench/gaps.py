@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Literal
 
 from msb.bench.aggregate import METRICS, mean_over
 from msb.bench.intervals import Interval, interval, view_values
-from msb.bench.machine import OF_THE_MOMENT
 from msb.metrics.identity import defined
 from msb.metrics.registry import IMAGE_METRICS
+from msb.render.machine import OF_THE_MOMENT
 
 if TYPE_CHECKING:
     from msb.bench.records import Result

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
-from msb.bench.machine import machine
 from msb.bench.nvml import driver_memory
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
 from msb.bench.records import Memory, Training, read_renderer_timing
 from msb.errors import InputError, MetricError, Unsupported
 from msb.render.backend import Group
+from msb.render.machine import machine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

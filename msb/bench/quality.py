@@ -17,7 +17,6 @@ from msb import metrics
 from msb.base.atomic import new_folder
 from msb.base.files import file_sha256
 from msb.bench.digest import digest
-from msb.bench.machine import machine
 from msb.bench.photographs import checked_scene
 from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
 from msb.bench.renders import check_size, find_renders
@@ -25,6 +24,7 @@ from msb.errors import MetricError, UsageError
 from msb.metrics.identity import defined
 from msb.metrics.images import checked_image, is_plain
 from msb.render.images import Writers, image_names, to_bytes, write_image
+from msb.render.machine import machine
 
 if TYPE_CHECKING:
     from msb.asset import Asset

@@ -21,7 +21,6 @@ from msb.bench.cell import compute, reason_of, write_lost, write_result
 from msb.bench.folder import Results, exclusive
 from msb.bench.inputs import Known
 from msb.bench.job import Done, Job
-from msb.bench.machine import machine
 from msb.bench.missing import Missing, find_missing, find_unknown, start_errors
 from msb.bench.models import Model, ModelTask, known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
@@ -33,6 +32,7 @@ from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Cell, Reason, Result
 from msb.bench.videos import grid_tasks, video_tasks, write_grid, write_video
 from msb.errors import EXIT_STATUS, InputError, MsbError
+from msb.render.machine import machine
 from msb.scenes import write_cameras
 
 _INTERNAL_STATUS = 70

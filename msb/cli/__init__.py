@@ -1,4 +1,9 @@
-"""The commands `msb` and `msb-audit`, a thin layer over the public library: they parse, call and print."""
+"""The commands `msb` and `msb-audit`: their entry points, and the kit that makes a command of a function.
+
+A command lives in the package that does the work (`command.py`, or `commands/` where there are several). The
+kit knows no command: `msb.cli.commands` lists where they are, and finds those of other packages by the
+entry-point group `msb.commands`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,7 @@ import warnings
 from typing import Any
 
 
-def _plainly(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+def _print_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
     """Print a warning of ours as one line, as errors are printed; others as Python does."""
     from msb.errors import one_line
 
@@ -20,20 +25,15 @@ def _plainly(message: Warning | str, category: type[Warning], *rest: Any, **more
 _show = warnings.showwarning
 
 
-def main() -> None:
-    """Run `msb`."""
-    warnings.showwarning = _plainly
-    from msb.cli.app import app
+def main(command: str | None = None) -> None:
+    """Run `msb`, or one `command` of it as a program of its own."""
+    warnings.showwarning = _print_warning
+    from msb.cli.app import app, single
     from msb.cli.process import run
 
-    sys.exit(run(app, "msb"))
+    sys.exit(run(app if command is None else single(command), f"msb-{command}" if command else "msb"))
 
 
 def main_audit() -> None:
     """Run `msb-audit`, which is `msb audit`."""
-    warnings.showwarning = _plainly
-    from msb.cli import audit
-    from msb.cli.app import single
-    from msb.cli.process import run
-
-    sys.exit(run(single(audit, "audit"), "msb-audit"))
+    main("audit")

@@ -1,14 +1,14 @@
-"""What makes a command of a function: options from the dataclasses that it takes, and rules between them.
+"""Make a command of a function, with options from the dataclasses that the function takes.
 
-A function that is decorated with `command` has parameters of these kinds:
+The parameters of a function decorated with `command` are of these kinds:
 
-- a dataclass, whose fields become options as their `Option` says; the function is handed the object. With a
-  tuple of names, ``Annotated[Views, ("cameras", "size")]``, only these fields do, and the others keep their
-  defaults. The files of `Output`, a dataclass as well, are checked before the function runs;
+- a dataclass, whose fields become options as their `Option` says; the function receives the object. With a
+  tuple of names, ``Annotated[Views, ("cameras", "size")]``, only these fields become options, and the others
+  keep their defaults. Files named by `Output`, a dataclass too, are checked before the function runs;
 - anything else that is annotated with an `Argument` or `Option`;
-- `Typed`, the names of the parameters that are on the command line.
+- `Typed`, the parameters that stand on the command line.
 
-A parameter of the type Path is a path, and the `output` of its `Option` says whether it is written.
+A parameter of the type Path is a path; the `output` of its `Option` says whether it is written.
 """
 
 from __future__ import annotations
@@ -18,17 +18,16 @@ import functools
 import inspect
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand
 
-from msb.base.atomic import is_stream
 from msb.base.option import Argument, Option
-from msb.cli.output import Output, is_stdout, open_log, place_of
+from msb.cli.output import Output, open_log
 from msb.errors import MsbError, UsageError, shorten
 
 
@@ -44,31 +43,17 @@ class Everywhere:
         Path | None,
         Option("Append notes, errors, steps and their times to FILE.", metavar="FILE", output="own"),
     ] = None
-    debug: Annotated[bool, Option("Show the traceback of an error.", only_typed=True)] = False
+    debug: Annotated[bool, Option("Show the traceback of an error.")] = False
 
 
-class Typed(frozenset[str]):
-    """The names of the parameters that are on the command line: not set by a file or variable."""
+class Typed(dict[str, str]):
+    """The parameters that stand on the command line: name -> how it is written there, such as ``--size``."""
 
-
-class Rule(NamedTuple):
-    """Options that may not be given, or that must be.
-
-    Attributes
-    ----------
-    options : str
-        Parameters, separated by blanks. Without any, the rule is that something is missing.
-    text : str
-        What is wrong; the name of the first of `options` that is typed stands before it.
-    needs, excludes : str
-        The rule is broken unless, or if, one of these parameters has a value, or this value:
-        ``tier=dedicated``.
-    """
-
-    options: str
-    text: str
-    needs: str = ""
-    excludes: str = ""
+    def reject(self, names: Iterable[str], text: str) -> None:
+        """Raise UsageError if one of these parameters is on the command line; `text` follows its label."""
+        for name in names:
+            if name in self:
+                raise UsageError("USAGE", f"{self[name]} {text}")
 
 
 class _Declared(NamedTuple):
@@ -149,63 +134,18 @@ def plain_words(text: str, error: Any) -> str:
     return f'{before}it is "{given}"; it must be {wanted.partition(", unable")[0]}'
 
 
-_LIBRARY: Any = TyperCommand.context_class
-_UNBROKEN = "\ue000"
-"""It stands for a hyphen inside a word while lines are broken."""
-_HYPHEN = re.compile(r"(?<=\S)-(?=\S)")
-
-
-class _WholeWords(_LIBRARY.formatter_class):  # type: ignore[misc]
-    def write_text(self, text: str) -> None:
-        super().write_text(_HYPHEN.sub(_UNBROKEN, text))
-
-    def write_dl(self, rows: Any, *args: Any, **options: Any) -> None:
-        kept = [tuple(_HYPHEN.sub(_UNBROKEN, text) for text in row) for row in rows]
-        super().write_dl(kept, *args, **options)
-
-    def getvalue(self) -> str:
-        return str(super().getvalue()).replace(_UNBROKEN, "-")
-
-
-class Context(_LIBRARY):  # type: ignore[misc]
-    """What the library makes of a command's words, its help among them."""
-
-    formatter_class = _WholeWords
+_EMPTY = re.compile(r"(--[\w-]+=)?")
 
 
 class Command(TyperCommand):
-    """A command of ours: it refuses what the library takes in silence, before anything is opened or read.
-
-    These are an option of one value that is given twice, of which the last would count; an empty path, which
-    would be the current folder; and an empty name, which would count as none.
-    """
-
-    context_class = Context
+    """A command of ours: its arguments have a section of the help, and an empty word is an error."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse, and refuse repeated options and empty paths and names."""
-        if not ctx.resilient_parsing:  # at the Tab key nothing is complete
-            values, _, order = self.make_parser(ctx).parse_args(args=list(args))
-            param: Any
-            for param in self.params:
-                declared = self.callback.declared[param.name]  # type: ignore[union-attr]
-                many = param.param_type_name == "argument" or param.multiple or param.count or param.is_flag
-                if not many and order.count(param) > 1:
-                    ctx.fail(f"{declared.label} is given {order.count(param)} times; it takes one value")
-                given: Any = values.get(param.name)
-                if declared.is_path and "" in (given if isinstance(given, list | tuple) else [given]):
-                    ctx.fail(f"{declared.label} is empty, which names no file; . is the current folder")
-                if given == "" and declared.option.metavar in ("NAME", "TEMPLATE"):
-                    ctx.fail(f"{declared.label} is empty, which names nothing")
+        """Parse, and reject empty words: an empty path would be the current folder."""
+        words = args[: args.index("--")] if "--" in args else args
+        if not ctx.resilient_parsing and any(_EMPTY.fullmatch(word) for word in words):
+            ctx.fail("one of its words is empty; . is the current folder")
         return super().parse_args(ctx, args)
-
-    def get_help(self, ctx: Any) -> str:
-        """Return the help page, in which {mesh_suffixes} stands for those of the formats there are."""
-        if "{mesh_suffixes}" in (self.help or ""):
-            from msb.meshes import MESH_SUFFIXES
-
-            self.help = str(self.help).replace("{mesh_suffixes}", ", ".join(MESH_SUFFIXES))
-        return super().get_help(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the words of the usage: arguments that may be left out in brackets."""
@@ -223,6 +163,12 @@ class Command(TyperCommand):
         return [param for param in self.get_params(ctx) if param.param_type_name == "argument"]
 
 
+def require(condition: object, text: str) -> None:
+    """Raise UsageError with `text` unless the condition holds."""
+    if not condition:
+        raise UsageError("USAGE", text)
+
+
 @contextlib.contextmanager
 def option_value(label: str) -> Iterator[None]:
     """Make of an error about a value one of wrong usage that names the option."""
@@ -232,17 +178,13 @@ def option_value(label: str) -> Iterator[None]:
         raise UsageError("USAGE", f"{label}: {error.message}") from error
 
 
-def command(
-    *examples: str, rules: Sequence[Rule] = (), name: str = "", **settings: Any
-) -> Callable[..., Any]:
+def command(*examples: str, name: str = "", **settings: Any) -> Callable[..., Any]:
     """Return the decorator that makes a command of a function; `settings` are the command-line library's."""
     named = {"epilog": epilog(*examples), "settings": settings, **({"name": name} if name else {})}
-    return functools.partial(_command, rules, named)
+    return functools.partial(_command, named)
 
 
-def _command(
-    rules: Sequence[Rule], named: dict[str, Any], function: Callable[..., Any]
-) -> Callable[..., Any]:
+def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..., Any]:
     groups: dict[str, _Group] = {}
     declared: list[_Declared] = []
     taken = inspect.signature(function, eval_str=True).parameters
@@ -262,23 +204,17 @@ def _command(
             declared.append(_Declared(each.name, kind, option, default))
     own = {each.name for each in declared}
     everywhere = tuple(each for each in _fields(Everywhere, None) if each.name not in own)
-    declared = list(_with_needs([*declared, *everywhere], rules))
-    searched = {each.label for each in declared if each.option.searched}
+    declared += everywhere
     outputs = next((key for key, group in groups.items() if issubclass(group.kind, Output)), None)
 
     def run(context: typer.Context, **values: Any) -> Any:
         values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
-        _check_apart(declared, values)
-        _prepare(_Group(Everywhere, everywhere).made(values))
         sources = {key: getattr(context.get_parameter_source(key), "name", "") for key in values}
-        typed = Typed(key for key, source in sources.items() if source == "COMMANDLINE")
-        _check_rules(rules, declared, values, typed)
+        typed = Typed({each.name: each.label for each in declared if sources[each.name] == "COMMANDLINE"})
         objects = {key: group.made(values) for key, group in groups.items()}
         if outputs is not None:
-            for kind, label, path in _paths(declared, values):
-                if kind != "folder":  # for files in it each has a place of its own
-                    objects[outputs].keep(label, path, written=kind is not None, searched=label in searched)
-            _check_free(declared, values, objects[outputs])
+            _check_paths(declared, values, objects[outputs])
+        _prepare(_Group(Everywhere, everywhere).made(values))
         alone = {key: values.get(key, typed) for key in taken if key not in groups}
         try:
             return function(**objects, **alone)
@@ -294,19 +230,6 @@ def _command(
     declared_by_name = {each.name: each for each in declared}
     vars(run).update({"name": function.__name__.replace("_", "-"), "declared": declared_by_name, **named})
     return run
-
-
-def _with_needs(declared: Sequence[_Declared], rules: Sequence[Rule]) -> Iterator[_Declared]:
-    """Yield parameters, the help of which says which option they need."""
-    labels = {each.name: each.label for each in declared}
-    needed = {
-        key: labels[rule.needs] for rule in rules if rule.needs in labels for key in rule.options.split()
-    }
-    for each in declared:
-        label, text = needed.get(each.name), each.option.help
-        if label and label not in text:
-            each = each._replace(option=replace(each.option, help=f"{text.rstrip('.')}. Needs {label}."))
-        yield each
 
 
 def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
@@ -329,70 +252,26 @@ def _prepare(everywhere: Everywhere) -> None:
         open_log(everywhere.log_file)
 
 
-def _check_apart(declared: Sequence[_Declared], values: dict[str, Any]) -> None:
-    """Refuse outputs that are an input or another output, also by a link or in another spelling.
-
-    Streams can take several outputs.
-    """
-    named = [(kind in ("file", "own"), label, path) for kind, label, path in _paths(declared, values)]
-    if not any(written for written, _, _ in named):
-        return
-    seen: dict[object, str] = {}
-    for written, label, path in sorted(named, key=lambda one: one[0]):
-        if is_stdout(path) or is_stream(path):
-            continue
-        key = place_of(path)
-        if written and key in seen:
-            text = f"{label} and {seen[key]} name the same file; an output needs a place of its own"
-            raise UsageError("USAGE", text, file=path)
-        seen[key] = label
-
-
-def _paths(declared: Sequence[_Declared], values: dict[str, Any]) -> Iterator[tuple[str | None, str, Path]]:
-    """Yield each path that is given, how it is written (None for an input), and the label of its option."""
-    for each in declared:
-        value = values.get(each.name)
-        if each.is_path and value is not None:
-            for path in value if isinstance(value, tuple) else (value,):
-                yield each.option.output, each.label, path
-
-
-def _check_rules(
-    rules: Sequence[Rule], declared: Sequence[_Declared], values: dict[str, Any], typed: Typed
-) -> None:
-    """Raise UsageError for the first rule that is broken."""
-    known = {each.name: each for each in declared}
-
-    def holds(conditions: str) -> bool:
-        for condition in conditions.split():
-            key, equals, wanted = condition.partition("=")
-            value = values[key]
-            # 0 is a value, though it equals False.
-            if value == wanted if equals else value is not None and value is not False and value != ():
-                return True
-        return False
-
-    for rule in rules:
-        if holds(rule.needs) or (rule.excludes and not holds(rule.excludes)):
-            continue
-        if not rule.options:
-            raise UsageError("USAGE", rule.text)
-        for key in rule.options.split():
-            if key in typed and holds(key):
-                raise UsageError("USAGE", f"{known[key].label} {rule.text}")
-
-
-def _check_free(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
-    """Refuse files to write that have a wrong ending or are there already."""
-    for each in declared:
-        path = values.get(each.name)
-        if path is not None and each.option.endings:
-            from msb.delivery.saving import checked_ending
-
-            checked_ending(path, each.label, each.option.endings)
-        if path is not None and each.option.output == "file":
+def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
+    """Reject outputs that are an input or another output, that exist, or that have a wrong ending."""
+    paths = [
+        (each, path)
+        for each in declared
+        if each.is_path and (value := values.get(each.name)) is not None
+        for path in (value if isinstance(value, tuple) else (value,))
+    ]
+    for each, path in paths:
+        if each.option.output is None:
+            output.add_input(path)
+    for each, path in paths:
+        if each.option.output in ("file", "own"):
+            output.add_output(path, each.label)
+        if each.option.endings and path.suffix.lower() not in each.option.endings:
+            endings = ", ".join(each.option.endings)
+            text = f'{each.label} is "{path.name}"; it must end in {endings}'
+            raise UsageError("USAGE", text)
+        if each.option.output == "file":
             output.check_free(path)
-            output.check_unnamed(path)
 
 
 _EXIT_TABLE = (

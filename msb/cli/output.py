@@ -15,11 +15,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from msb.base.atomic import REPLACES, check_place, is_stream, new_file
+from msb.base.atomic import REPLACES, check_place, folder_is_taken, is_stream, new_file
 from msb.base.files import is_folder
 from msb.base.option import Option
+from msb.base.own_folder import check_own_folder, listed_files
 from msb.base.version import __version__
-from msb.cli.parts import is_made, names, own_place
 from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from msb.asset.progress import Progress
-    from msb.meshes import Mesh
-    from msb.meshes.formats import Style
 
 STDOUT = "-"
 _STDOUT_NAMES = (STDOUT, "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1")
@@ -72,13 +70,11 @@ class Output:
         file_option("Write one row per item to FILE; - is standard output.", "--csv"),
     ] = None
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
+    _inputs: set[object] = field(default_factory=set, init=False)
+    _outputs: dict[object, str] = field(default_factory=dict, init=False)
+    _files: list[Path] = field(default_factory=list, init=False)
     _checked: set[str] = field(default_factory=set, init=False)
-    _inputs: list[tuple[str, Path]] = field(default_factory=list, init=False)
-    _read: set[object] = field(default_factory=set, init=False)
-    _folders: dict[Path, str] = field(default_factory=dict, init=False)
-    _written: list[Path] = field(default_factory=list, init=False)
-    _replaced: list[Path] = field(default_factory=list, init=False)
-    _way_out: ClassVar[str] = "--force replaces it"
+    _remedy: ClassVar[str] = "--force replaces it"
 
     def __post_init__(self) -> None:
         files = {"--json": self.json_file, "--jsonl": self.json_lines, "--csv": self.csv_file}
@@ -101,10 +97,10 @@ class Output:
 
         Tables are laid out for 80 columns or more: narrower terminals break their lines, not their numbers.
         """
-        from msb.cli.whole_words import WholeWordConsole
+        from rich.console import Console
 
         colors: Any = None if os.environ.get("NO_COLOR") else "auto"
-        console = WholeWordConsole(highlight=False, color_system=colors)
+        console = Console(highlight=False, color_system=colors)
         console.width = max(console.width, _LEAST_WIDTH)
         return console
 
@@ -124,6 +120,7 @@ class Output:
         There are `gap` blanks between columns, and no line of headers without any. With `whole` every row is
         one line in a pipe, where programs read lines.
         """
+        from rich.measure import Measurement
         from rich.text import Text
 
         console = self.console()
@@ -138,16 +135,17 @@ class Output:
         for row in rows:
             cells = (cell if isinstance(cell, tuple) else (cell, "") for cell in row)
             table.add_row(*(Text(text, style) for text, style in cells))
+        # No word is broken: a table is at least as wide as its longest words need.
+        words = Measurement.get(console, console.options.update(width=10_000), table).minimum
+        console.width = max(console.width, words)
         console.print(table)
 
     def line(self, *parts: Cell) -> None:
-        """Print a line of texts and their styles: broken between words on a terminal, whole in a pipe."""
-        from rich.markup import escape
+        """Print a line of texts and their styles. The terminal wraps it, so that a path can be copied."""
+        from rich.text import Text
 
-        console = self.console()
         texts = (part if isinstance(part, tuple) else (part, "") for part in parts)
-        markup = "".join(f"[{style}]{escape(text)}[/]" if style else escape(text) for text, style in texts)
-        console.print(markup, soft_wrap=not console.is_terminal)
+        self.console().print(Text.assemble(*texts), soft_wrap=True)
 
     def note(self, text: str, *, level: int = 0) -> None:
         """Print a note on standard error, if the user wants this much; a log file gets it in any case.
@@ -224,103 +222,72 @@ class Output:
         with progress.Progress(*columns, console=Console(stderr=True), transient=True) as bars:
             yield bars
 
-    def check_free(self, path: Path | None, *, folder: bool = False) -> None:
-        """Refuse to overwrite `path` without --force, and a place where nothing can be written.
+    def add_input(self, path: Path) -> None:
+        """Register a path that is read: no output may be the same file."""
+        self._inputs.add(_identity(path))
 
-        A device or pipe is written through, and a `folder` cannot be.
+    def add_inputs(self, paths: Iterable[Path]) -> None:
+        """Register the files that a folder or pattern on the command line stands for; check outputs again."""
+        for path in paths:
+            self.add_input(path)
+        for path in self._files:
+            self._check_apart(path)
+
+    def add_output(self, path: Path, label: str) -> None:
+        """Register a file that is written; it may be no input, and no other output.
+
+        Streams can take several outputs.
+        """
+        if is_stdout(path) or is_stream(path):
+            return
+        self._check_apart(path)
+        self._files.append(path)
+        if (other := self._outputs.setdefault(_identity(path), label)) != label:
+            raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
+
+    def check_free(self, path: Path | None, *, folder: bool = False) -> None:
+        """Reject an output that is an input, that exists without --force, or that cannot be written.
+
+        A device or pipe is written through. An existing `folder` without --force must be empty.
         """
         if path is None or is_stdout(path):
             return
-        self.check_apart(path)
-        replaced = not is_stream(path)
-        if replaced and os.path.lexists(path) and not self.may_replace(path):
+        self._check_apart(path)
+        taken = folder_is_taken(path) if folder else os.path.lexists(path) and not is_stream(path)
+        if taken and not self.may_replace(path):
             if not folder and is_folder(path):
-                check_place(path)  # says so: --force would not replace it
-            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._way_out}", file=path)
+                check_place(path)  # --force would not replace a folder by a file
+            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
-        place = own_place(path)
-        if replaced and place in self._checked:
-            raise UsageError("USAGE", "two outputs would be written to it; give each its own", file=path)
-        self._checked.add(place)
+        if not is_stream(path):
+            place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text a file
+            if place in self._checked:
+                raise UsageError("USAGE", "two outputs would be written to it; name them apart", file=path)
+            self._checked.add(place)
+
+    def check_folder(self, folder: Path) -> None:
+        """Reject a folder that holds anything; with --force one that no earlier run wrote.
+
+        None of the files that would be replaced may be an input (`msb.base.own_folder`).
+        """
+        if folder_is_taken(folder) and not self.force:
+            raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
+        check_own_folder(folder)
+        for name in listed_files(folder) or ():
+            self._check_apart(folder / name)
 
     def may_replace(self, path: Path) -> bool:
-        """Return whether what is at `path`, or comes there while the command runs, may be replaced."""
+        """Return whether what is at `path`, or appears there while the command runs, may be replaced."""
         del path  # a command may look at what is there
         return self.force
 
-    def keep(self, label: str, path: Path, *, written: bool = False, searched: bool = False) -> None:
-        """Remember an input, which no output may be and no folder that is replaced may hold, or an output.
-
-        A folder is one input with all that it holds, unless it is `searched` for inputs.
-        """
-        if written:
-            self._written.append(path)
-            return
-        self._inputs.append((label, path))
-        self._read.add(place_of(path))
-        if not searched and is_folder(path):
-            places = Path(os.path.abspath(path)), Path(os.path.realpath(path))  # noqa: PTH100 - as in check_apart
-            self._folders.update(dict.fromkeys(places, label))
-
-    def keep_found(self, inputs: Iterable[Path]) -> None:
-        """Remember the inputs that a typed folder or pattern stands for; refuse outputs that are one."""
-        for path in inputs:
-            self.keep(str(path), path)
-        for path in self._written:
-            self.check_apart(path)
-        for folder in self._replaced:
-            self._check_holds_no_input(folder)
-
-    def check_apart(self, path: Path) -> None:
-        """Refuse an output that is an input or a file in one: --force is no wish to lose it.
-
-        What a folder in an input holds is looked at where that is replaced; a log is only added to, and what
-        commands wrote there is no part of an input.
-        """
-        if not self._read or is_stdout(path) or is_stream(path):
-            return
-        if place_of(path) in self._read:
-            raise UsageError("USAGE", "it is an input; an output needs a place of its own", file=path)
-        if self.force and os.path.lexists(path) and not is_folder(path) and not _is_log(path):
-            places = Path(os.path.abspath(path)), Path(own_place(path))  # noqa: PTH100 - without links, and with
-            inside = [each for place in places for each in place.parents if each in self._folders]
-            # A model may lie in its scene: the nearest of such folders says what the file is.
-            folder = max(inside, key=lambda each: len(os.path.realpath(each)), default=None)
-            if folder is not None and not is_made(path, folder):
-                label = self._folders[folder]
-                text = f"it is a file of {label}, an input; an output needs a place of its own"
-                raise UsageError("USAGE", text, file=path)
-
-    def check_unnamed(self, path: Path) -> None:
-        """Refuse to replace a file that an input names, or a library of materials of that."""
-        for label, source in self._inputs if os.path.lexists(path) else ():
-            if names(source, path):
-                text = f"{label} names it, which makes it an input; an output needs a place of its own"
-                raise UsageError("USAGE", text, file=path)
-
-    def check_folder(self, folder: Path, check: Callable[[Path], bool]) -> None:
-        """Refuse a folder with an input in it, or that `check` refuses, and without --force one to replace.
-
-        `check` returns whether nothing is replaced, as `msb.base.own_folder.check_own_folder` does.
-        """
-        self._replaced.append(folder)
-        self._check_holds_no_input(folder)
-        if check(folder) and os.path.lexists(folder):
-            check_place(folder, folder=True)
-        else:
-            self.check_free(folder, folder=True)
-
-    def _check_holds_no_input(self, folder: Path) -> None:
-        place = os.path.realpath(folder)
-        for label, path in self._inputs if is_folder(folder) else ():
-            # A link to an input would be lost, too.
-            if any(Path(each).is_relative_to(place) for each in (os.path.realpath(path), own_place(path))):
-                text = f"{label} lies in it; an output needs a place of its own"
-                raise UsageError("USAGE", text, file=folder)
+    def _check_apart(self, path: Path) -> None:
+        if not is_stream(path) and _identity(path) in self._inputs:
+            raise UsageError("USAGE", "it is an input; write the output to another file", file=path)
 
     def reword(self, error: MsbError) -> None:
         """Let an error of the library, which knows no options, name the option of this command."""
-        error.message = error.message.replace(REPLACES, self._way_out)
+        error.message = error.message.replace(REPLACES, self._remedy)
 
     def write_json(self, data: Any) -> None:
         """Write `data`, a document or a list of them, where --json points to, if it was given."""
@@ -375,18 +342,13 @@ def is_stdout(path: Path | None) -> bool:
     return str(path) in _STDOUT_NAMES
 
 
-def place_of(path: Path) -> object:
-    """Return what is equal for two paths of one file: its number, or its place where there is none yet."""
+def _identity(path: Path) -> object:
+    """Return what is equal for two paths of one file: its inode, or its place where there is none yet."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # it is not there yet, or cannot be: said when it is used
-        return real_place(path)
+    except (OSError, ValueError):  # it does not exist yet, or cannot; its use reports that
+        return os.path.realpath(path) if "\0" not in str(path) else str(path)
     return status.st_dev, status.st_ino
-
-
-def real_place(path: Path) -> str:
-    """Return the place to which a path leads; of one that none can have, itself."""
-    return os.path.realpath(path) if "\0" not in str(path) else str(path)
 
 
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
@@ -414,7 +376,7 @@ def say(text: str) -> None:
 def report_error(error: MsbError) -> int:
     """Print `error` as one line on standard error and return its exit status."""
     # What somebody wrote there while the command ran is found by the library, which knows no options.
-    say(str(error).replace(REPLACES, Output._way_out))
+    say(str(error).replace(REPLACES, Output._remedy))
     return EXIT_STATUS[type(error)]
 
 
@@ -467,49 +429,19 @@ def open_log(path: Path) -> None:
     log(f"msb {__version__}: {shlex.join(sys.argv)}", "INFO")
 
 
-def _is_log(path: Path) -> bool:
-    return any(Path(file.name) == path for file in _LOG)
-
-
 def _check_log(path: Path) -> None:
-    """Refuse a file that does not begin as our logs do, and one that a search for inputs would find."""
-    from msb.asset import ASSET_SUFFIX
-    from msb.meshes import MESH_SUFFIXES
-
+    """Reject a file that does not begin as our logs do."""
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):
-            text = "it is no log of msb's, and a log is only added to one; name another file"
+            text = "it is not a log of msb, and lines are only added to one; name another file"
             raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
-    if path.suffix.lower() in (ASSET_SUFFIX, *MESH_SUFFIXES):
-        raise UsageError("USAGE", f"--log-file: a log is no {path.suffix} file; name another", file=path)
 
 
 _LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ERROR) ")
 _LOG_BEGINS_WITHIN = 100
 _LOG: list[IO[str]] = []
 """The log file, if there is one."""
-
-
-def write_held(held: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
-    """Write a mesh with the files that it needs beside it, none of which may be there without --force."""
-    from msb.meshes.files import beside, write_whole
-    from msb.meshes.formats import Style
-
-    for other in beside(held, target, style or Style()):
-        output.check_free(other)
-        output.check_unnamed(other)
-    write_whole(held, target, style, overwrite=output.force)
-
-
-def check_asset_place(target: Path, form: str | None, output: Output) -> None:
-    """Refuse a place for a `.triasset` of this form. Of a folder that is there only an asset is replaced."""
-    from msb.asset.writer import check_asset_folder
-
-    if form == "folder" and is_folder(target):
-        output.check_folder(target, check_asset_folder)
-    else:
-        output.check_free(target, folder=form == "folder")
 
 
 def setting_text(value: object) -> str:

@@ -1,4 +1,4 @@
-"""The process around a command: streams, signals, defaults, and any exception as one line and a status."""
+"""The process around a command: streams, signals, and any exception as one line and a status."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from msb.errors import EXIT_INTERRUPTED, EXIT_OK, MsbError, OutputError, UsageEr
 if TYPE_CHECKING:
     import typer
 
-    from msb.cli.defaults import Defaults
-
 _INTERNAL = 70
 """EX_SOFTWARE, the status of a bug of ours; nothing that a user can cause has it."""
+_OURS = {"msb", "msb_viewers"}
+"""Packages whose folders can be removed, each with its capability."""
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
 
@@ -45,7 +45,6 @@ def _run(app: typer.Typer, name: str) -> int:
         # A file name need not be text, and a terminal need not know every character.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    defaults: Defaults = {}
     try:
         from typer.main import get_command
 
@@ -55,10 +54,7 @@ def _run(app: typer.Typer, name: str) -> int:
             from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
-        defaults = _defaults(command, name)
-        values = {each: {k: v.value for k, v in own.items()} for each, own in defaults.items()}
-        own = values if hasattr(command, "commands") else values.get(name, {})
-        status = command(prog_name=name, standalone_mode=False, default_map=own)
+        status = command(prog_name=name, standalone_mode=False)
         sys.stdout.flush()
         return status if isinstance(status, int) else EXIT_OK
     except KeyboardInterrupt:
@@ -75,7 +71,7 @@ def _run(app: typer.Typer, name: str) -> int:
         if debug:
             traceback.print_exc()
         log(traceback.format_exc(), "DEBUG")
-        failure = _output_error(error) or _as_msb_error(error, name, defaults)
+        failure = _output_error(error) or _as_msb_error(error, name)
         return _INTERNAL if failure is None else report_error(failure)
 
 
@@ -140,27 +136,14 @@ def _is_completing() -> bool:
     return any(key.startswith("_MSB") and key.endswith("_COMPLETE") for key in os.environ)
 
 
-def _defaults(command: Any, name: str) -> Defaults:
-    """Return what files and environment set; msb-audit has the defaults of msb audit."""
-    from msb.cli import defaults
-
-    if _is_completing() or not defaults.anything_set():
-        return {}
-    if hasattr(command, "commands"):
-        return defaults.read_defaults(defaults.single_commands(command))
-    from typer.main import get_command
-
-    from msb.cli.app import app
-
-    every = defaults.read_defaults(defaults.single_commands(get_command(app)))
-    return {name: every[name.removeprefix("msb-")]}
-
-
-def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError | None:
+def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if isinstance(error, MsbError):
         return error
+    if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] in _OURS:
+        text = f"this needs {error.name}, which is not part of this installation"
+        return UsageError("EXTRA_MISSING", text)
     if hasattr(error, "format_message"):  # the command-line library's own usage errors
-        return UsageError("USAGE", _usage_text(error, name, defaults))
+        return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
         # Looking whether there is a file raises it, too; files that are written have an error of their own.
         from msb.base.files import open_error
@@ -174,8 +157,8 @@ def _as_msb_error(error: Exception, name: str, defaults: Defaults) -> MsbError |
     return None
 
 
-def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
-    """Return what is wrong, the option that was meant or the file that set it, and the usage."""
+def _usage_text(error: Any, name: str) -> str:
+    """Return what is wrong, the option that was meant, and the usage."""
     from msb.cli.command import plain_words
 
     text = plain_words(str(error.format_message()), error)
@@ -184,12 +167,8 @@ def _usage_text(error: Any, name: str, defaults: Defaults) -> str:
 
         (nearest,) = difflib.get_close_matches(error.option_name, error.possibilities, 1, 0.0)
         text = f"No such option: {error.option_name}; did you mean {nearest}?"
-    context, param = getattr(error, "ctx", None), getattr(error, "param", None)
+    context = getattr(error, "ctx", None)
     if context is None:
         return f"{shorten(text, 200)} (see {name} --help)"
-    if param is not None:
-        default = defaults.get(context.info_name, {}).get(param.name)
-        from_default = getattr(context.get_parameter_source(param.name), "name", "") == "DEFAULT_MAP"
-        text += f", set by {default.source}" if default and from_default else ""
     usage = " ".join(context.get_usage().split()).removeprefix("Usage: ")
     return f"{shorten(text, 200)} (usage: {usage}; see {context.command_path} --help)"

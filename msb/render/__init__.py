@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import sys
+from typing import TYPE_CHECKING
 
-from msb.base.callable_packages import CallablePackage
-from msb.render.frame import Frame
-from msb.render.renderer import Renderer, render
+from msb.base.lazy import make_lazy
+
+if TYPE_CHECKING:
+    from msb.render.frame import Frame
+    from msb.render.renderer import Renderer, render
 
 __all__ = ["Frame", "Renderer", "render"]
 
-sys.modules[__name__].__class__ = CallablePackage
+make_lazy(
+    __name__,
+    {"Frame": "msb.render.frame", "Renderer": "msb.render.renderer", "render": "msb.render.renderer"},
+)

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-import sys
+from typing import TYPE_CHECKING
 
-from msb.base.callable_packages import CallablePackage
-from msb.repair.assets import Repaired, repair
-from msb.repair.plan import STEPS, Options
+from msb.base.lazy import make_lazy
+
+if TYPE_CHECKING:
+    from msb.repair.assets import Repaired, repair
+    from msb.repair.plan import STEPS, Options
 
 __all__ = ["STEPS", "Options", "Repaired", "repair"]
 
-sys.modules[__name__].__class__ = CallablePackage
+make_lazy(
+    __name__,
+    {
+        "STEPS": "msb.repair.plan",
+        "Options": "msb.repair.plan",
+        "Repaired": "msb.repair.assets",
+        "repair": "msb.repair.assets",
+    },
+)

@@ -17,7 +17,6 @@ from msb.base.version import __version__
 from msb.bench.folder import WALK_FILM, Results
 from msb.report.numbers import condition_title, dataset_title, method_title, scene_title
 from msb.report.pictures import GT, views
-from msb.report.report import SCHEMA, Report
 from msb.report.safe_names import slug
 from msb.report.tables.asset import asset_tables, provenance
 from msb.report.tried import repairs, tried_tasks
@@ -26,13 +25,11 @@ from msb.report.writers import WRITERS, Format, markdown, markdown_text
 if TYPE_CHECKING:
     from jinja2 import Environment
 
+    from msb.report.report import Report
     from msb.report.results import Loaded, Place
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
-_START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(SCHEMA).encode())
-"""How every ``report.json`` begins."""
-_OURS = re.compile(r"report\.(md|json)|tables|figures|images|index\.html|verdict-.*\.html")
 SMALL_VIDEO = 4 << 20
 """A film of at most this many bytes becomes part of the page."""
 
@@ -58,7 +55,7 @@ def report_files(
 
     Notes
     -----
-    ``report.json`` in any case, by which the folder is known (`is_report`), ``report.md``,
+    ``report.json`` in any case, ``report.md``,
     ``tables/LABEL.*``, ``figures/*.svg`` (md) and ``*.pdf`` (tex), ``images/*.jpg``, ``index.html`` and
     ``verdict-DATASET-SCENE-METHOD.html``. The pages hold all they show.
     """
@@ -82,20 +79,6 @@ def report_files(
         for verdict in report.verdicts:
             files[pages[verdict.place]] = _verdict_page(report, verdict, topology or {}, folder)
     return {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
-
-
-def is_report(folder: Path) -> bool:
-    """Return whether `folder` is a report by its ``report.json``, whatever else lies in it."""
-    try:
-        with (folder / "report.json").open("rb") as file:
-            return _START.match(file.read(100)) is not None
-    except OSError:
-        return False
-
-
-def not_ours(folder: Path) -> list[str]:
-    """Return the names in a report's folder that `report_files` gives to nothing, sorted."""
-    return sorted(path.name for path in folder.iterdir() if not _OURS.fullmatch(path.name))
 
 
 def _grid(report: Report) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import sys
+from typing import TYPE_CHECKING
 
-from msb.base.callable_packages import CallablePackage
-from msb.base.limits import Limits
-from msb.trial.run import Trial, trial
+from msb.base.lazy import make_lazy
+
+if TYPE_CHECKING:
+    from msb.base.limits import Limits
+    from msb.trial.run import Trial, trial
 
 __all__ = ["Limits", "Trial", "trial"]
 
-sys.modules[__name__].__class__ = CallablePackage
+make_lazy(__name__, {"Limits": "msb.base.limits", "Trial": "msb.trial.run", "trial": "msb.trial.run"})

@@ -13,14 +13,12 @@ from msb.api.opening import stored_mesh
 from msb.asset.tiers import why_not
 from msb.base.children import check_room
 from msb.base.limits import Limits
-from msb.base.own_folder import check_own_folder
 from msb.errors import MsbError, OutputError
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.render.images import to_bytes
 from msb.repair.assets import repair_asset
-from msb.repair.pictures import keep_picture, picture_name
-from msb.repair.plan import STEPS
+from msb.repair.pictures import keep_picture
 from msb.topology.halfedge import NONE
 from msb.trial.look import BACKGROUND, likeness
 from msb.trial.run import try_asset
@@ -221,22 +219,6 @@ def compare(
         )
         step()
     return rows
-
-
-def check_pictures(folder: Path) -> bool:
-    """Return whether a folder is empty or not there; refuse one that holds what is no comparison's."""
-    named = {picture_name(name) for name in STRATEGIES}
-
-    def others(names: list[str]) -> list[str]:
-        # Of a plan that is none of ours the name is of its steps.
-        return [
-            name
-            for name in names
-            if name not in named
-            and not (name.endswith(".png") and set(name.removesuffix(".png").split("-")) <= set(STEPS))
-        ]
-
-    return check_own_folder(folder, "comparison", others)
 
 
 class _Judge:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from msb.asset.look import written_up
 from msb.base.atomic import new_file
 from msb.base.extras import install
 from msb.base.limits import Limits
-from msb.base.own_folder import check_own_folder
 from msb.errors import AssetError, about, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import as_held
@@ -24,7 +22,7 @@ from msb.topology.weld import parse_weld
 from msb.trial.attempts import run_attempt
 from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh, mesh_to_try
-from msb.trial.registry import TASKS, able, chosen_tasks, missing_modules
+from msb.trial.registry import able, chosen_tasks, missing_modules
 from msb.trial.task import Judgement, file_outcome
 from msb.views import choose_views
 
@@ -334,12 +332,6 @@ class _Trying:
         picture = f"{self.task.name}.png"
         _write_picture(folder / picture, image)
         return (*files, picture), picture
-
-
-def check_kept(folder: Path) -> bool:
-    """Return whether a folder is empty or not there; refuse one that holds what is no trial's."""
-    ours = re.compile(rf"({'|'.join(TASKS)})(-[\w-]+)?\.glb|({'|'.join(TASKS)})\.png")
-    return check_own_folder(folder, "trial", lambda names: [n for n in names if not ours.fullmatch(n)])
 
 
 def _write_picture(path: Path, image: NDArray[Any]) -> None:

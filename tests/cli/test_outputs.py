@@ -14,12 +14,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from msb.cli.defaults import single_commands
 from typer.main import get_command
 
 import msb as library
 from msb.base.atomic import new_folder
 from msb.cli.app import app
-from msb.cli.defaults import single_commands
 from msb.cli.output import Output, echo
 from msb.errors import OutputError, UsageError
 from tests.cli.conftest import Here, Msb, Refused, Result, mesh_file
@@ -250,7 +250,7 @@ def test_what_came_into_an_empty_folder_is_kept_and_what_was_measured_is_said(
     monkeypatch.setattr("msb.trial.run.try_asset", measure)
     monkeypatch.setattr("msb.trial.repairs.compare", measure)
     monkeypatch.setattr("msb.trial.repairs.document", lambda *_: {})
-    monkeypatch.setattr("msb.cli.repair._print", lambda *_: echo("the table"))
+    monkeypatch.setattr("msb.repair.command._print", lambda *_: echo("the table"))
     result = here(*line.format(out=out, mesh=mesh).split())
     said = f"OUTPUT_EXISTS: {out}: it exists; --force replaces it\n"
     assert (result.status, result.err[-len(said) :]) == (2, said), result

@@ -66,20 +66,6 @@ _PROTOCOL: dict[str, bytes] = {
     "too long": b"#" * ((1 << 20) + 1),
 }
 
-_SETTINGS: dict[str, bytes] = {
-    "hexadecimal of 5000 digits": b"quiet = " + HEXADECIMAL,
-    "list of huge numbers": b"[render]\nset = [" + HEXADECIMAL + b"]",
-    "brackets": b"x = " + b"[" * 5000,
-    "key with a line break": b'"a\\nb" = 1',
-    "array of tables": b"[[audit]]\nquiet = true\n",
-    "not UTF-8": b"\xff",
-    "too long": b"#" * ((1 << 20) + 1),
-}
-
-_PYPROJECT: dict[str, bytes] = {
-    "tool is a list": b"[[tool]]\nmsb = 1 # tool.msb",
-    "msb is a number": b"tool.msb = 1",
-}
 
 _RESULT: dict[str, bytes] = {
     "empty": b"",
@@ -140,8 +126,6 @@ BAD: dict[str, Bad] = {
         f"{target}: {name}": (target, content, code)
         for target, code, table in (
             ("protocol", "PROTOCOL_INVALID", _PROTOCOL),
-            ("msb_toml", "CONFIG_INVALID", _SETTINGS),
-            ("pyproject", "CONFIG_INVALID", _PYPROJECT),
             ("result", "RECORD_INVALID", _RESULT),
             ("gate", "USAGE", _GATES),
         )

@@ -171,13 +171,13 @@ def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
 def test_audit_opens_the_window_on_its_own_result(
     gl: None, book: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    import msb.cli.view
+    import msb_viewers.commands.view
     import msb_viewers.gl
     from msb.cli import main
 
     seen = []
     monkeypatch.setattr(msb_viewers.gl, "check_display", lambda: None)
-    monkeypatch.setattr(msb.cli.view, "present", lambda model, *rest: seen.append((model, rest)))
+    monkeypatch.setattr(msb_viewers.commands.view, "present", lambda model, *rest: seen.append((model, rest)))
     monkeypatch.setattr(sys, "argv", ["msb", "audit", "--view", str(book)])
     with pytest.raises(SystemExit) as stop:
         main()

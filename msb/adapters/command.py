@@ -1,0 +1,98 @@
+"""`msb export`: a trained checkpoint as a .triasset, without torch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from msb.base.option import Argument, Option
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, Output, setting_text
+from msb.render.options import Drawing
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """What is expected of the checkpoint, and the form of the asset."""
+
+    method: Annotated[
+        str | None, Option("The method that you expect; detected if not given.", metavar="NAME")
+    ] = None
+    config: Annotated[Path | None, Option("YAML config or log of a 2DTS training.", metavar="FILE")] = None
+    form: Annotated[Literal["packed", "folder"], Option("Form of the .triasset.")] = "packed"
+
+
+@command(
+    "msb export data_stubs/checkpoint",
+    "msb export data_stubs/checkpoint out/demo.triasset",
+    "msb export --set opacity_floor=0.9999 data_stubs/checkpoint out/f.triasset",
+    "msb export --json - --quiet data_stubs/checkpoint out/quiet.triasset",
+)
+def export(
+    source: Annotated[
+        Path, Argument("A training's output folder, or the model's file.", metavar="CHECKPOINT")
+    ],
+    target: Annotated[
+        Path | None,
+        Argument(
+            "The .triasset to write. Default: named like CHECKPOINT, in this folder.",
+            metavar="OUT",
+            output="own",
+            endings=(".triasset",),
+        ),
+    ] = None,
+    *,
+    options: ExportOptions,
+    drawing: Annotated[Drawing, ("assignments",)],
+    output: JsonOutput,
+) -> None:
+    """Turn a trained checkpoint into a .triasset, on any machine: no PyTorch, no CUDA.
+
+    The method is found from what the files hold. Settings come from the checkpoint, the training's
+    config, --set, or defaults; the asset records which.
+    """
+    from msb.adapters.exporter import finish, read_model
+    from msb.adapters.locate import locate
+    from msb.api.command_files import note_taken, note_warnings
+    from msb.asset import ASSET_SUFFIX, write_asset
+
+    place = locate(source)
+    target = target or Path(place.name + ASSET_SUFFIX)
+    from msb.api.command_files import check_asset_place
+
+    check_asset_place(target, options.form, output)
+    with output.progress(f"reading {source.name}"):
+        model = read_model(place, method=options.method, settings=drawing.assignments, config=options.config)
+    with output.bars() as progress:
+        asset = finish(model, progress=progress)
+        write_asset(asset, target, options.form, overwrite=output.force, progress=progress)
+    note_taken(source, asset.opened_from, output)
+    note_warnings(asset.warnings, source, output)
+    warnings = [warning.to_dict() for warning in asset.warnings]
+    head = {"schema": "msb.export/1", "path": str(target), "warnings": warnings}
+    output.write_json({**head, "manifest": asset.manifest.to_dict()})
+    if output.prints_text:
+        _print(asset, target, output)
+
+
+def _print(asset: Asset, target: Path, output: Output) -> None:
+    from rich.markup import escape
+
+    from msb.registry import lookup
+
+    m = asset.manifest
+    files = [path for path in (target, *target.rglob("*")) if path.is_file()]
+    size = sum(path.stat().st_size for path in files)
+    output.console().print(
+        f"{escape(str(target))}: [bold]{lookup(m.method).title}[/bold], {m.topology.replace('_', ' ')}, "
+        f"{m.vertex_count:,} vertices, {m.face_count:,} faces, SH degree {m.sh_degree}, {size:,} bytes",
+        soft_wrap=True,
+    )
+    if output.quiet or not m.settings:
+        return
+    rows = ((name, setting_text(stored.value), stored.source) for name, stored in m.settings.items())
+    output.table(("Setting", "Value", "From"), rows)

@@ -1,0 +1,1 @@
+"""The commands that look at a file and tell what it holds."""

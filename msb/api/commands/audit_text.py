@@ -1,0 +1,186 @@
+"""Print an audit for people: verdict, the paper's eight columns, defects, verdict; of several one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from msb.api.auditing import advice
+from msb.base.paths import shell_word
+from msb.cli.output import Cell, Output
+from msb.errors import one_line
+from msb.topology.shown import structure_text
+from msb.topology.verdict import judge, percent
+
+if TYPE_CHECKING:
+    from msb.topology.audit import Audit, Sample
+    from msb.topology.verdict import Level
+
+_COLUMNS = (
+    ("V/F", "vf_ratio"),
+    ("Valence", "mean_valence"),
+    ("Bound.\nedge", "boundary_edge_ratio"),
+    ("Non-man.\nedge ↓", "nonmanifold_edge_ratio"),
+    ("Non-man.\nvertex ↓", "nonmanifold_vertex_ratio"),
+    ("LCC\nface ↑", "lcc_face_ratio"),
+    ("LCC\narea ↑", "lcc_area_ratio"),
+    ("Compo-\nnents ↓", "components"),
+)
+"""The columns of the paper's table of mesh diagnostics, in its order."""
+
+_DEFECTS = (
+    ("nonmanifold_edges", "edge", "edges", "non-manifold edges"),
+    ("nonmanifold_vertices", "vertex", "vertices", "non-manifold vertices"),
+    ("multifan_vertices", "vertex", "vertices", "  in several fans (bow-ties)"),
+    ("boundary_edges", "edge", "edges", "boundary edges"),
+    ("seam_vertices", "vertex", "vertices", "vertices doubled at seams"),
+    ("inconsistent_winding_edges", "edge", "edges", "edges where winding flips"),
+    ("duplicate_faces", "face", "faces", "duplicate faces"),
+    ("repeated_index_faces", "face", "faces", "faces naming a vertex twice"),
+    ("zero_area_faces", "face", "faces", "zero-area faces"),
+    ("nonfinite_faces", "face", "faces", "faces without a finite area"),
+    ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
+)
+_STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
+"""Verdict level -> colour. The word on the terminal says the same without the colour."""
+_VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
+
+
+def print_audit(audit: Audit, output: Output, *, paper: bool = False, hint: bool = True) -> None:
+    """Print the report of one audit, with --quiet the verdict alone.
+
+    With `paper` its mean row of MeshSplatting stands under ours. With `hint` `msb trial` is pointed to, which
+    tries what the verdict can only say of the structure, and what helps a soup.
+    """
+    _print_verdict(audit, output)
+    if output.quiet:
+        return
+    counts = audit.counts
+    kind = "triangle soup" if counts.all_apart else "indexed mesh"
+    method = f", {audit.method}" if audit.method else ""
+    output.line(f"{kind}, {counts.vertices:,} vertices, {counts.faces:,} faces{method}")
+    output.line("")
+    rows: list[tuple[str, dict[str, Any]]] = [("this mesh", audit.to_dict()["metrics"])]
+    if audit.welded:
+        weld = audit.welded.weld
+        label = "welded" if weld == "exact" else f"welded {weld:g}"
+        rows.append((label, {**rows[0][1], **vars(audit.welded.metrics)}))
+    if paper:
+        from msb.report import paper_row
+
+        rows.append(("paper mean", paper_row("mesh_connectivity", scene="mean")))
+    cells = [
+        (label, *("-" if metrics[key] is None else structure_text(key, metrics[key]) for _, key in _COLUMNS))
+        for label, metrics in rows
+    ]
+    arrows = output.console().encoding.lower().startswith("utf")
+    titles = [title if arrows else title.rstrip(" ↓↑") for title, _ in _COLUMNS]
+    output.table(("", *titles), cells, right=range(1, len(_COLUMNS) + 1))
+    output.line("")
+    _print_defects(audit, output)
+    if audit.cross_check is not None:
+        _print_cross_check(audit.cross_check, output)
+    output.line("")
+    if hint and audit.path is not None and str(audit.path).isprintable():  # else a terminal would act on it
+        path = shell_word(audit.path)
+        if helps := advice(audit, "-o merged.glb", path):
+            output.line((helps, "dim"))
+        if judge(audit).renders:
+            output.line((f"What tools make of it: msb trial {path}", "dim"))
+    _print_verdict(audit, output)
+
+
+def _print_verdict(audit: Audit, output: Output) -> None:
+    """Print the verdict on one line, after the name of the mesh."""
+    verdict = judge(audit)
+    coincide = audit.judged.corners_coincide
+    joins = coincide and audit.welded is None and not audit.judged.closed_once_merged
+    hint = " (--weld exact shows what merging coincident vertices would give)" if joins else ""
+    word = (verdict.word, _STYLES[verdict.level])
+    output.line((one_line(audit.path or "mesh"), "bold"), ": ", word, f": {verdict.sentence}{hint}.")
+
+
+def print_summary(audits: Iterable[tuple[str, Audit | dict[str, Any]]], output: Output) -> None:
+    """Print a row for each mesh, of a failed one its document's error; in a pipe every row is one line."""
+    rows: list[tuple[Cell, ...]] = []
+    for path, audit in audits:
+        if isinstance(audit, dict):
+            rows.append((one_line(path), "-", "-", audit["error"]["code"]))
+        else:
+            verdict = judge(audit)
+            word = (verdict.word, _STYLES[verdict.level])
+            rows.append((one_line(path), word, f"{audit.counts.faces:,}", verdict.reason or "-"))
+    output.table(("File", "Verdict", "Faces", "First reason"), rows, right=[2], whole=True)
+
+
+def totals(audits: Sequence[Audit | dict[str, Any]], failed_gates: int | None = None) -> str:
+    """Return how many meshes have each verdict, and how many failed a gate if there were gates."""
+    levels = [audit.verdict for audit in audits if not isinstance(audit, dict)]
+    parts = [f"{levels.count(level)} {level}" for level in _STYLES]
+    unread = len(audits) - len(levels)
+    more = [] if failed_gates is None else [f"{failed_gates} failed a gate"]
+    more += [f"{unread} not read"] if unread else []
+    return "; ".join([f"{len(audits)} meshes: {', '.join(parts)}", *more])
+
+
+def _print_defects(audit: Audit, output: Output) -> None:
+    counts = vars(audit.counts)
+    soup = audit.judged.counts.all_apart
+    if soup and counts["boundary_edges"]:
+        output.line("Every edge is a boundary edge: that is what a triangle soup means.")
+    rows: list[tuple[str, ...]] = []
+    above: list[str] = []
+    for key, noun, whole, label in _DEFECTS:
+        count = counts[key]
+        if count == 0 or (key == "boundary_edges" and soup):
+            continue
+        places = [_where(noun, sample) for sample in audit.samples.get(key, ())]
+        if key == "multifan_vertices":  # these are non-manifold vertices, too: each place is named once
+            places = [place for place in places if place not in above] or ["as above"]
+        above = places
+        rows.append((label, f"{count:,}", percent(count, counts[whole]), "\n".join(places)))
+    if rows:
+        output.table(("Found", "Count", "Share", "The first three, and where"), rows, right=[1, 2])
+    elif not soup:
+        output.line("Nothing found: no boundary, no non-manifold or degenerate element.")
+
+
+def _where(noun: str, sample: Sample) -> str:
+    place = " ".join(f"{x:.3g}" for x in sample.coordinates[0])
+    # An edge is known by its two vertices; its number is an accident of our numbering.
+    name = "-".join(map(str, sample.vertices)) if noun == "edge" else str(sample.element)
+    return f"{noun} {name} at {place}"
+
+
+def _print_cross_check(rows: Sequence[dict[str, Any]], output: Output) -> None:
+    """Print how many quantities each peer confirms, then those it does not; with -v all of them."""
+    peers: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        peers.setdefault(f"{row['peer']} {row['version']}", []).append(row)
+    output.line("")
+    output.table(
+        ("Peer", "Agrees", "Differs by definition", "Disagrees"),
+        [
+            (peer, *(str(sum(row["verdict"] == verdict for row in own)) for verdict in _VERDICTS))
+            for peer, own in peers.items()
+        ],
+        right=[1, 2, 3],
+    )
+    shown = [row for row in rows if output.verbose or row["verdict"] != "agrees"]
+    if not shown:
+        return
+    output.line("")
+    cells = [
+        (row["peer"], row["quantity"], *map(_value, (row["ours"], row["theirs"])), _VERDICTS[row["verdict"]])
+        for row in shown
+    ]
+    output.table(("Peer", "Quantity", "Ours", "Theirs", ""), cells, right=[2, 3])
+    reasons = {row["why"]: row["peer"] for row in shown if row["verdict"] != "agrees" and row["why"]}
+    for why, peer in reasons.items():
+        output.line((f"{peer}: {why}", "dim"))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)

@@ -1,0 +1,143 @@
+"""`msb info`: an asset on one screen."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from msb.cli.command import command
+from msb.cli.output import JsonOutput, Output, echo, setting_text
+from msb.errors import shorten
+from msb.render.options import Source
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.asset.manifest import Manifest
+    from msb.asset.texture import Sampler
+    from msb.registry import Tier
+
+
+@command("msb info data_stubs/splat_like.triasset", "msb info --json - data_stubs/checkpoint")
+def info(path: Source, output: JsonOutput) -> None:
+    """Show what an asset, checkpoint or mesh file holds: method, counts, bounds, settings and buffers.
+
+    Of a .triasset the command reads the manifest and checks paths and sizes. It does not read values; msb
+    validate does. Of a mesh file or checkpoint it shows the asset that msb convert would write.
+    """
+    from msb.api.command_files import open_asset
+
+    asset = open_asset(path, output)
+    size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
+    manifest, textures = asset.manifest.to_dict(), _textures(asset.manifest)
+    document = {"schema": "msb.info/1", "path": str(path), "buffer_bytes": size, "manifest": manifest}
+    output.write_json({**document, "textures": textures} if textures else document)
+    if output.prints_text:
+        _print(asset, path, size, output)
+
+
+def _print(asset: Asset, path: Path, size: int, output: Output) -> None:
+    from msb.asset.look import up_axis
+    from msb.asset.texture import Sampler, is_textured
+    from msb.registry import TIERS, lookup
+
+    m = asset.manifest
+    method, frame = lookup(m.method), m.coordinate_frame
+    skin = _skin(_textures(m), Sampler.of(m.appearance)) if is_textured(asset) else None
+    apart = {"background", *(Sampler.__dataclass_fields__ if skin else ())}
+    look = {name: value for name, value in m.appearance.items() if name not in apart}
+    axis = frame.up if frame.up != "unknown" else f"unknown, drawn as {up_axis(asset)}"
+    rows: list[tuple[str, str]] = [
+        (
+            "asset",
+            f"{path} (triasset {m.version}, {m.generator})"
+            if asset.path
+            else f"{asset.opened_from or path}, not yet one",
+        ),
+        ("method", m.method if m.method == method.title else f"{m.method} ({method.title})"),
+        ("topology", f"{m.topology.replace('_', ' ')}, {m.vertex_count:,} vertices, {m.face_count:,} faces"),
+        ("bounds", f"{_point(m.bounds.min)} to {_point(m.bounds.max)}"),
+        ("sphere", f"radius {m.bounding_sphere.radius:.6g} around {_point(m.bounding_sphere.center)}"),
+        ("appearance", f"{_parameters(look)}; SH degree {m.sh_degree}; {m.color_space}"),
+        *([("textures", skin)] if skin else []),
+        ("coverage", f"{_parameters(m.coverage)}; opacity {_parameters(m.opacity)}"),
+        ("compositing", _parameters(m.compositing)),
+        ("background", _background(m)),
+        *([("training", _training(m))] if m.training else []),
+        ("frame", f"{frame.handedness}-handed, up {axis}, {frame.units} units"),
+        *((f"tier {tier}", _tier(m, tier)) for tier in TIERS),
+        *(("setting", f"{name} = {setting_text(s.value)} ({s.source})") for name, s in m.settings.items()),
+        *(
+            ("source", f"{f.path}, {f.byte_length:,} bytes, sha256 {f.sha256[:12]}...")
+            for f in m.source.files
+        ),
+    ]
+    output.table((), ((label, shorten(text, 200)) for label, text in rows))
+    echo()
+    buffers = [
+        (name, " x ".join(map(str, spec.shape)), spec.dtype, spec.domain, f"{spec.byte_length:,}")
+        for name, spec in m.buffers.items()
+    ]
+    total = ("all", "", "", "", f"{size:,}")
+    output.table(("Buffer", "Shape", "Type", "Domain", "Bytes"), [*buffers, total], right=(4,))
+
+
+def _textures(manifest: Manifest) -> list[dict[str, Any]]:
+    """Return the size of each texture, in their order; the manifest says how they are read."""
+    from msb.asset.texture import NAME
+
+    names = sorted(
+        (name for name in manifest.buffers if NAME.fullmatch(name)), key=lambda name: int(name[8:])
+    )
+    sizes = [(name, *manifest.buffers[name].shape) for name in names]
+    return [{"name": name, "width": w, "height": h, "channels": c} for name, h, w, c in sizes]
+
+
+def _skin(textures: list[dict[str, Any]], sampler: Sampler) -> str:
+    """Return textures and their sampler in words."""
+    sizes = Counter(f"{one['width']} x {one['height']}" for one in textures)
+    numbers = ", ".join(size if count == 1 else f"{count} of {size}" for size, count in sizes.items())
+    wraps = (sampler.wrap_u, sampler.wrap_v)
+    words = [sampler.filter, "mip maps" if sampler.mipmaps else "no mip maps"]
+    words.append(wraps[0] if wraps[0] == wraps[1] else f"{wraps[0]} along u, {wraps[1]} along v")
+    if sampler.alpha_cutoff is not None:
+        words.append(f"nothing where alpha is below {sampler.alpha_cutoff:g}")
+    return f"{numbers}; {', '.join(words)}"
+
+
+def _background(manifest: Manifest) -> str:
+    from msb.scenes.datasets import color_name, own_background, stated_background
+
+    name = color_name(own_background(manifest))
+    return name if stated_background(manifest) else f"{name}; the asset states none"
+
+
+def _training(manifest: Manifest) -> str:
+    """Return in words what the training's files say."""
+    texts = {name: f"{name} {value}" for name, value in manifest.training.items() if name != "eval"}
+    if (held_back := manifest.training.get("eval")) is not None:
+        texts["eval"] = "test views held back" if held_back else "on the test views, too"
+    return ", ".join(texts.values())
+
+
+def _tier(manifest: Manifest, tier: Tier) -> str:
+    from msb.asset.texture import KIND
+    from msb.asset.tiers import why_not
+    from msb.registry import lookup
+
+    why = why_not(manifest, tier)
+    if why is not None:
+        return f"not supported: {why}"
+    known = {} if manifest.appearance["kind"] == KIND else lookup(manifest.method).passes
+    passes = known or manifest.required_passes
+    return ", ".join(passes.get(tier, ("opaque_unlit",)))
+
+
+def _point(values: tuple[float, float, float]) -> str:
+    return "(" + ", ".join(f"{value:.5g}" for value in values) + ")"
+
+
+def _parameters(values: dict[str, Any]) -> str:
+    first, *rest = values.items()
+    extra = ", ".join(f"{key} {value}" for key, value in rest)
+    return f"{first[1]} ({extra})" if extra else str(first[1])

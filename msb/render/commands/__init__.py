@@ -1,0 +1,1 @@
+"""The commands that draw, and that list what can draw."""

@@ -1,0 +1,364 @@
+"""`msb render`: images of an asset from a dataset's cameras, a turntable or a flight."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from msb.base.option import Option
+from msb.cli.command import Typed, command, require
+from msb.cli.output import JsonOutput, Output, echo, file_option
+from msb.errors import UsageError, shorten
+from msb.render.options import Drawing, Source, Tier, Up, Views
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from msb.asset import Asset
+    from msb.render import Frame, Renderer
+    from msb.scenes import Camera
+    from msb.scenes.datasets import Scene
+
+Split = Literal["train", "test", "all"]
+_COUNTS = "does not go with --scene, which draws what counts, at the size that counts"
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """What is drawn, and what is written of it."""
+
+    out: Annotated[
+        Path | None, Option("Where images go.", ("--out", "-o"), metavar="FOLDER", output="folder")
+    ] = None
+    tier: Annotated[
+        Literal["reference", "dedicated", "standard", "both"],
+        Option("How to draw; msb methods says what each tier keeps. both: dedicated, standard."),
+    ] = "standard"
+    scene: Annotated[
+        Path | None,
+        Option(
+            "A dataset's scene instead of --cameras: its test views, size and background as msb run has "
+            "them. --camera train or all draws others.",
+            metavar="DIR",
+        ),
+    ] = None
+    image_folder: Annotated[
+        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
+    ] = None
+    turntable: Annotated[
+        str | None,
+        Option(
+            "N cameras around the asset instead of --cameras, 20 degrees above the horizon or so many.",
+            metavar="N[,DEGREES]",
+        ),
+    ] = None
+    up: Annotated[Up | None, Option("Axis of the turntable that points up. Default: the asset's.")] = None
+    flight: Annotated[int | None, Option("N cameras on a smooth path through the chosen ones.", least=1)] = (
+        None
+    )
+    format: Annotated[Literal["png", "npy", "exr"], Option("Format of the images.")] = "png"
+    name: Annotated[
+        str | None,
+        Option(
+            "Names of the files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
+            metavar="TEMPLATE",
+        ),
+    ] = None
+    depth: Annotated[bool, Option("Also write depths (npy, or exr with it).")] = False
+    ids: Annotated[bool, Option("Also write face ids; -1 means no face.")] = False
+    film: Annotated[Path | None, file_option("Also write a film, .mp4 or .gif.")] = None
+    fps: Annotated[int, Option("Frames per second of the film.", least=1, most=240)] = 24
+
+    @property
+    def tiers(self) -> tuple[Tier, ...]:
+        """The tiers that are drawn, one after the other."""
+        return ("dedicated", "standard") if self.tier == "both" else (self.tier,)
+
+
+def _check_options(options: RenderOptions, views: Views, typed: Typed) -> None:
+    """Reject options that contradict each other."""
+    require(options.out or options.film, "give --out FOLDER for images, --film FILE for a film, or both")
+    sources = views.cameras, options.scene, options.turntable
+    require(any(sources), "give one of --cameras PATH, --scene DIR and --turntable N")
+    if options.out is None:
+        typed.reject(["depth", "ids", "format", "name"], "needs --out FOLDER")
+    if options.scene is not None:
+        typed.reject(["cameras", "turntable", "flight", "size"], _COUNTS)
+    else:
+        typed.reject(["image_folder"], "needs --scene DIR")
+    if options.turntable is not None:
+        typed.reject(["cameras", "camera", "flight"], "does not go with --turntable, which makes its cameras")
+    else:
+        typed.reject(["up"], "needs --turntable N")
+    if options.film is None:
+        typed.reject(["fps"], "needs --film FILE")
+    if options.tier == "both":
+        typed.reject(["film", "renderer"], "needs one tier, not --tier both")
+
+
+@command(
+    "msb render --turntable 8 -o out/turn data_stubs/splat_like.triasset",
+    "msb render --turntable 12 --film out/t.mp4 data_stubs/checkpoint",
+    "msb render --cameras data_stubs/views.json -o out data_stubs/checkpoint",
+    "msb render --tier both --turntable 2 -o out/both data_stubs/checkpoint",
+    "msb render --scene data_stubs/scenes/nerf_synthetic/pebble -o out/test \\\n"
+    "      data_stubs/models/pebble/two_dts",
+)
+def render(
+    path: Source,
+    options: RenderOptions,
+    views: Views,
+    drawing: Drawing,
+    output: JsonOutput,
+    typed: Typed,
+) -> None:
+    """Draw an asset: images, and depth and face ids if asked for.
+
+    An image is named like its camera. PNG holds floor(255 c + 0.5) of the clamped colour as stored; npy and
+    exr hold the floats as rendered, neither clamped nor rounded. The hash that is printed is of the floats of
+    all images; it is the same on the same device with the same versions.
+    """
+    from msb.api.command_files import open_asset
+    from msb.render import Renderer
+    from msb.render.backend import check_supported, lean_options
+    from msb.render.machine import machine
+
+    _check_options(options, views, typed)
+    asset = open_asset(path, output)
+    color = views.color(asset)
+    about: dict[str, Any] = {}
+    if options.scene is not None:
+        scene = _scene(asset, options.scene, options.image_folder, output)
+        if views.background is None:
+            color = scene.background
+        _note_training(asset, replace(scene, background=color), path, output)
+        split, cameras = _views_of(scene, views)
+        about["scene"] = {
+            "path": str(scene.root),
+            "dataset": scene.dataset,
+            "split": split,
+            "image_folder": scene.image_folder,
+            "camera_convention": scene.camera_convention,
+        }
+    else:
+        cameras = _cameras(asset, options, views, output)
+    images = _Images(options, output)
+    images.check(cameras)
+    settings = drawing.settings(asset)
+    for tier in options.tiers:
+        check_supported(asset, tier)
+    documents = []
+    for tier in options.tiers:
+        # With --tier both, order and sampling go to dedicated, --supersample to standard.
+        alone = len(options.tiers) == 1
+        modes = drawing.modes if alone or tier == "dedicated" else {}
+        more = lean_options(tier, drawing.renderer, ids=options.ids) | modes
+        if drawing.supersample > 1 and (alone or tier == "standard"):
+            more["supersample"] = drawing.supersample
+        with Renderer(asset, tier, drawing.device, settings, name=drawing.renderer, **more) as renderer:
+            rows = images.draw(renderer, cameras, color)
+            documents.append(
+                {
+                    "schema": "msb.render/1",
+                    "path": str(path),
+                    "tier": tier,
+                    "renderer": renderer.name,
+                    **modes,
+                    **about,
+                    "background": list(color),
+                    "machine": machine(
+                        drawing.device, opencl=tier != "reference", engine=renderer.device_info
+                    ),
+                    "memory": dict(renderer.memory()),
+                    "frames": rows,
+                }
+            )
+    output.write_documents(documents)
+
+
+def _cameras(asset: Asset, options: RenderOptions, views: Views, output: Output) -> list[Camera]:
+    """Return the cameras of --cameras, or of a path through them, or of a turntable."""
+    from msb.scenes import interpolated
+    from msb.scenes.around import ELEVATION, around
+    from msb.scenes.paths import MAX_FRAMES
+
+    if options.turntable is not None:
+        match = re.fullmatch(r"(\d{1,20})(?:,(-?\d{1,2}(?:\.\d{1,6})?))?", options.turntable)
+        if match is None:
+            raise UsageError(
+                "USAGE", f'--turntable is "{shorten(options.turntable, 40)}"; it must look like 8 or 8,45'
+            )
+        count, degrees = int(match[1]), float(match[2] or ELEVATION)
+        if not (1 <= count <= MAX_FRAMES and abs(degrees) < 90):
+            text = f"from 1 to {MAX_FRAMES} cameras, less than 90 degrees above or below the horizon"
+            raise UsageError("USAGE", f"--turntable is {options.turntable}; it takes {text}")
+        width, height = views.pixels(960, 720)
+        return around(asset, count, width, height, options.up, degrees)
+    cameras = views.read(output.note)
+    if options.flight is None:
+        return cameras
+    return [
+        replace(camera, name=f"{index:05d}")
+        for index, camera in enumerate(interpolated(cameras, options.flight))
+    ]
+
+
+def _scene(asset: Asset, path: Path, image_folder: str | None, output: Output) -> Scene:
+    """Return a scene as a run evaluates the asset on it, and print its warnings."""
+    from msb.scenes.datasets import scaled_note, scene_of
+
+    scene = scene_of(asset.manifest, path, image_folder=image_folder)
+    for warning in scene.warnings:
+        output.note(warning.to_line(warning.file or path))
+    if (note := scaled_note([scene])) is not None:
+        output.note(f"{path}: {note}")
+    return scene
+
+
+def _note_training(asset: Asset, scene: Scene, path: Path, output: Output) -> None:
+    """Print what the asset's training did otherwise, unless its reader has warned of it already."""
+    from msb.scenes.datasets import stated_background, trained_otherwise
+
+    said = {warning.message for warning in asset.warnings}
+    manifest = asset.manifest
+    for finding in trained_otherwise(manifest.training, stated_background(manifest), scene):
+        if finding.message not in said:
+            output.note(finding.to_line(path))
+
+
+def _views_of(scene: Scene, views: Views) -> tuple[Split, list[Camera]]:
+    """Return the cameras that are asked for, and their split: the test views unless --camera names others.
+
+    ``train`` and ``all`` are the training views, and these before the test views. A number is that of a test
+    view, or after these of a training view.
+    """
+    train, test = list(scene.train), list(scene.test)
+    words = set(views.camera)
+    if words <= {"train", "test", "all"}:
+        split: Split = "test" if words <= {"test"} else "train" if words == {"train"} else "all"
+        return split, {"train": train, "test": test, "all": [*train, *test]}[split]
+    cameras = views.of([*test, *train])
+    known = {camera.name for camera in test}
+    return ("test" if all(camera.name in known for camera in cameras) else "all"), cameras
+
+
+class _Images:
+    """What is written of each frame, and where."""
+
+    def __init__(self, options: RenderOptions, output: Output) -> None:
+        from msb.render.images import check_film, check_format
+
+        self.options, self.output = options, output
+        self.template = options.name or ("{camera}" if len(options.tiers) == 1 else "{camera}_{tier}")
+        self.planes: Literal["exr", "npy"] = "exr" if options.format == "exr" else "npy"
+        self.kinds = ["image", *(["depth"] if options.depth else []), *(["ids"] if options.ids else [])]
+        check_format(options.format)
+        if options.film is not None:
+            check_film(options.film)
+
+    def check(self, views: list[Camera]) -> None:
+        """Refuse to overwrite, before anything is rendered."""
+        names = [name for tier in self.options.tiers for name in self.names(views, tier)]
+        if self.options.out is not None:
+            if len(set(names)) < len(names):
+                lacks = "{camera} or {index}" if len(views) > 1 else "{tier}"
+                text = f'--name "{self.template}" gives two images one name; it may lack {lacks}'
+                raise UsageError("USAGE", text)
+            for name in names:
+                for kind in self.kinds:
+                    self.output.check_free(self.place(name, kind))
+        if self.options.film is not None and len({(view.width, view.height) for view in views}) > 1:
+            raise UsageError("USAGE", "the cameras differ in size; --size WxH makes a film possible")
+
+    def names(self, views: list[Camera], tier: str) -> list[str]:
+        """Return the name of each image below the folder, without its suffix."""
+        from msb.render.images import image_names
+
+        if PurePath(self.template).is_absolute() or ".." in PurePath(self.template).parts:
+            raise UsageError("USAGE", f'--name "{shorten(self.template)}" leads out of --out FOLDER')
+        parts = re.split(r"{(\w*)}", self.template)
+        if wrong := set(parts[1::2]) - {"camera", "tier", "index"}:
+            raise UsageError(
+                "USAGE", f'--name: "{{{wrong.pop()}}}" is none of {{camera}}, {{tier}}, {{index}}'
+            )
+        values = [
+            {"camera": camera, "tier": tier, "index": f"{index:05d}"}
+            for index, camera in enumerate(image_names(views))
+        ]
+        return ["".join(each[part] if odd % 2 else part for odd, part in enumerate(parts)) for each in values]
+
+    def place(self, name: str, kind: str) -> Path:
+        """Return the file for one kind of output of the frame `name`."""
+        folder = self.options.out or Path()
+        if kind == "image":
+            return folder / f"{name}.{self.options.format}"
+        return folder / f"{name}_{kind}.{self.planes}"
+
+    def draw(
+        self, renderer: Renderer, views: list[Camera], color: tuple[float, float, float]
+    ) -> list[dict[str, Any]]:
+        """Render and write every view; return a row of JSON for each."""
+        from msb.render.images import Writers, write_film
+
+        rows: list[dict[str, Any]] = []
+        with self.output.counted("rendering", len(views)) as step, Writers() as writers:
+
+            def images() -> Iterator[NDArray[Any]]:
+                for name, view in zip(self.names(views, renderer.tier), views, strict=True):
+                    frame = renderer.render(view, color)
+                    rows.append(self.write(writers, name, view, frame))
+                    step()
+                    yield frame.image
+
+            if self.options.film is not None:
+                write_film(self.options.film, images(), self.options.fps, overwrite=self.output.force)
+            else:
+                for _ in images():
+                    pass
+        if not any(row["coverage"] for row in rows):
+            text = (
+                "warning: no picture shows any of it: the cameras look elsewhere, or are of other coordinates"
+            )
+            self.output.note(f"{text}; --turntable 8 looks at all of it")
+        if self.output.prints_text:
+            self.say(rows, renderer.tier)
+        return rows
+
+    def write(self, writers: Any, name: str, view: Camera, frame: Frame) -> dict[str, Any]:
+        """Hand the frame's planes to the writers; return what the JSON says of it."""
+        from msb.render.images import write_image
+
+        row: dict[str, Any] = {"camera": view.name, "width": view.width, "height": view.height}
+        row["coverage"] = float(frame.alpha.mean())
+        row["sha256"] = hashlib.sha256(frame.image.tobytes()).hexdigest()
+        row["timings_ms"] = dict(frame.timings)
+        if self.options.out is None:
+            return row
+        planes = {"image": frame.image, "depth": frame.depth, "ids": frame.face_id}
+        for kind in self.kinds:
+            plane = planes[kind]
+            if plane is None:
+                raise UsageError("USAGE", "this tier and method have no face ids; leave out --ids")
+            target = self.place(name, kind)
+            form = self.options.format if kind == "image" else self.planes
+            writers.submit(write_image, target, plane, form, overwrite=self.output.force)
+            row[kind] = str(target)
+        return row
+
+    def say(self, rows: list[dict[str, Any]], tier: str) -> None:
+        """Print what was made, in a line or a few."""
+        where = [str(self.options.out)] if self.options.out is not None else []
+        where += [str(self.options.film)] if self.options.film is not None else []
+        plural = "" if len(rows) == 1 else "s"
+        which = f", {tier}" if len(self.options.tiers) > 1 else ""
+        total = hashlib.sha256("".join(row["sha256"] for row in rows).encode()).hexdigest()
+        echo(f"{' and '.join(where)}: {len(rows)} view{plural}{which}, sha256 {total[:16]}")
+        if self.output.verbose:
+            for row in rows:
+                stages = ", ".join(f"{key} {value:.3f}" for key, value in row["timings_ms"].items())
+                size = f"{row['width']} x {row['height']}"
+                echo(f"{row['camera']}: {size}, {stages} ms, sha256 {row['sha256'][:16]}")

@@ -1,0 +1,219 @@
+"""Options of cameras, sizes and backgrounds, which all commands that draw share, and their meaning."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from msb.base.option import Argument, Option
+from msb.base.paths import normal_form
+from msb.errors import UsageError, shorten
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.scenes import Camera
+
+Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
+Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+NO_CAMERAS = "needs --cameras PATH"
+MOST_PIXELS = 16384
+"""The largest width or height of a picture, in pixels; GL draws no more."""
+Tier = Literal["reference", "dedicated", "standard"]
+
+
+@dataclass(frozen=True)
+class Views:
+    """The cameras that see an asset, and what is behind it."""
+
+    cameras: Annotated[
+        Path | None,
+        Option("COLMAP folder, transforms_*.json, cameras.json, views.json.", metavar="PATH"),
+    ] = None
+    camera: Annotated[
+        tuple[str, ...],
+        Option("Cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"),
+    ] = ()
+    size: Annotated[
+        str | None,
+        Option(
+            "Size of the images in pixels, or relative to the cameras' own.",
+            ("--size", "--scale"),
+            metavar="WxH|FACTOR",
+        ),
+    ] = None
+    background: Annotated[
+        str | None,
+        Option(
+            "black, white, #rrggbb, r,g,b in 0..1, or official. Default: official; where the asset states "
+            "none, its method's, else black.",
+            metavar="COLOR",
+        ),
+    ] = None
+
+    def read(self, note: Callable[[str], None]) -> list[Camera]:
+        """Return the cameras that are asked for; note where they are far larger than photographs."""
+        from msb.scenes import read_cameras
+        from msb.scenes.datasets import recorded_note
+
+        cameras = read_cameras(str(self.cameras))
+        if self.size is None and (text := recorded_note(str(self.cameras), cameras)) is not None:
+            note(f"{self.cameras}: {text}")
+        return self.of(cameras)
+
+    def of(self, cameras: list[Camera]) -> list[Camera]:
+        """Return those of the cameras that are asked for, in the size asked for."""
+        everything = not self.camera or "all" in self.camera
+        chosen = cameras if everything else [_find(cameras, name) for name in self.camera]
+        if self.size is None:
+            return chosen
+        if (size := self._sides) is not None:
+            return [camera.resized(*size) for camera in chosen]
+        return [camera.scaled(self._factor) for camera in chosen]
+
+    def pixels(self, width: int, height: int) -> tuple[int, int]:
+        """Return the size of pictures without cameras, which is `width` times `height` by default."""
+        if self.size is None:
+            return width, height
+        if (size := self._sides) is not None:
+            return size
+        return max(1, round(width * self._factor)), max(1, round(height * self._factor))
+
+    @property
+    def _sides(self) -> tuple[int, int] | None:
+        """The width and height that are asked for; None if it is a factor."""
+        from msb.scenes.checks import MAX_SIDE
+
+        size = pixels_of(str(self.size))
+        if size is not None and max(size) > MAX_SIDE:
+            text = f"--size is {size[0]}x{size[1]}; it must be from 1 to {MAX_SIDE} each way"
+            raise UsageError("USAGE", text)
+        return size
+
+    @property
+    def _factor(self) -> float:
+        try:
+            factor = float(str(self.size))
+        except ValueError:
+            raise not_a_size(str(self.size), ", or be a factor above 0") from None
+        check_factor(factor)
+        return factor
+
+    def color(self, asset: Asset | None) -> tuple[float, float, float]:
+        """Return the background: by default the asset's own; "official" must be stated in the asset."""
+        from msb.scenes.colors import BLACK
+        from msb.scenes.datasets import own_background
+
+        if self.background is None:
+            return BLACK if asset is None else own_background(asset.manifest)
+        official = "official, which only an asset has"
+        if asset is not None:
+            official = str(asset.manifest.appearance.get("background", "none is recorded in the asset"))
+        return parsed_color(self.background, official)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How an asset is drawn, and by what."""
+
+    assignments: Annotated[
+        tuple[str, ...],
+        Option("Override a setting; msb methods lists them.", ("--set",), metavar="NAME=VALUE"),
+    ] = ()
+    supersample: Annotated[
+        int, Option("Samples along each side of a pixel, standard tier.", least=1, most=16)
+    ] = 1
+    order: Annotated[
+        Literal["tile", "global", "none"] | None,
+        Option("Order of blending, dedicated tier: official tiles, by depth alone, or as stored."),
+    ] = None
+    sampling: Annotated[
+        Literal["official", "engine"] | None,
+        Option("Sample as officially, or as an engine's hardware does, dedicated tier."),
+    ] = None
+    renderer: Annotated[str | None, Option("Name of a renderer to use instead of ours.", metavar="NAME")] = (
+        None
+    )
+    device: Annotated[
+        str | None,
+        Option(
+            "The OpenCL device, as msb devices lists them. Default: MSB_DEVICE, PYOPENCL_CTX, or PoCL. "
+            "Foreign engines: cpu or gpu.",
+            metavar="cpu|gpu|PLATFORM:INDEX",
+        ),
+    ] = None
+
+    def settings(self, asset: Asset) -> dict[str, Any]:
+        """Return what is overridden of the asset's settings."""
+        from msb.asset.settings import parse_overrides
+
+        return dict(parse_overrides(asset.manifest.method, self.assignments))
+
+    def check_device(self) -> None:
+        """Refuse a device that is asked for and not there, also where nothing has to be drawn in the end."""
+        if self.device is not None:
+            from msb.cl.devices import choose_device
+
+            choose_device(self.device)
+
+    @property
+    def modes(self) -> dict[str, str]:
+        """Only the modes that were given, because some renderers refuse even the official ones."""
+        modes = {"order": self.order, "sampling": self.sampling}
+        return {name: value for name, value in modes.items() if value is not None}
+
+
+def parsed_color(text: str, official: str | None = None) -> tuple[float, float, float]:
+    """Return the colour that --background names, where there is an `official` one that, too."""
+    from msb.scenes.colors import parse_color
+
+    color = parse_color(text, official)
+    if color is None:
+        more = "" if official is None else ", or official"
+        shown = official if official and text.strip().lower() == "official" else text
+        allowed = f"black, white, #rrggbb{', ' if more else ' or '}r,g,b in 0..1{more}"
+        raise UsageError("USAGE", f'--background is "{shorten(shown, 40)}"; it must be {allowed}')
+    return color
+
+
+def _find(cameras: list[Camera], name: str) -> Camera:
+    """Return the camera called `name`, or if there is none the camera with that number."""
+    named = [(camera, normal_form(camera.name)) for camera in cameras if camera.name]
+    wanted = normal_form(name)
+    matches = [camera for camera, known in named if known == wanted]
+    matches = matches or [camera for camera, known in named if _stem(known) == wanted]
+    if len(matches) > 1:
+        names = ", ".join(str(camera.name) for camera in matches[:4])
+        raise UsageError("NAME_UNKNOWN", f'"{shorten(name, 40)}" is several cameras: {names}')
+    if matches:
+        return matches[0]
+    if re.fullmatch(r"\d{1,9}", name) and int(name) < len(cameras):
+        return cameras[int(name)]
+    names = ", ".join(shorten(str(camera.name), 30) for camera in cameras[:4])
+    text = f'there is no camera "{shorten(name, 40)}"; there are {len(cameras)}: {names}'
+    text += ", ..." if len(cameras) > 4 else ""
+    raise UsageError("NAME_UNKNOWN", text)
+
+
+def _stem(name: str) -> str:
+    return name.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+
+
+def pixels_of(text: str) -> tuple[int, int] | None:
+    """Return the width and height that a text like 1237x822 names, else None."""
+    match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
+    return None if match is None else (int(match[1]), int(match[2]))
+
+
+def check_factor(factor: float) -> None:
+    """Refuse what no picture can be scaled by."""
+    if not 0 < factor <= MOST_PIXELS:
+        text = f"the factor of --scale is {factor:g}; it must be above 0 and at most {MOST_PIXELS}"
+        raise UsageError("USAGE", text)
+
+
+def not_a_size(text: str, more: str = "") -> UsageError:
+    """Return the error about what is no size."""
+    return UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822{more}')

@@ -1,0 +1,1 @@
+"""The commands that show a mesh or compare the looks of a model."""
