@@ -27,7 +27,7 @@ from tests.adapters.assemble import (
     text,
     torch_entry,
 )
-from tests.corpus.forge import Entry, Fields, extra, forge, local_header, zip64
+from tests.corpus.forge import Entry, Fields, extra, forge, local_header
 
 
 def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
@@ -92,11 +92,8 @@ KIND_CASES = [
     bad("bare_pickle", "FORM", program(b"}")),
     bad("tar", "FORM", tar),
     bad("safetensors", "NOT_RECOGNISED", safetensors),
-    added("torchscript_constants", "NOT_RECOGNISED", torch_entry("archive/constants.pkl", GOOD)),
     added("torchscript_code", "NOT_RECOGNISED", torch_entry("archive/code/__torch__.py", b"")),
-    without("no_pickle", "NOT_RECOGNISED", "data.pkl"),
     bad("no_members", "NOT_RECOGNISED", lambda: forge([])),
-    added("two_pickles", "HOSTILE", torch_entry("other/data.pkl", GOOD)),
     added("pickle_as_storage", "HOSTILE", torch_entry("archive/data/data.pkl", GOOD)),
     without("no_version", "FORM", "/version"),
     *(
@@ -109,7 +106,10 @@ KIND_CASES = [
     ),
     *(
         bad(f"byteorder_{label}", "FORM", archive(byteorder=value))
-        for label, value in (("big", b"big"), ("empty", b""), ("upper", b"LITTLE"))
+        for label, value in (
+            ("big", b"big"),
+            ("empty", b""),
+        )
     ),
 ]
 
@@ -134,27 +134,20 @@ ZIP_CASES = [
     member("gap_between", "HOSTILE", 1, before=b"hidden"),
     bad("zip_deflated", "FORM", lambda: by_zipfile(zipfile.ZIP_DEFLATED)),
     member("encrypted", "FORM", both={"flags": 0x809}),
-    added("zip_twice", "HOSTILE", torch_entry("archive/data.pkl", GOOD)),
     added("zip_storage_twice", "HOSTILE", torch_entry("archive/data/0", VALUES)),
     added("zip_name_control", "FORM", torch_entry("archive/\x1b[2J", b"")),
-    added("zip_name_empty", "FORM", torch_entry("", b"")),
-    member("name_latin", "FORM", 1, both={"name": b"archive/\xe9"}),
-    bad("zip_root_deep", "FORM", archive(root="a/b")),
     bad("zip_root_up", "FORM", archive(root="..")),
     bad("zip_no_root", "FORM", lambda: forge([torch_entry("data.pkl", GOOD)])),
     member("local_name", "HOSTILE", local={"name": b"archive/data.pkI"}),
     member("two_sizes", "HOSTILE", central={"packed": 7}),
-    member("no_descriptor", "HOSTILE", after=b""),
     member("descriptor_size", "HOSTILE", 4, after=described(0, 24)),
     member("crc", "DAMAGED", both={"crc": 5}, after=described(5, len(GOOD))),
     member("offset_far", "DAMAGED", central={"offset": 1 << 30}),
     member("size_far", "DAMAGED", 4, central={"size": 3 << 30, "packed": 3 << 30}),
     bad("zip_overlap", "DAMAGED", lambda: forge(nested(), end64={})),
-    zipped("many_declared", "FORM", end64={"count": 1 << 60, "here": 1 << 60}, end=COUNTED),
     zipped("many", "FORM", lambda: [Entry(f"archive/data/{n}", b"") for n in range(MAX_MEMBERS + 1)]),
     zipped("end_contradicts", "HOSTILE", end64={"count": 3}),
     member("zip64_odd", "HOSTILE", central={"extra": extra(1, bytes(5))}),
-    member("zip64_huge", "DAMAGED", 4, central={**LONG, "extra": zip64(1 << 62, 1 << 62)}),
 ]
 
 # --- files of before torch 1.6 ------------------------------------------------------------------------
@@ -171,31 +164,17 @@ LEGACY_CASES = [
     old("magic_more", "HOSTILE", legacy(magic=b"\x80\x02" + MAGIC + b"N.")),
     old("magic_sign", "DAMAGED", legacy(magic=b"\x80\x02" + MAGIC + b"\x85.")),
     old("version", "DAMAGED", legacy(version=b"\x80\x02M\xea\x03.")),
-    old("version_text", "DAMAGED", legacy(version=program(text("1001")))),
     old("system", "DAMAGED", legacy(system=program(b"}"))),
-    old("system_list", "DAMAGED", legacy(system=program(b"]"))),
     old("big", "FORM", legacy(system=SYSTEM.replace(b"\x88", b"\x89"))),
     old("attack_header", "HOSTILE", legacy(system=program(name("os", "system")))),
     old("view", "HOSTILE", legacy(program(storage(more=b"}")))),
     old("cut_magic", "DAMAGED", legacy()[:15]),
     old("cut_value", "DAMAGED", lambda: legacy()[:120]),
-    old("keys_none", "DAMAGED", legacy(keys=program(b"N"))),
     old("keys_empty", "DAMAGED", legacy(keys=program(b"]"))),
     old("keys_other", "DAMAGED", legacy(keys=KEYS.replace(b"0", b"7"))),
-    old(
-        "keys_twice",
-        "DAMAGED",
-        legacy(
-            program(b"]", tensor(), b"a", tensor(storage(key="1")), b"a"),
-            keys=program(b"](" + text("0") * 2 + b"e"),
-            storages=SIX * 2,
-        ),
-    ),
     old("trailing", "DAMAGED", legacy(storages=SIX + b"\0")),
     old("cut_storage", "DAMAGED", legacy(storages=SIX[:-1])),
     old("count", "DAMAGED", legacy(storages=struct.pack("<q", 5) + VALUES)),
-    old("count_negative", "DAMAGED", legacy(storages=b"\xff" * 8 + VALUES)),
-    old("huge", "DAMAGED", legacy(program(tensor(storage(count=1 << 62))))),
     old("outside", "HOSTILE", legacy(program(tensor(size=(3, 3))))),
     old("deep", "HOSTILE", legacy(program(b"]q\0", tensor(), b"ah\0a"))),
     old("too_large", "FORM", lambda: legacy(program(text(b"x" * (16 << 20))))),

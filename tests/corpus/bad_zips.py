@@ -140,31 +140,23 @@ STORED_CASES = [
 HEADER_CASES = [
     _member("local_name", "HOSTILE", local={"name": b"buffers/positionz.bin"}),
     _member("local_size", "HOSTILE", local={"size": 49}),
-    _member("local_encrypted", "HOSTILE", local={"flags": 1}),
     _member("two_sizes", "HOSTILE", both={"packed": 40}),
-    _member("offset_of_other", "HOSTILE", central={"offset": 0}),
     _member("offset_inside", "DAMAGED", central={"offset": 100}),
     _member("offset_past_end", "DAMAGED", central={"offset": 0x7FFFFFFF}),
     _member("central_signature", "DAMAGED", central={"signature": b"PK\1\3"}),
     _member("size_past_end", "DAMAGED", both={"size": 10**9, "packed": 10**9}),
     _member("size_into_next", "DAMAGED", both={"size": 100, "packed": 100}),
-    _member("size_less", "HOSTILE", both={"size": 40, "packed": 40}),
     _member("member_comment", "DAMAGED", central={"comment": b"hello"}),
     _member("extra_overrun", "DAMAGED", local={"extra": b"\x35\xd9\xff\x00"}),
     _member("extra_64_kb", "HOSTILE", local={"extra": extra(PADDING_ID, bytes(65_000))}),
     _forged("count_less", "DAMAGED", end={"here": 3, "count": 3}),
     _forged("count_more", "DAMAGED", end={"here": 5, "count": 5}),
-    _forged("count_here", "DAMAGED", end={"here": 3}),
     _forged("disk", "DAMAGED", end={"disk": 1}),
     _forged("directory_late", "DAMAGED", end={"start": 10**9}),
-    _forged("directory_early", "HOSTILE", end={"start": 0}),
-    _forged("directory_short", "HOSTILE", end={"length": 0}),
 ]
 FOREIGN_CASES = [
     _patched("prefix_program", "HOSTILE", lambda z: b"MZ" + bytes(62) + z),
-    _member("prefix_offsets", "HOSTILE", 0, before=b"#!/bin/sh\n".ljust(64)),
     _zip("hidden_member", "HOSTILE", _hidden_member),
-    _member("between", "HOSTILE", 2, before=bytes(64)),
     _forged("before_directory", "HOSTILE", before_directory=b"secret"),
     _patched("suffix_64_kb", "HOSTILE", lambda z: z + bytes(65_535)),
     _patched("twice", "HOSTILE", lambda z: z + z),
@@ -172,16 +164,11 @@ FOREIGN_CASES = [
     _patched("comment_lie", "HOSTILE", lambda z: z[:-2] + b"\5\0"),
 ]
 _NAMES = [
-    "buffers/",
     "buffers/../../../../etc/cron.d/x.bin",
     "buffers\\x.bin",
-    "C:/x.bin",
     "manifest.json\0",
-    "MANIFEST.JSON",
-    "buffers/.x.bin",
     "buffers/\u202enib.bin",
     "buffers/x\x1b[2J.bin",
-    "inner.zip",
     "",
     "x" * 60_000,
 ]
@@ -196,8 +183,6 @@ NAME_CASES = [
     _added("nested", "FILE_UNDECLARED", Entry("buffers/inner.bin", forge([]))),
     _zip("no_manifest", "MANIFEST_MISSING", lambda: forge(good_entries()[1:])),
     _zip("no_members", "MANIFEST_MISSING", lambda: forge([])),
-    _member("manifest_is_zip", "MANIFEST", 0, data=forge([Entry("\xff", b"\xff")])),
-    _member("manifest_2_mib", "MANIFEST", 0, data=b" " * (2 << 20)),
     *(
         _member(f"kind_{name}", "PATH", central={"made_by": made_by, "attributes": attributes})
         for name, made_by, attributes in (
@@ -207,7 +192,6 @@ NAME_CASES = [
             ("folder_dos", 20, 0x10),
         )
     ),
-    _zip("66_members", "FORM", _many(62)),
     _zip("70000_members", "FORM", _many(70_000, end64={}, end={"here": _FULL16, "count": _FULL16})),
     _zip("inside_another", "DAMAGED", _inside_another),
     _added("listed_twice", "HOSTILE", _listed_twice("manifest.json")),
@@ -219,31 +203,23 @@ ZIP64_CASES = [
     _forged("zip64_end_missing", "HOSTILE", end=_COUNTED),
     _forged("zip64_end_differs", "HOSTILE", end64={"count": 3}),
     _forged("zip64_locator", "HOSTILE", end64={"at": 0}),
-    _forged("zip64_disks", "HOSTILE", end64={"disks": 2}),
     _forged("zip64_huge_record", "HOSTILE", end64={"record_size": 2**63}),
     _forged("zip64_count", "FORM", end=_COUNTED, end64={"here": 2**40, "count": 2**40}),
     _forged("zip64_start", "DAMAGED", end={"start": _FULL32}, end64={"start": 2**64 - 1}),
     _member("zip64_missing", "HOSTILE", central=_LONG),
     _member("zip64_short", "HOSTILE", central={**_LONG, "extra": zip64(48)}),
     _member("zip64_twice", "HOSTILE", central={**_LONG, "extra": zip64(48, 48) * 2}),
-    _member("zip64_unasked", "HOSTILE", central={"extra": zip64(48, 48)}),
     _member("zip64_local_differs", "HOSTILE", local={**_LONG, "extra": zip64(49, 49)}),
-    _member("zip64_size_2_63", "DAMAGED", central={**_LONG, "extra": zip64(2**63, 2**63)}),
 ]
 
 # --- no ZIP at all, and ZIPs that are cut off --------------------------------------------------------------
 
 _STRANGERS: dict[str, Callable[[], bytes]] = {
     "zero_bytes": lambda: b"",
-    "three_bytes": lambda: b"PK\x03",
     "manifest_alone": lambda: parts(mesh()).text(),
-    "glb": lambda: struct.pack("<4s2I", b"glTF", 2, 12),
 }
 _CUTS: dict[str, Callable[[bytes], int]] = {
-    "signature": lambda _: 4,
     "half": lambda z: len(z) // 2,
-    "members": lambda z: z.index(b"PK\x01\x02"),
-    "end": lambda z: len(z) - 22,
     "last_byte": lambda z: len(z) - 1,
 }
 
