@@ -104,16 +104,6 @@ def test_the_audit_of_a_path_is_that_of_the_command(
     assert msb.audit(msb.open(mesh_file)).counts.zero_area_faces == 2
 
 
-@pytest.mark.slow
-def test_an_error_of_an_audited_file_names_it_as_the_command_does(tmp_path: Path) -> None:
-    (tmp_path / "bad.obj").write_text("v 0 0 0\nf 1 1 9\n")
-    (tmp_path / "notes.txt").write_text("no mesh")
-    for name in ("bad.obj", "notes.txt"):
-        with pytest.raises(MsbError) as caught:
-            msb.audit(tmp_path / name)
-        assert f"{caught.value}\n" == audited(tmp_path / name)
-
-
 @pytest.mark.parametrize("read", [msb.audit, msb.open, msb.load, msb.export, msb.repair, msb.validate])
 def test_a_path_that_no_file_can_have_is_not_found(read: Callable[[str], Any]) -> None:
     with pytest.raises(InputError, match=r"FILE_NOT_FOUND: nul\\x00"):

@@ -209,23 +209,6 @@ def test_folders_that_were_made_for_nothing_are_gone(
     assert held(tmp_path) == {"mine/new/a": b"new"}
 
 
-def test_of_several_writers_the_last_to_fail_removes_their_folder(tmp_path: Path) -> None:
-    together = threading.Barrier(4)
-
-    def write_in_vain(number: int) -> None:
-        with new_file(tmp_path / "new" / str(number)):
-            together.wait()
-            raise FULL
-
-    def fail(number: int) -> None:
-        with pytest.raises(OutputError):
-            write_in_vain(number)
-
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(fail, range(4)))
-    assert not (tmp_path / "new").exists()
-
-
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
 def test_the_error_says_what_is_free_and_needed(number: int, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match=r"[\d,]+ bytes .* 7 are"):  # noqa: SIM117

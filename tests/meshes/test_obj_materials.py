@@ -122,25 +122,6 @@ def test_each_library_is_read_once_and_all_of_them_have_a_limit(
     assert [text for text in left_out if "material two" in text]
 
 
-def test_what_is_missing_is_named_in_short_and_not_looked_for_without_end(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(obj_materials, "_MAX_FILES", 40)
-    names = b" ".join(b"%d.mtl" % number for number in range(100))
-    left_out = read(folder, b"mtllib " + names + b"\n" + OBJ_TEXTURED).left_out
-    assert (len(left_out), left_out[-1]) == (17, "26 more things")  # UVs, the rest of 40, and those beyond
-    materials = [b"newmtl m%d\nmap_Kd %d.png\n" % (number, number) for number in range(100)]
-    uses = b"".join(b"usemtl m%d\n" % number for number in range(100))
-    left_out = read(folder, OBJ_TEXTURED.replace(b"usemtl one\n", uses), b"".join(materials)).left_out
-    assert (len(left_out), left_out[-1]) == (17, "26 more things")
-
-
-def test_an_image_of_several_names_is_a_texture_once(folder: Path) -> None:
-    two = OBJ_TEXTURED.replace(b"f -4", b"usemtl two\nf -4")
-    mesh = read(folder, two, ONE + b"newmtl two\nmap_Kd ././map.png\n")
-    assert (len(mesh.textures), mesh.face_textures) == (1, None)
-
-
 def test_who_needs_the_surface_alone_opens_nothing(folder: Path) -> None:
     (folder / "a.obj").write_bytes(OBJ_TEXTURED)
     mesh = read_mesh(folder / "a.obj", images=False)

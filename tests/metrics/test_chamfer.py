@@ -107,14 +107,6 @@ def test_sampling_and_thinning_are_the_loops(seed: int, spacing: float) -> None:
     assert np.array_equal(thin(cloud, spacing), cloud[alive])
 
 
-@pytest.mark.slow
-def test_copies_of_one_point_cost_no_more_than_one() -> None:
-    cloud = np.zeros((300_000, 3))
-    cloud[7] = 1
-    assert thin(cloud, 0.2).tolist() == [[0, 0, 0], [1, 1, 1]]
-    assert len(thin(np.zeros((0, 3)), 0.2)) == 0
-
-
 def test_nothing_in_reach_is_none_with_a_reason() -> None:
     data = metrics.read_dtu_scan(DTU, 1)
     low, high = data.box.astype(float)

@@ -132,27 +132,6 @@ def test_no_metric_may_have_the_key_of_something_else() -> None:
 
 
 @pytest.mark.slow
-def test_a_command_that_measures_nothing_does_not_import_it(site: Path, msb: Msb, demo_asset: Path) -> None:
-    (site / "msb_edges.py").write_text("raise SystemExit(3)\n")
-    where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
-    for words in (("audit", demo_asset), ("methods",), ("validate", demo_asset)):
-        found = msb(*words, **where)
-        assert (found.status, found.err) == (0, "")
-
-
-@pytest.mark.slow
-def test_eval_says_once_that_it_fails(site: Path, msb: Msb) -> None:
-    file = site / "msb_edges.py"
-    file.write_text(file.read_text().replace("    steps = [", "    1 / 0\n    steps = ["))
-    where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
-    found = msb("eval", "--json", "-", GOLDEN / "pred", GOLDEN / "gt", **where)
-    assert found.status == 0
-    assert [image["edges"] for image in found.json["images"]] == [None] * len(found.json["images"])
-    (line,) = (line for line in found.err.splitlines() if "edges" in line)
-    assert re.match(".*METRIC_FAILED: .*ZeroDivisionError", line)
-
-
-@pytest.mark.slow
 def test_runs_and_reports_have_it(site: Path, msb: Msb, tmp_path: Path) -> None:
     file = protocol(tmp_path, ("two_dts",), each='conditions = ["dedicated", "standard"]')
     file.path.write_bytes(file.text)

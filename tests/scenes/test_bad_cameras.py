@@ -15,13 +15,6 @@ from .bad_cameras import SMALL
 from .builders import write
 
 
-def test_a_model_of_too_many_images(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    write(tmp_path, SMALL["text"])
-    monkeypatch.setattr("msb.scenes.colmap.MAX_CAMERAS", 1)
-    with pytest.raises(SceneError, match=r"CAMERA_FILE: .*: line 5"):
-        msb.read_cameras(tmp_path)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 def test_links_are_followed_but_pipes_are_not(tmp_path: Path) -> None:
     write(tmp_path / "real", SMALL["cameras.json"])

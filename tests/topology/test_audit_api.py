@@ -194,13 +194,6 @@ def test_json_is_strict_for_every_mesh() -> None:
         assert json.loads(text)["counts"]["faces"] == len(faces)
 
 
-def test_numbers_are_plain_python() -> None:
-    report = audit(*BOOK)
-    assert {type(n) for n in vars(report.counts).values()} == {int}
-    assert {type(x) for x in vars(report.metrics).values()} <= {float, int}
-    assert {type(n) for pair in report.valence_histogram.items() for n in pair} == {int}
-
-
 def test_samples_name_elements_vertices_and_coordinates() -> None:
     samples = audit(*BOOK).samples
     (edge,) = samples["nonmanifold_edges"]

@@ -86,14 +86,6 @@ def test_vertex_numbers_beyond_32_bits_are_left_to_numpy() -> None:
     assert found.computed_by == "NumPy"
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("kernels")
-def test_a_forked_process_leaves_its_parents_device_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    audit(*MESH)
-    monkeypatch.setattr("msb.cl.devices.os.getpid", lambda: -1)
-    assert "forked" in audit(*MESH).computed_by
-
-
 def test_a_gpu_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     gpu = SimpleNamespace(record=SimpleNamespace(kind="gpu", style="gpu"), selector="gpu")
     monkeypatch.setattr("msb.cl.devices.choose_device", lambda: gpu)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import msb
-from data_stubs.splat_like import splat_like
 from msb import audit
 from msb.api.gates import parse_gate
 from msb.asset import Description, build_asset
@@ -58,13 +57,6 @@ def test_larger_meshes_are_welded_only_if_asked_for(monkeypatch: pytest.MonkeyPa
     assert audit(*HARD, weld="exact").closed_once_merged
 
 
-def test_a_mesh_with_true_holes_is_not_welded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(seams, "weld_vertices", lambda *_: pytest.fail("it was"))
-    points, faces = splat_like(14)
-    audit(points, faces)
-    audit(POINTS, FACES[:3])
-
-
 def test_a_verdict_is_that_of_the_mesh_without_its_seams_and_counts_are_as_stored() -> None:
     points, faces, uvs = doubled(*CUBE, CUBE_UVS)
     plain, found = audit(*CUBE), audit_arrays(points, faces, attributes={"uv": uvs})[0]
@@ -110,19 +102,6 @@ def test_doubles_for_no_uv_or_colour_are_no_seams() -> None:
     found = audit_arrays(*HARD, attributes={"uv": uvs})[0]
     assert (found.seams, found.verdict) == (None, audit(*HARD).verdict)
     assert found.closed_once_merged
-
-
-def test_rows_that_name_a_vertex_twice_have_no_seam() -> None:
-    points = np.concatenate([POINTS, POINTS + 9, POINTS[:1] + 9])
-    faces = np.concatenate([FACES[:3], [[4, 4, 8]]])  # the only face whose vertices are doubled
-    found, _ = audit_arrays(points, faces, attributes={"uv": np.random.default_rng(1).random((9, 2))})
-    assert (found.seams, found.counts.repeated_index_faces) == (None, 1)
-
-
-def test_both_sides_of_a_sliver_are_no_seam() -> None:
-    points = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0]], np.float32)
-    found, _ = audit_arrays(points, [[0, 1, 2]], attributes={"uv": np.eye(3, 2)})
-    assert (found.seams, found.judged.counts.repeated_index_faces) == (None, 0)
 
 
 def test_doubles_of_a_format_that_needs_none_are_seams_where_uvs_of_corners_differ() -> None:
