@@ -85,7 +85,6 @@ def by_zipfile(method: int) -> bytes:
     return out.getvalue()
 
 
-LFS = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1234\n"
 KIND_CASES = [
     bad("empty", "DAMAGED", b""),
     bad("zeros", "NOT_RECOGNISED", bytes(4096)),
@@ -122,7 +121,6 @@ def nested() -> list[Entry]:
     return [outer, inner, *entries(data={})]
 
 
-COUNTED = {"count": 0xFFFF, "here": 0xFFFF}
 LONG = {"size": 0xFFFFFFFF, "packed": 0xFFFFFFFF}
 
 # --- the archive --------------------------------------------------------------------------------------

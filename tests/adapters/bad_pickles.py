@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickletools
-import struct
 from collections.abc import Callable
 
 from tests.adapters.assemble import Case, archive, call, frame, name, program, row, short_text, text
@@ -93,8 +92,6 @@ OPCODE_CASES = [
 
 # --- where it ends ------------------------------------------------------------------------------------
 
-GIANT = struct.pack("<I", 0x7FFFFFFF)
-GIANT8 = struct.pack("<Q", 1 << 62)
 END_CASES = [
     bad("empty", "DAMAGED", b""),
     bad("trailing", "HOSTILE", program(b"N") + b"N"),

@@ -37,7 +37,6 @@ STACK_CASES = [
 
 # --- calls and states ---------------------------------------------------------------------------------
 
-STATE = b"(K\x03" + text("<") + b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0t"
 F8 = call(name("numpy", "dtype"), text("f8"), b"\x89", b"\x88")
 SCALAR = name("numpy._core.multiarray", "scalar")
 ENCODE = name("_codecs", "encode")
@@ -95,10 +94,6 @@ def laughs(levels: int) -> bytes:
         parts.append(b"](h%ch%ceq%c" % (level - 1, level - 1, level))
     # All lists are on the stack; a tuple of the lot keeps one result.
     return program(b"(", *parts, b"t")
-
-
-def self_in(kind: bytes, add: bytes) -> bytes:
-    return program(kind, b"q\0", add)
 
 
 RESULT_CASES = [

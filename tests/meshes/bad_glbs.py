@@ -77,15 +77,6 @@ def colors(count: int, dtype: str = "u1", kind: str = "VEC4") -> bytes:
     return made.bytes()
 
 
-def instanced(nodes: int) -> bytes:
-    """Return a mesh of 3,000 vertices that many nodes show."""
-    made = Glb()
-    made.primitive(made.accessor(np.zeros((3000, 3)), "f4", "VEC3"))
-    made.root["nodes"] = [{"mesh": 0}] * nodes
-    made.root["scenes"] = [{"nodes": list(range(nodes))}]
-    return made.bytes()
-
-
 def many_primitives(count: int, nodes: int) -> bytes:
     """Return a mesh of many parts that share one triangle, shown by many nodes."""
     made = Glb()
@@ -113,7 +104,6 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
     "version": (glb_file(b"{}", version=1), "UNSUPPORTED"),
     "short": (SMALL[".glb"][:-1], "TRUNCATED"),
     "chunk size": (resized(0)[:12] + b"\xff\xff\xff\xff" + resized(0)[16:], "TRUNCATED"),
-    "no chunk": (b"glTF\2\0\0\0\x0c\0\0\0", "INVALID"),
     "BIN first": (SMALL[".glb"].replace(b"JSON", b"BIN\0"), "INVALID"),
     "no BIN": (
         glb_file(json.dumps(glb_square().root | {"buffers": [{"byteLength": 60}]}).encode()),
@@ -142,11 +132,8 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
     ),
     "huge count": (with_accessor(0, count=10**12), "TRUNCATED"),
     "negative count": (with_accessor(0, count=-4), "INVALID"),
-    "count true": (with_accessor(0, count=True), "INVALID"),
     "position type": (with_accessor(0, type="VEC2"), "INVALID"),
-    "position component": (with_accessor(0, componentType=5125), "INVALID"),
     "stride": (with_view(0, byteStride=4), "INVALID"),
-    "large stride": (with_view(0, byteStride=2**60), "TRUNCATED"),
     "sparse index": (sparse([1, 4]), "INVALID"),
     "sparse, huge base": (huge_sparse(), "TOO_LARGE"),
     "sparse count": (sparse([1], count=5), "INVALID"),
@@ -164,10 +151,6 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
         changed(
             lambda root: (root.pop("scenes"), root["nodes"].extend([{"children": [2]}, {"children": [1]}]))
         ),
-        "INVALID",
-    ),
-    "two parents": (
-        changed(lambda root: root.update(nodes=[{"children": [1, 2]}, {"children": [2]}, {}])),
         "INVALID",
     ),
     "negative child": (with_node(children=[-1]), "INVALID"),
@@ -197,24 +180,17 @@ def material(**more: Any) -> bytes:
 
 
 JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
-_FRAME = JPEG.index(b"\xff\xc0") + 5
-HUGE_JPEG = JPEG[:_FRAME] + b"\xff\xdc\xff\xdc" + JPEG[_FRAME + 4 :]
-"""A JPEG that says it is 65,500 x 65,500."""
-HUGE_WEBP = b"RIFF\xff\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0\xff\xff\xff\xff\xff\xff"
 
 BAD_GLBS |= {
-    "image: host": (texture("//host/a.png"), "UNSUPPORTED"),
     "image: file scheme": (texture("file:///etc/passwd"), "UNSUPPORTED"),
     "image: backslash": (texture("..\\a.png"), "UNSUPPORTED"),
     "image: NUL": (texture("a%00.png"), "UNSUPPORTED"),
-    "image: absent": (texture("absent.png"), "INVALID"),
     "image: a folder": (texture("."), "INVALID"),
     "image: not base64": (texture("data:image/png;base64,a$b"), "INVALID"),
     "image: no text": (
         texture(7),  # type: ignore[arg-type]
         "INVALID",
     ),
-    "image: none": (texture(b"\x89PNG"), "INVALID"),
     "image: cut off": (texture(picture()[:-30]), "INVALID"),
     "image: 100,000 a side": (texture(png_header(100_000, 100_000)), "TOO_LARGE"),
     "image: many scans": (texture(JPEG[:-2] + b"\xff\xda" * 101 + JPEG[-2:]), "TOO_LARGE"),
@@ -240,15 +216,10 @@ BAD_GLTFS: dict[str, tuple[bytes, str]] = {
     "version": (b'{"asset": {"version": "1.1"}}', "UNSUPPORTED"),
     "no uri": (json.dumps(glb_square().root).encode(), "INVALID"),
     "absent": (gltf(uri="absent.bin"), "INVALID"),
-    "absolute": (gltf(uri="/dev/zero"), "UNSUPPORTED"),
     "up": (gltf(uri="../a.bin"), "UNSUPPORTED"),
-    "no data URI": (gltf(uri="#0"), "INVALID"),
-    "not base64": (gltf(uri="data:;base64," + "&" * 300), "INVALID"),
     "half a character of base64": (gltf(uri="data:;base64,\ud800"), "INVALID"),
     "short": (gltf(uri="data:;base64,AAAA"), "TRUNCATED"),
-    "no length": (gltf(byteLength=None), "INVALID"),
     "huge": (gltf(byteLength=2**50), "INVALID"),
-    "image": (glb_textured("../a.png").text(), "UNSUPPORTED"),
 }
 
 
@@ -277,10 +248,8 @@ def draco(attributes: dict[str, Any], **accessor: Any) -> bytes:
 
 
 BAD_GLBS |= {
-    "meshopt: mode": (packed(mode="TEXT"), "INVALID"),
     "meshopt: filter": (packed(filter=[]), "INVALID"),
     "meshopt: stride": (packed(byteStride=6), "INVALID"),
-    "meshopt: filtered": (packed(mode="INDICES", byteStride=4, filter="OCTAHEDRAL"), "INVALID"),
     "meshopt: size": (packed(count=5), "INVALID"),
     "meshopt: end": (packed(byteLength=99), "TRUNCATED"),
     "draco: no positions": (draco({"NORMAL": 0}), "INVALID"),
