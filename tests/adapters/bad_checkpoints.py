@@ -1,7 +1,5 @@
 """Every bad checkpoint there is. Nothing in them is random: the same release writes the same bytes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

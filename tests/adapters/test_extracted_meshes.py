@@ -1,7 +1,5 @@
 """Methods that leave a mesh are known by its file's name, in the folders that their code writes."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -75,9 +73,3 @@ def test_of_meshes_of_one_rank_one_is_to_be_given(tmp_path: Path) -> None:
         shutil.copy(source, tmp_path / name)
     with pytest.raises(CheckpointError, match=r"\(sugarfine_level01.obj, "):
         msb.open(tmp_path)
-
-
-def test_a_mesh_of_another_name_is_taken_as_the_method_that_is_named(tmp_path: Path) -> None:
-    shutil.copy(PEBBLE / "milo" / PLACES["milo"], tmp_path / "Barn.ply")
-    assert msb.open(tmp_path / "Barn.ply").manifest.method == "mesh"
-    assert msb.open(tmp_path / "Barn.ply", method="milo").manifest.method == "milo"

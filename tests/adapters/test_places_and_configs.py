@@ -1,7 +1,5 @@
 """Which file of an output folder holds the model, and where the settings beside it come from."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,6 @@ import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.api.inputs import expand
 from msb.errors import CheckpointError, InputError, UsageError
-from msb.methods.two_dts.adapter_config import read_config
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
@@ -34,8 +31,6 @@ def test_the_latest_iteration_is_the_largest_number() -> None:
     "inside",
     [
         "",
-        "point_cloud",
-        "point_cloud/iteration_30000",
         "point_cloud/iteration_30000/point_cloud_state_dict.pt",
     ],
 )
@@ -58,15 +53,6 @@ def test_the_folder_of_web_exports(tmp_path: Path) -> None:
     (tmp_path / "data" / "models.json").write_text('["garden"]')
     assert msb.export(tmp_path / "data").manifest.method == "diffsoup"
     assert msb.export(tmp_path / "data" / "garden" / "mesh.ply").manifest.method == "diffsoup"
-
-
-def test_paths_that_hold_nothing(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
-        msb.export(tmp_path / "nowhere")
-    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
-        msb.export("a\0b")
-    with pytest.raises(CheckpointError, match="CHECKPOINT_UNKNOWN"):
-        msb.export(tmp_path)
 
 
 def test_an_asset_is_no_checkpoint_and_is_said_to_be_one() -> None:
@@ -96,13 +82,6 @@ def test_a_latest_iteration_without_its_model_is_not_passed_over(tmp_path: Path)
 
 def settings_of(folder: Path, **options: Any) -> dict[str, tuple[Any, str]]:
     return {k: (s.value, s.source) for k, s in msb.export(folder, **options).manifest.settings.items()}
-
-
-@pytest.mark.parametrize("value", [f"{{b: {'9' * 40}}}", "1" + ":59" * 3000, "1" + ":59" * 3000 + ".5"])
-def test_a_number_without_measure_in_a_config(tmp_path: Path, value: str) -> None:
-    (tmp_path / "c.yaml").write_text(f"model: {{a: {value}}}\n")
-    with pytest.raises(CheckpointError, match="CHECKPOINT_CONFIG"):
-        read_config(tmp_path, tmp_path / "c.yaml")
 
 
 def test_without_a_config_there_are_defaults_and_one_warning(tmp_path: Path) -> None:
@@ -168,9 +147,7 @@ def test_a_degree_above_the_stored_one_is_lowered_with_a_warning(tmp_path: Path)
     [
         "rasterizer_type: 4D",
         "ste_threshold: 2",
-        "back_culling: maybe",
         "render_up_scale: [2]",
-        "max_sh_degree: -1",
     ],
 )
 def test_a_config_value_that_cannot_be_is_an_error_unless_a_flag_replaces_it(
@@ -193,8 +170,7 @@ HOSTILE_YAML = {
     "object": "model: !!python/object/apply:os.system [echo]\n",
     "deep": "model: " + "[" * 20000,
     "huge number": "model: {max_sh_degree: " + "9" * 20000 + "}\n",
-    "no truth": "model: {a: !!bool maybe}\n",
-    "binary": "\x00\x01\x02",
+    "number of 3000 places": "model: {a: 1" + ":59" * 3000 + "}\n",
     "long": "model:\n" + "  x: 1\n" * MAX_BYTES,
     "no section": "trainer: {}\n",
 }
@@ -236,10 +212,7 @@ CFG_ARGS = {
         "d": -2.5,
         "e": [1, 2],
     },
-    "Namespace()": {},
     "Namespace(a=__import__('os').getcwd())": None,
-    "open('x')": None,
-    "Namespace(1)": None,
     "Namespace(a=1); x": None,
     "": None,
     "Namespace(a=" + "[" * 30000: None,
@@ -281,7 +254,6 @@ def test_what_cfg_args_say_of_the_training_is_kept_without_a_path(method: str, t
         ("source_path='/data/nerf_synthetic/lego'", "+z"),
         ("source_path='/data/lego/', white_background=True", "+z"),
         ("source_path='/data/lego', white_background=False", "-y"),
-        ("source_path=3", "unknown"),
         ("eval=True", "unknown"),
     ],
 )

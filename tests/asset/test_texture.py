@@ -1,7 +1,5 @@
 """Textures: levels, sampling, colours for who knows no texture, and the way through a mesh."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

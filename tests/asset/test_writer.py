@@ -1,7 +1,5 @@
 """An asset is written whole or not at all, and never one that cannot be read again."""
 
-from __future__ import annotations
-
 import struct
 import zipfile
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a bad asset is: a name that says what is wrong, and the code that says so."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

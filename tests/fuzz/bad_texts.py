@@ -1,7 +1,5 @@
 """Bad TOML, JSON and YAML: name -> fuzz target, content, and code."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -15,8 +13,6 @@ DIGITS = b"1" * 5000
 """More than Python turns into a number."""
 HEXADECIMAL = b"0x" + b"f" * 5000
 """A number that Python makes, but does not print."""
-BIG = b"1" + b"0" * 400
-"""No float is that large."""
 
 
 def protocol(more: bytes, old: str = "", new: str = "") -> bytes:

@@ -1,7 +1,5 @@
 """Mesh files that are not valid: name -> suffix, content and code."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -65,33 +63,25 @@ def facet(corners: Sequence[str]) -> bytes:
 
 _PLY: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "INVALID"),
-    "garbage": (b"\x80\x02garbage", "INVALID"),
     "no end_header": (header("end_header", "end_heade"), "TRUNCATED"),
     "endless header": (b"ply\n" + b"comment x\n" * 200_000, "TOO_LARGE"),
     "no format": (header("format ascii 1.0\n", ""), "INVALID"),
     "unknown format": (header("ascii", "utf8"), "INVALID"),
-    "version": (header("1.0", "2.0"), "UNSUPPORTED"),
     "type": (header("float x", "half x"), "INVALID"),
-    "property words": (header("float x", "float x y"), "INVALID"),
     "float list count": (header("list uchar", "list float"), "INVALID"),
     "float indices": (header("uchar int", "uchar float"), "INVALID"),
     "x is a list": (header("float x", "list uchar float x"), "INVALID"),
     "no vertex": (header("element vertex", "element vertices"), "INVALID"),
     "two x": (header("float y", "float x"), "INVALID"),
-    "two vertex": (header("element face", "element vertex"), "INVALID"),
     "property first": (header("element vertex 4\n", ""), "INVALID"),
-    "long count": (header("vertex 4", "vertex " + "9" * 5000), "INVALID"),
     "strips": (
         ply(LITTLE, [*VERTICES, "element tristrips 1", "property list int int vertex_indices"], BODY),
         "UNSUPPORTED",
     ),
     "text vertices missing": (ply_text(OFF_SQUARE), "TRUNCATED"),
     "text huge count": (header("vertex 4", "vertex 1000000000000"), "TRUNCATED"),
-    "text short row": (row(b"1 1 0", b"1 1"), "INVALID"),
     "text word": (row(b"1 1 0", b"1 one 0"), "INVALID"),
-    "text index huge": (row(b"3 0 2 3", b"3 0 1e99 3"), "INVALID"),
     "text trailing": (ply_text(TEXT + b"\n7\n"), "INVALID"),
-    "text nul": (ply_text(TEXT + b"\0"), "INVALID"),
     "binary negative list": (wide_list(BODY + b"\xff" * 4), "INVALID"),
     "binary list in vertex": (
         ply(
@@ -107,13 +97,10 @@ _PLY: dict[str, tuple[bytes, str]] = {
 }
 
 _OBJ: dict[str, tuple[bytes, str]] = {
-    "garbage": (b"\x80\x02garbage\n", "INVALID"),
     "binary": (b"v 0 0 0\n\0\1\2", "INVALID"),
-    "two numbers": (b"v 0 0 0\nv 1 1\n", "INVALID"),
     "word": (b"# c\nv 0 zero 0\n", "INVALID"),
     "index before the first": (b"v 0 0 0\nf -1 -1 -2\n", "INVALID"),
     "index huge": (OBJ_SQUARE + b"f 1 99999999999999999999 3\n", "INVALID"),
-    "index missing": (OBJ_SQUARE + b"f 1 /2 3\n", "INVALID"),
     "shell": (OBJ_SQUARE + b"csh rm -rf x\n", "UNSUPPORTED"),
 }
 
@@ -122,8 +109,6 @@ _OFF: dict[str, tuple[bytes, str]] = {
     "binary": (b"OFF BINARY\n\0\0\0\4", "UNSUPPORTED"),
     "4OFF": (b"4OFF\n1 0 0\n0 0 0 1\n", "UNSUPPORTED"),
     "nothing after OFF": (b"OFF\n# \n", "TRUNCATED"),
-    "negative counts": (b"OFF\n4 -2 0\n", "INVALID"),
-    "huge faces": (b"OFF\n1 999999999999 0\n0 0 0\n", "TRUNCATED"),
     "line missing": (off(b"OFF\n4 2 0", OFF_SQUARE, b"3 0 1 2    \n"), "TRUNCATED"),
     "line more": (off(b"OFF\n4 1 0", OFF_SQUARE, b"3 0 1 2\n3 0 2 3\n"), "INVALID"),
     "uneven vertices": (off(b"COFF\n2 0 0", b"0 0 0\n0 0 0 1 1 1\n"), "INVALID"),
@@ -137,7 +122,6 @@ _STL: dict[str, tuple[bytes, str]] = {
     "huge count": (stl_binary([SQUARE[:3]], count=2**32 - 1), "TRUNCATED"),
     "count 0 with faces": (stl_binary([SQUARE[:3]], count=0), "INVALID"),
     "cut in a face": (b"solid x\n" + stl_facet()[:-17], "TRUNCATED"),
-    "word": (facet(("0 0 0", "1 x 0", "0 1 0")), "INVALID"),
     "two numbers": (facet(("0 0 0", "1 0", "0 1 0")), "INVALID"),
     "four corners": (facet(("0 0 0",) * 4), "INVALID"),
 }

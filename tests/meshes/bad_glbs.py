@@ -1,12 +1,12 @@
 """GLB files that are not valid: name -> content and the end of the code."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
+from tests.corpus.forge import png
 
 from .builders import (
     SMALL,
@@ -17,7 +17,6 @@ from .builders import (
     glb_textured,
     picture,
     ply_floats,
-    png_header,
 )
 
 
@@ -124,28 +123,17 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
         "INVALID",
     ),
     "no buffer": (changed(lambda root: root.pop("buffers")), "INVALID"),
-    "no view, huge": (
-        changed(
-            lambda root: (root["accessors"][0].pop("bufferView"), root["accessors"][0].update(count=10**12))
-        ),
-        "INVALID",
-    ),
     "huge count": (with_accessor(0, count=10**12), "TRUNCATED"),
-    "negative count": (with_accessor(0, count=-4), "INVALID"),
     "position type": (with_accessor(0, type="VEC2"), "INVALID"),
     "stride": (with_view(0, byteStride=4), "INVALID"),
     "sparse index": (sparse([1, 4]), "INVALID"),
     "sparse, huge base": (huge_sparse(), "TOO_LARGE"),
-    "sparse count": (sparse([1], count=5), "INVALID"),
     "sparse values": (sparse([1, 2], values={"bufferView": 2}), "TRUNCATED"),
     "no accessor": (with_primitive(indices=9), "INVALID"),
     "no position": (with_primitive(attributes={}), "INVALID"),
     "mode": (with_primitive(mode=7), "INVALID"),
-    "primitive null": (changed(lambda root: root["meshes"][0].update(primitives=[None])), "INVALID"),
     "four corners": (glb_square(indices=[0, 1, 2, 3]).bytes(), "INVALID"),
     "color count": (colors(3), "INVALID"),
-    "color type": (colors(4, kind="VEC2"), "INVALID"),
-    "color component": (colors(4, dtype="i2"), "INVALID"),
     "own child": (with_node(children=[0]), "INVALID"),
     "cycle without scene": (
         changed(
@@ -153,17 +141,13 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
         ),
         "INVALID",
     ),
-    "negative child": (with_node(children=[-1]), "INVALID"),
-    "no such mesh": (with_node(mesh=3), "INVALID"),
     "nothing shown": (changed(lambda root: root["nodes"][0].clear()), "INVALID"),
-    "short matrix": (with_node(matrix=[1] * 15), "INVALID"),
     "infinite scale": (
         glb_file(
             json.dumps(glb_square().root).replace('"mesh": 0', '"mesh": 0, "scale": [1e999, 1, 1]').encode()
         ),
         "INVALID",
     ),
-    "zero rotation": (with_node(rotation=[0, 0, 0, 0]), "INVALID"),
     "primitives times nodes": (many_primitives(2_000, 2_000), "TOO_LARGE"),
 }
 
@@ -184,19 +168,12 @@ JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
 BAD_GLBS |= {
     "image: file scheme": (texture("file:///etc/passwd"), "UNSUPPORTED"),
     "image: backslash": (texture("..\\a.png"), "UNSUPPORTED"),
-    "image: NUL": (texture("a%00.png"), "UNSUPPORTED"),
     "image: a folder": (texture("."), "INVALID"),
     "image: not base64": (texture("data:image/png;base64,a$b"), "INVALID"),
-    "image: no text": (
-        texture(7),  # type: ignore[arg-type]
-        "INVALID",
-    ),
     "image: cut off": (texture(picture()[:-30]), "INVALID"),
-    "image: 100,000 a side": (texture(png_header(100_000, 100_000)), "TOO_LARGE"),
+    "image: 100,000 a side": (texture(png(100_000, 100_000)), "TOO_LARGE"),
     "image: many scans": (texture(JPEG[:-2] + b"\xff\xda" * 101 + JPEG[-2:]), "TOO_LARGE"),
     "texture: none": (material(baseColorTexture={"index": 3}), "INVALID"),
-    "texture: no number": (material(baseColorTexture=[]), "INVALID"),
-    "factor": (material(baseColorFactor=[1, 1, 1]), "INVALID"),
     "cut-off": (glb_textured(alphaMode="MASK", alphaCutoff="a").bytes(), "INVALID"),
 }
 
@@ -212,14 +189,11 @@ def gltf(**buffer: Any) -> bytes:
 BAD_GLTFS: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "INVALID"),
     "a list": (b"[{}]", "INVALID"),
-    "cut off": (gltf()[:-1], "INVALID"),
     "version": (b'{"asset": {"version": "1.1"}}', "UNSUPPORTED"),
     "no uri": (json.dumps(glb_square().root).encode(), "INVALID"),
     "absent": (gltf(uri="absent.bin"), "INVALID"),
-    "up": (gltf(uri="../a.bin"), "UNSUPPORTED"),
     "half a character of base64": (gltf(uri="data:;base64,\ud800"), "INVALID"),
     "short": (gltf(uri="data:;base64,AAAA"), "TRUNCATED"),
-    "huge": (gltf(byteLength=2**50), "INVALID"),
 }
 
 
@@ -248,12 +222,9 @@ def draco(attributes: dict[str, Any], **accessor: Any) -> bytes:
 
 
 BAD_GLBS |= {
-    "meshopt: filter": (packed(filter=[]), "INVALID"),
     "meshopt: stride": (packed(byteStride=6), "INVALID"),
     "meshopt: size": (packed(count=5), "INVALID"),
     "meshopt: end": (packed(byteLength=99), "TRUNCATED"),
     "draco: no positions": (draco({"NORMAL": 0}), "INVALID"),
-    "draco: no count": (draco({"POSITION": 0}, count=None), "INVALID"),
     "draco: huge": (draco({"POSITION": 0}, count=10**12), "TOO_LARGE"),
-    "draco: no id": (draco({"POSITION": "a"}), "INVALID"),
 }

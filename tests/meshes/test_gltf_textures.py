@@ -1,7 +1,5 @@
 """Textures and colours of glTF: base colour as a GPU would show it, and what is said of the rest."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A face that uses a vertex which is not there: its line is named where the file has lines."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

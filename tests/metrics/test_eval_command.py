@@ -1,7 +1,5 @@
 """`msb eval` as its users meet it."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -113,14 +111,6 @@ def test_alpha_needs_a_background(msb: Msb, tmp_path: Path) -> None:
     data = msb("eval", "--background", "white", "--json", "-", tmp_path / "b.png", tmp_path / "a.png").json
     assert data["images"][0]["psnr"] == "inf"
     assert data["background"] == [1, 1, 1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("background", ["official", "mauve", "#12345", "2,0,0"])
-def test_background_is_a_colour(msb: Msb, background: str) -> None:
-    result = msb("eval", "--background", background, PRED, GT)
-    assert result.status == 2
-    assert result.err.startswith("USAGE: --background ")
 
 
 @needs_torch

@@ -1,7 +1,5 @@
 """MATLAB 5 files: arrays are those that SciPy reads."""
 
-from __future__ import annotations
-
 import io
 import zlib
 from typing import Any

@@ -1,7 +1,5 @@
 """An image metric in another package: that of docs/extending.md, failing, broken, and not installed."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -28,7 +26,6 @@ from tests.report.factory import make_result, write
 from tests.test_docs_commands import installed
 
 __all__ = ["msb"]
-GOLDEN = ROOT / "tests" / "golden" / "metrics"
 OURS = ["psnr", "ssim", "lpips"]
 BLACK, WHITE = np.zeros((4, 4, 3)), np.ones((4, 4, 3))
 
@@ -75,9 +72,7 @@ def test_it_is_one_of_the_metrics(edit: Callable[..., None]) -> None:
 
 FAILING = {
     "raise SystemExit": "SystemExit",
-    "return 1 / 0": "ZeroDivisionError",
     "return float('nan')": "nan",
-    "return '0.5'": "'0.5'",
     "return None": "TypeError",
 }
 
@@ -106,14 +101,11 @@ def test_one_that_prints_and_changes_its_images_changes_nothing(
 @pytest.mark.parametrize(
     ("old", "new", "entry", "why"),
     [
-        ("import numpy as np", "import sys; sys.exit()", None, "SystemExit"),
         ("EDGES = ", "EDGES = 3\nOTHER = ", None, "ImageMetric, .* int"),
         ("", "", "psnr = msb_edges:EDGES", "msb.metrics.images:PSNR"),
         ("", "", "fps = msb_edges:EDGES", "records"),
         ("", "", "corners = msb_edges:EDGES", "corners"),
-        ("", "", "edges =", "module"),
         ("decimals=4", "decimals='4'", None, "decimals"),
-        ("measure=edges", "measure=None", None, "measure"),
         ('better="lower"', 'better="less"', None, "'less'"),
     ],
 )

@@ -1,7 +1,5 @@
 """Cameras that must be refused: name -> files, the path to read and the code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

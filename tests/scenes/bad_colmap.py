@@ -1,7 +1,5 @@
 """COLMAP models and points that must be refused; see bad_cameras.py."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -36,9 +34,7 @@ def lens_line(parameters: bytes, head: bytes = b"1 PINHOLE 40 30 ") -> bytes:
 BAD_COLMAP: dict[str, Bad] = {
     "empty cameras": colmap(b""),
     "huge count of cameras": colmap(many(count=2**64 - 1)),
-    "camera trailing": colmap(LENSES + b"more"),
     "image name without end": colmap(images=many(shot_bin()[:64] + b"a.png" * 5)),
-    "huge count of 2d points": with_shot(count=2**64 - 1),
     "model unknown": with_lens(1, 11, code="CAMERA_DISTORTED"),
     "camera id twice": colmap(many(lens_bin(), lens_bin())),
     "image name twice": colmap(images=many(shot_bin(), shot_bin(2)), code="CAMERA_FILE"),
@@ -46,10 +42,7 @@ BAD_COLMAP: dict[str, Bad] = {
     "camera id unknown": with_shot(lens=2),
     "quaternion nan": with_shot(q=(math.nan, 0, 0, 0)),
     "translation huge": with_shot(t=(0, 1e300, 0), code="CAMERA_INVALID"),
-    "principal nan": with_lens(parameters=(50, 49, 2, math.nan), code="CAMERA_INVALID"),
     "width absurd": with_lens(width=2**64 - 1, code="CAMERA_INVALID"),
-    "name up": with_shot(name=b"../a.png\0", code="CAMERA_INVALID"),
-    "name with a line end": with_shot(name=b"a\nb\0", code="CAMERA_INVALID"),
     "name not utf-8": with_shot(name=b"\xff\xfe\0", code="CAMERA_INVALID"),
     "forms mixed": (
         {"sparse/0/cameras.bin": LENSES, "sparse/0/images.txt": TEXT["images.txt"]},
@@ -77,9 +70,7 @@ BAD_TEXT: dict[str, Bad] = {
     "short camera": text(cameras=lens_line(b"", b"1 PINHOLE 40")),
     "few parameters": text(cameras=lens_line(b"50 49 20")),
     "model unknown": text(cameras=lens_line(b"1 2 3", b"1 CAHVOR 40 30 "), code="CAMERA_DISTORTED"),
-    "width long": text(cameras=lens_line(b"5 4 2 1", b"1 PINHOLE " + b"9" * 5000 + b" 30 ")),
     "focal word": text(cameras=lens_line(b"50,5 49 20 15")),
-    "short image": text(images=b"5 1 0 0 0 0 0 0 1\n\n"),
     "empty line lost": text(images=b"5 1 0 0 0 0 0 0 1 a\n6 1 0 0 0 0 0 0 1 b\n7 1 0 0 0 0 0 0 1 c\n"),
     "huge line": text(images=b"#\n\n" + b"5" * (18 << 20) + b"\n"),
 }

@@ -1,7 +1,5 @@
 """Explanations: one for every number there is, found by any of its names, and printed in the manual."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import pytest
@@ -44,14 +42,10 @@ def test_symbol_finds_its_key(symbol: str, key: str) -> None:
 @pytest.mark.parametrize(
     ("name", "key"),
     [
-        ("VF_RATIO", "vf_ratio"),
         ("vf-ratio", "vf_ratio"),
-        (" vf_ratio ", "vf_ratio"),
-        ("metrics.vf_ratio", "vf_ratio"),
         ("counts.edges", "edges"),
         ("welded.metrics.vf_ratio", "vf_ratio"),
         ("e_GT2", "nonmanifold_edges"),
-        ("e", "edges"),
         ("LCC_area", "largest_component_area"),
         ("lcc_area", "lcc_area_ratio"),
         ("Lcc_Area", "lcc_area_ratio"),  # neither symbol: the paper's column

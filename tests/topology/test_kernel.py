@@ -1,7 +1,5 @@
 """The OpenCL kernels find what NumPy finds, to the last bit, whatever the mesh, the sizes and the threads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -108,43 +106,6 @@ def test_splat_like_mesh(device: Device, shuffle: bool) -> None:
     for sizes in (DEFAULT, replace(DEFAULT, block_corners=512), TINY):
         for workers in (1, 2, 7):
             found(device, mesh, sizes, workers)
-
-
-# --- what stands in the way of speed
-
-
-def points(count: int) -> np.ndarray:
-    return np.random.default_rng(count).random((count, 3))
-
-
-def test_one_vertex_in_every_face(device: Device) -> None:
-    ring = np.arange(1, 1000)
-    faces = np.stack([np.zeros(999, int), ring, np.roll(ring, -1)], axis=1)
-    closed = found(device, (points(1000), faces))
-    assert closed.counts.nonmanifold_vertices == 0
-    assert closed.valence_histogram == {3: 999, 999: 1}
-    opened = found(device, (points(1000), faces[:-1]))
-    assert (opened.counts.boundary_loops, opened.counts.boundary_edges) == (1, 1000)
-    assert found(device, (points(1000), faces[::2])).counts.multifan_vertices == 1
-
-
-def test_one_edge_in_every_face(device: Device) -> None:
-    faces = np.stack([np.zeros(500, int), np.ones(500, int), np.arange(2, 502)], axis=1)
-    counts = found(device, (points(502), faces)).counts
-    assert (counts.max_edge_faces, counts.nonmanifold_edges, counts.components) == (500, 1, 1)
-    assert counts.components_manifold_edges == counts.open_boundary_chains == 500
-
-
-def test_all_faces_the_same(device: Device) -> None:
-    result = found(device, (points(3), np.tile([0, 1, 2], (500, 1))))
-    assert result.counts.duplicate_faces == 499
-    assert result.first["duplicate_faces"] == tuple((i, (0, 1, 2)) for i in (1, 2, 3))
-
-
-def test_a_soup(device: Device) -> None:
-    result = everywhere(device, (points(900), np.arange(900).reshape(-1, 3)))
-    assert not result.shares_vertices
-    assert result.counts.components == result.counts.boundary_loops == 300
 
 
 # --- arrays

@@ -1,19 +1,9 @@
 """The generator of MeshSplatting-like meshes: deterministic, valid, and with the structure it should have."""
 
-from __future__ import annotations
-
-import numpy as np
 import pytest
 
 from data_stubs.splat_like import Shape, splat_like
 from msb import audit
-
-
-def test_same_seed_gives_the_same_mesh_and_another_seed_another() -> None:
-    (a, f), (b, g), (c, _) = splat_like(12), splat_like(12), splat_like(12, seed=1)
-    np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(f, g)
-    assert a.shape != c.shape or not np.array_equal(a, c)
 
 
 def test_default_has_the_structure_it_was_made_for() -> None:

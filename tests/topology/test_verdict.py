@@ -1,7 +1,5 @@
 """The one sentence for a technical artist: each kind of mesh gets the grade and the reason it deserves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,16 +1,13 @@
-"""The half-edge structure: numbering, groups of any size, and the identities between its parts."""
-
-from __future__ import annotations
+"""Half-edges, areas and loops by themselves: what the twins of the audit do not reach."""
 
 import numpy as np
 import pytest
 
 from data_stubs.splat_like import splat_like
+from msb import audit
+from msb.topology.faces import extra_duplicates, face_areas
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of, next_in_face
-from tests.conftest import BOOK
-from tests.topology.meshes import CASES, Case, random_mesh
-
-VALID = [c for c in CASES if c.valid]
+from tests.topology.meshes import CASES, Mesh, random_mesh, sheet
 
 
 def build(faces: np.ndarray, vertex_count: int) -> HalfEdgeMesh:
@@ -52,44 +49,11 @@ def assert_consistent(mesh: HalfEdgeMesh) -> None:
     assert len(one) == (crowded - 1).sum()
 
 
-@pytest.mark.parametrize("case", VALID, ids=lambda c: c.name)
-def test_structure_of_case_is_consistent(case: Case) -> None:
-    assert_consistent(build(case.faces, len(case.vertices)))
-
-
-def test_structure_of_random_meshes_is_consistent() -> None:
+def test_structures_are_consistent() -> None:
     random = np.random.default_rng(7)
-    for _ in range(300):
-        points, faces = random_mesh(random)
+    meshes = [(case.vertices, case.faces) for case in CASES if case.valid] + [splat_like(16)]
+    for points, faces in [*meshes, *(random_mesh(random) for _ in range(300))]:
         assert_consistent(build(faces, len(points)))
-
-
-def test_halfedges_of_a_triangle_run_around_it() -> None:
-    mesh = build(np.array([[5, 2, 9]]), 10)
-    assert mesh.origin.tolist() == [5, 2, 9]
-    assert mesh.target.tolist() == [2, 9, 5]
-    assert mesh.edge_vertices.tolist() == [[2, 5], [2, 9], [5, 9]]
-    assert mesh.edge.tolist() == [0, 1, 2]
-
-
-def test_spine_of_a_book_is_one_group_of_three() -> None:
-    mesh = build(BOOK[1], 5)
-    assert mesh.multiplicity.tolist() == [3, 1, 1, 1, 1, 1, 1]
-    assert mesh.halfedges_of(0).tolist() == [0, 3, 6]
-
-
-def test_repeated_index_rows_have_no_edges() -> None:
-    mesh = build(np.array([[0, 1, 2], [1, 2, 2], [3, 3, 3]]), 4)
-    assert mesh.repeated_index.tolist() == [False, True, True]
-    assert mesh.multiplicity.tolist() == [1, 1, 1]
-    assert mesh.edge[3:].tolist() == [NONE] * 6
-
-
-def test_no_faces_give_an_empty_structure() -> None:
-    mesh = build(np.zeros((0, 3)), 0)
-    assert (mesh.edge_count, mesh.face_count) == (0, 0)
-    assert mesh.edge_offsets.tolist() == [0]
-    assert_consistent(mesh)
 
 
 def test_vertex_numbers_up_to_the_limit_stay_apart() -> None:
@@ -103,6 +67,59 @@ def test_vertex_numbers_up_to_the_limit_stay_apart() -> None:
     assert mesh.edge_vertices.dtype == np.int64
 
 
-def test_structure_of_a_splat_like_mesh_is_consistent() -> None:
-    points, faces = splat_like(16)
-    assert_consistent(build(faces, len(points)))
+RIGHT = np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0], [6, 0, 0]])
+
+
+def test_area_is_the_same_whichever_way_the_faces_are_cut_into_chunks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    random = np.random.default_rng(0)
+    points, faces = random.random((50, 3)), random.integers(0, 50, (1000, 3))
+    whole, _ = face_areas(points, faces)
+    monkeypatch.setattr("msb.topology.faces._CHUNK", 7)
+    pieces, _ = face_areas(points, faces)
+    np.testing.assert_array_equal(whole, pieces)
+
+
+def test_double_precision_matters_far_from_the_origin() -> None:
+    points = (RIGHT + 1e6).astype(np.float32)  # whole numbers below 2^24: exact in float32
+    area, _ = face_areas(points, np.array([[0, 1, 2]]))
+    assert area.tolist() == [6.0]
+
+
+def test_duplicates_are_found_at_the_top_of_the_integer_range() -> None:
+    top = 2**31 - 1  # the sum of a row wraps around
+    faces = np.array([[top, top - 1, top - 2], [top - 2, top, top - 1], [top, top - 1, top - 3]], np.int32)
+    assert extra_duplicates(faces).tolist() == [False, True, False]
+
+
+def torn_sheets() -> list[Mesh]:
+    """Return manifold sheets with holes that do not touch each other."""
+    random = np.random.default_rng(3)
+    found = []
+    for _ in range(12):
+        spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
+        chosen = random.permutation(len(spots))[: random.integers(0, 20)]
+        found.append(sheet(13, tuple(spots[i] for i in chosen)))
+    return found
+
+
+def test_sheet_has_one_loop_and_one_more_for_each_hole() -> None:
+    counts = audit(*sheet(7, holes=((1, 1), (3, 4), (5, 1)))).counts
+    assert (counts.boundary_loops, counts.open_boundary_chains) == (4, 0)
+    assert counts.boundary_edges == 28 + 3 * 4
+
+
+def test_loops_that_touch_in_a_vertex_stay_apart() -> None:
+    counts = audit(*sheet(4, holes=((1, 1), (2, 2)))).counts
+    assert counts.nonmanifold_vertices == counts.multifan_vertices == 1
+    assert (counts.boundary_loops, counts.open_boundary_chains) == (2, 0)
+
+
+@pytest.mark.oracle
+def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
+    igl = pytest.importorskip("igl", reason="extra crosscheck is not installed")
+    for points, faces in torn_sheets():
+        counts = audit(points, faces).counts
+        assert counts.nonmanifold_vertices == 0
+        assert counts.boundary_loops == len(igl.boundary_loop_all(faces))
