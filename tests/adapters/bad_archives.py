@@ -5,7 +5,6 @@ import struct
 import tarfile
 import zipfile
 from collections.abc import Callable
-from typing import Any
 
 from msb.adapters.checkpoint.archive import MAX_MEMBERS
 from tests.adapters.assemble import (
@@ -31,12 +30,6 @@ def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
     return Case(label, f"CHECKPOINT_{code}", make if callable(make) else lambda: make)
 
 
-def zipped(label: str, code: str, members: Any = None, **spoil: Any) -> Case:
-    """Return a case made by `forge`, from the members of a good archive or those that a function makes."""
-    make = entries if members is None else members
-    return bad(f"zip_{label}", code, lambda: forge(make(), **{"end64": {}, **spoil}))
-
-
 def member(label: str, code: str, which: int = 0, **changes: Fields) -> Case:
     """Return a case in which fields of one member's headers (data.pkl, if not said) are others."""
 
@@ -47,7 +40,7 @@ def member(label: str, code: str, which: int = 0, **changes: Fields) -> Case:
             setattr(parts[which], key, {**attribute, **value} if isinstance(value, dict) else value)
         return parts
 
-    return zipped(label, code, make)
+    return bad(f"zip_{label}", code, lambda: forge(make(), end64={}))
 
 
 def added(label: str, code: str, *more: Entry) -> Case:
@@ -118,7 +111,11 @@ ZIP_CASES = [
     bad("zip_no_root", "FORM", lambda: forge([torch_entry("data.pkl", GOOD)])),
     member("descriptor_size", "HOSTILE", 4, after=described(0, 24)),
     member("crc", "DAMAGED", both={"crc": 5}, after=described(5, len(GOOD))),
-    zipped("many", "FORM", lambda: [Entry(f"archive/data/{n}", b"") for n in range(MAX_MEMBERS + 1)]),
+    bad(
+        "zip_many",
+        "FORM",
+        lambda: forge([Entry(f"archive/data/{n}", b"") for n in range(MAX_MEMBERS + 1)], end64={}),
+    ),
 ]
 
 # --- files of before torch 1.6 ------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Which file of an output folder holds the model, and where the settings beside it come from."""
+"""Which file of an output folder holds the model or the mesh, and where the settings beside it come from."""
 
 import shutil
 from pathlib import Path
@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 import msb
+from data_stubs.made_meshes import PLACES
+from msb.adapters.exporter import detect
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.api.inputs import expand
+from msb.asset.texture import is_textured
 from msb.errors import CheckpointError, InputError, UsageError
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export
 from tests.conftest import ROOT
+from tests.tiny import MODELS
 
 TORUS = GOLDEN / "triangle_splatting" / "torus_sh0_white" / "checkpoint"
 
@@ -297,3 +301,64 @@ def test_diffsoup_up_axis_and_layout_overrides(tmp_path: Path) -> None:
     asset = msb.export(folder, settings={"layout": "synthetic"})
     assert asset.manifest.settings["z_far"].value == 10.0
     assert asset.manifest.appearance["background"] == "#ffffff"
+
+
+PEBBLE = MODELS / "pebble"
+MADE = msb.open(PEBBLE / "milo")
+
+
+@pytest.mark.parametrize("method", PLACES)
+def test_folder_and_file_are_that_method_and_show_the_surface(method: str) -> None:
+    folder, file = PEBBLE / method, PEBBLE / method / PLACES[method]
+    asset = msb.open(folder)
+    assert asset.manifest.method == method == detect(file) == detect(file.parent)
+    np.testing.assert_allclose(asset.buffers["positions"], MADE.buffers["positions"], atol=1e-6)
+    assert is_textured(asset) is (file.suffix == ".obj")
+    assert expand(folder) == [folder]  # one model, not a folder of meshes
+    found = msb.open(file).manifest.source.files
+    assert found == asset.manifest.source.files
+    assert found[0].path == PLACES[method]
+    assert asset.audit().counts.faces == MADE.audit().counts.faces
+
+
+def test_what_the_training_says_of_background_split_and_up_is_kept() -> None:
+    manifest = msb.open(PEBBLE / "gaussian_wrapping").manifest
+    assert manifest.appearance["background"] == "#ffffff"
+    assert manifest.training == {"eval": True, "images": "images", "resolution": -1}
+    assert "background" not in msb.open(PEBBLE / "trisplat").manifest.appearance
+
+
+@pytest.mark.parametrize(
+    ("names", "best"),
+    [
+        (("mesh_integration_sdf.ply", "mesh_learnable_sdf.ply"), "mesh_learnable_sdf.ply"),
+        (("mesh_regular_tsdf_res512.ply", "mesh_regular_tsdf_res1024.ply"), "mesh_regular_tsdf_res1024.ply"),
+        (("mesh_ours_2pivots.ply", "mesh_ours_2pivots_post.ply"), "mesh_ours_2pivots.ply"),
+        (
+            (
+                "mesh_exact_computation_2pivots_searched.ply",
+                "mesh_exact_computation_2pivots_searched_post.ply",
+            ),
+            "mesh_exact_computation_2pivots_searched.ply",
+        ),
+        (
+            ("mesh/DIRECT_triangle_mesh.ply", "mesh/DIRECT_triangle_mesh_post.ply"),
+            "mesh/DIRECT_triangle_mesh_post.ply",
+        ),
+    ],
+)
+def test_of_several_the_best_is_taken_beside_the_gaussians(
+    tmp_path: Path, names: tuple[str, ...], best: str
+) -> None:
+    for name in (*names, "point_cloud/iteration_30000/point_cloud.ply"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(PEBBLE / "milo" / PLACES["milo"], tmp_path / name)
+    assert msb.open(tmp_path).manifest.source.files[0].path == best
+
+
+def test_of_meshes_of_one_rank_one_is_to_be_given(tmp_path: Path) -> None:
+    source = PEBBLE / "sugar" / PLACES["sugar"]
+    for name in ("sugarfine_level01.obj", "sugarfine_level03.obj"):
+        shutil.copy(source, tmp_path / name)
+    with pytest.raises(CheckpointError, match=r"\(sugarfine_level01.obj, "):
+        msb.open(tmp_path)

@@ -116,3 +116,14 @@ def test_what_no_manifest_can_hold_is_refused() -> None:
         {"sh_degree": 1},
     ):
         refused("FIELD", good, **wrong)
+
+
+def test_a_soup_is_recognised_by_its_indices_alone() -> None:
+    points = np.arange(18, dtype=np.float32).reshape(6, 3)
+    in_order = np.arange(6, dtype=np.uint32).reshape(2, 3)
+    for indices, topology in (
+        (in_order, "triangle_soup"),
+        (in_order[::-1], "indexed_mesh"),
+        (in_order[:1], "indexed_mesh"),
+    ):
+        assert build_asset({"positions": points, "indices": indices}, {}).manifest.topology == topology

@@ -76,3 +76,9 @@ def test_escaped_pairs_are_characters_and_halves_are_not() -> None:
     assert parse(b'"\\ud83d\\ude00"') == "\U0001f600"
     for half in (rb'"\ud83d"', rb'"\ude00\ud83d"', rb'[{"\ud83d": 0}]', rb'{"x": ["\udfff"]}'):
         assert_refused(half)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", [b'"\\', b'{"a":0,', b"[],", b"1"])
+def test_a_megabyte_of_anything_takes_no_minutes(part: bytes) -> None:
+    assert_refused((part * MAX_BYTES)[:MAX_BYTES])

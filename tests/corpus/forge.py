@@ -58,7 +58,6 @@ def forge(
     before_directory: bytes = b"",
     end: Fields | None = None,
     end64: Fields | None = None,
-    suffix: bytes = b"",
 ) -> bytes:
     """Return a ZIP of `entries`.
 
@@ -70,8 +69,6 @@ def forge(
     end, end64 : dict, optional
         Fields of the end record (disk, first_disk, here, count, length, start, comment) to override; a ZIP64
         end record and locator are written if `end64` is given (also: record_size, at, disks).
-    suffix : bytes
-        Put behind everything.
     """
     out = bytearray()
     offsets = []
@@ -90,7 +87,7 @@ def forge(
     if end64 is not None:
         out += end64_records({**plain, "record_size": 44, "at": len(out), "disks": 1, **end64})
     out += end_record({**plain, **(end or {})})
-    return bytes(out + suffix)
+    return bytes(out)
 
 
 def local_header(entry: Entry, at: int) -> bytes:

@@ -233,3 +233,12 @@ def test_a_file_of_too_many_nodes(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     (tmp_path / "nodes.glb").write_bytes(SMALL[".glb"])
     with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):
         read_mesh(tmp_path / "nodes.glb")
+
+
+def test_transforms_multiply_from_the_root_down(read: Read) -> None:
+    nodes = [
+        {"translation": [1, 0, 0], "children": [1]},
+        {"rotation": [0, 0, HALF, HALF], "children": [2]},
+        {"scale": [3, 1, 1], "mesh": 0},
+    ]
+    np.testing.assert_allclose(read(two_nodes(nodes, [0]), ".glb").vertices[1], [1, 3, 0], atol=1e-15)

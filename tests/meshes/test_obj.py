@@ -99,3 +99,7 @@ def test_random_files_against_a_reader_of_single_lines(
         mesh = read(content.encode("ascii"), ".obj")
         assert mesh.vertices.tolist() == vertices
         assert mesh.faces.tolist() == faces
+
+
+def test_faces_may_come_before_their_vertices(read: Read) -> None:
+    assert read(b"f 1 2 3\n" + OBJ_SQUARE, ".obj").faces.tolist() == [[0, 1, 2]]

@@ -18,6 +18,7 @@ from .builders import (
     Read,
     assert_colors,
     ply,
+    ply_faces,
     ply_floats,
     ply_square,
     ply_text,
@@ -239,3 +240,16 @@ def test_bad_tables(case: str, tmp_path: Path) -> None:
         read_ply_table(tmp_path / "t.ply")
     with pytest.raises(InputError):
         read_ply_table(tmp_path / "none.ply")
+
+
+def test_mixed_coordinate_types_become_the_widest(read: Read) -> None:
+    lines = ["element vertex 1", "property short x", "property double y", "property float z"]
+    mesh = read(ply(LITTLE, lines, struct.pack("<hdf", -3, 0.1, 0.5)), ".ply")
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.vertices.tolist() == [[-3, 0.1, 0.5]]
+
+
+def test_faces_may_come_before_vertices(read: Read) -> None:
+    lines = ["element face 2", CORNERS, "element vertex 4", *XYZ]
+    content = ply(LITTLE, lines, ply_faces(SQUARE_FACES) + ply_floats(SQUARE))
+    assert read(content, ".ply").faces.tolist() == SQUARE_FACES

@@ -89,16 +89,6 @@ def test_every_bad_image_is_a_line_and_the_rest_is_compared(msb: Msb, folders: t
 
 
 @pytest.mark.slow
-def test_missing_and_extra_images_are_named(msb: Msb, folders: tuple[Path, Path]) -> None:
-    pred, gt = folders
-    (pred / "r_1.npy").unlink()
-    result = msb("eval", pred, gt)
-    assert result.status == 3
-    assert result.err.startswith(f"METRIC_IMAGE_NAMES: {pred}: r_1 ")
-    assert msb("eval", "--subset", "--json", "-", pred, gt).json["count"] == 2
-
-
-@pytest.mark.slow
 def test_alpha_needs_a_background(msb: Msb, tmp_path: Path) -> None:
     red = np.zeros((20, 20, 4), np.uint8)
     red[..., 0], red[:10, :, 3] = 255, 255

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msb.errors import SceneError
-from msb.scenes import Camera, from_opengl, sorted_by_stem, split_every_8th, stem
+from msb.scenes import Camera, from_opengl, invert_pose, sorted_by_stem, split_every_8th, stem
 from msb.scenes.checks import MAX_PIXELS, MAX_SIDE
 from msb.scenes.poses import quaternion_from_rotation, rotation_from_quaternion
 
@@ -51,6 +51,7 @@ def test_points_behind_are_nowhere() -> None:
 def test_projection_is_the_textbook_product() -> None:
     points = np.random.default_rng(0).normal(size=(50, 3)) * 3
     for camera in some_cameras():
+        np.testing.assert_allclose(camera.camera_to_world @ camera.world_to_camera, np.eye(4), atol=1e-14)
         product = (camera.K @ (camera.world_to_camera @ np.column_stack([points, np.ones(50)]).T)[:3]).T
         pixels, depth = camera.project(points)
         np.testing.assert_allclose(depth, product[:, 2], rtol=1e-12)
@@ -209,6 +210,8 @@ def test_opengl_axes_become_opencv_axes() -> None:
     assert depth.tolist() == [5, 5, 5]
     with pytest.raises(SceneError, match="CAMERA_INVALID"):
         from_opengl(np.diag([1.0, 1, -1, 1]))
+    with pytest.raises(SceneError, match="CAMERA_INVALID"):
+        invert_pose(pose(0).T)
 
 
 def test_quaternions_turn_as_their_product_says() -> None:

@@ -218,3 +218,10 @@ def test_it_does_not_matter_how_the_world_lies(turn: float) -> None:
     ]
     for one, other in zip(between(cameras, 6), between(moved, 6), strict=True):
         np.testing.assert_allclose(other.world_to_camera @ world, one.world_to_camera, atol=1e-9)
+
+
+def test_half_a_turn_between_neighbours_is_flown_too() -> None:
+    back = np.diag([-1.0, 1, -1, 1])
+    cameras = [Camera(4, 4, 1, 1, 2, 2, matrix) for matrix in (np.eye(4), back, np.eye(4))]
+    for camera in interpolated(cameras, 21) + interpolated(cameras, 21, closed=True):
+        assert np.isfinite(camera.world_to_camera).all()

@@ -1,9 +1,9 @@
-"""Half-edges, areas and loops by themselves: what the twins of the audit do not reach."""
+"""Half-edges, areas, loops and made meshes by themselves: what the twins of the audit do not reach."""
 
 import numpy as np
 import pytest
 
-from data_stubs.splat_like import splat_like
+from data_stubs.splat_like import Shape, splat_like
 from msb import audit
 from msb.topology.faces import extra_duplicates, face_areas
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of, next_in_face
@@ -123,3 +123,30 @@ def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
         counts = audit(points, faces).counts
         assert counts.nonmanifold_vertices == 0
         assert counts.boundary_loops == len(igl.boundary_loop_all(faces))
+
+
+def test_default_has_the_structure_it_was_made_for() -> None:
+    report = audit(*splat_like(36))
+    c, m = report.counts, report.metrics
+    assert c.repeated_index_faces == c.duplicate_faces == c.zero_area_faces == 0
+    # Seeds differ by about 1 % in F and 0.005 in the ratios.
+    assert c.faces == pytest.approx(35_231, rel=0.02)
+    assert c.components == pytest.approx(5_767, rel=0.04)
+    expected = {
+        "vf_ratio": 0.513,
+        "boundary_edge_ratio": 0.470,
+        "nonmanifold_edge_ratio": 0.179,
+        "nonmanifold_vertex_ratio": 0.734,
+        "lcc_face_ratio": 0.726,
+    }
+    for key, value in expected.items():
+        assert getattr(m, key) == pytest.approx(value, abs=0.015), key
+    assert m.mean_valence == pytest.approx(6.46, abs=0.06)
+    assert c.multifan_vertices / c.vertices == pytest.approx(0.511, abs=0.02)
+
+
+def test_without_noise_drops_and_strays_it_is_a_closed_manifold_sphere() -> None:
+    report = audit(*splat_like(20, shape=Shape(noise=0.0, drop=0.0, stray=0.0)))
+    c = report.counts
+    assert (c.boundary_edges, c.components, report.metrics.euler_characteristic) == (0, 1, 2)
+    assert c.nonmanifold_vertices == 0

@@ -136,3 +136,12 @@ def test_corners_of_a_soup_coincide_where_two_faces_have_one_place(
     faces = np.arange(120).reshape(-1, 3)
     assert corners_coincide(corners.reshape(-1, 3), faces) is coincide
     assert audit(corners.reshape(-1, 3), faces).corners_coincide is coincide
+
+
+def test_nan_coincides_with_nothing_and_a_mesh_that_shares_vertices_is_not_asked() -> None:
+    nowhere = np.full((9, 3), np.nan)
+    nowhere[0], nowhere[3] = (0.0, 0.0, 0.0), (-0.0, 0.0, 1e-50)
+    faces = np.arange(9).reshape(-1, 3)
+    assert corners_coincide(nowhere, faces)
+    assert not corners_coincide(nowhere[3:], faces[:2])
+    assert audit(np.eye(3), [[0, 1, 2], [0, 2, 1]]).corners_coincide is None
