@@ -62,10 +62,12 @@ def test_json_and_csv_hold_full_doubles(msb: Msb, tmp_path: Path) -> None:
     assert again.err.startswith("OUTPUT_EXISTS: ")
 
 
-def test_two_files(msb: Msb) -> None:
+def test_two_files_and_a_part_of_the_images(msb: Msb, folders: tuple[Path, Path]) -> None:
     data = msb("eval", "--json", "-", PRED / "r_0.png", GT / "r_1.png").json
     assert data["count"] == 1
     assert data["images"][0]["name"] == "r_0"
+    (folders[0] / "r_1.npy").unlink()
+    assert msb("eval", "--subset", "--json", "-", *folders).json["count"] == 2
 
 
 @pytest.mark.slow
