@@ -8,7 +8,7 @@ seen; where nothing is closed, hulls of patches. There is always something, and 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,30 +16,30 @@ from numpy.typing import NDArray
 from msb.bake.apart import POINTS, distances, spread
 from msb.bake.fusion import seen_points
 from msb.bake.hulls import PATCH_CORNERS, hull_of, patches_of, smallest_box
+from msb.bake.needs import need_enclosure
+from msb.bake.options import parse_collision
 from msb.bake.simpler import closed, simpler
-from msb.bake.solid import FEWEST_FACES, compacted, mended, parted
+from msb.bake.solid import compacted, mended, parted
 from msb.bake.space import Space
 from msb.bake.surface import enclosed
 from msb.base.children import run_apart
-from msb.base.extras import need_extra
 from msb.base.limits import Limits
-from msb.errors import AssetError, MeshError, UsageError, shorten
+from msb.errors import AssetError, MeshError
 from msb.meshes.mesh import Mesh
-from msb.topology import audit_arrays
+from msb.topology.faces import signed_volume
+from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
-from msb.trial.geometry import signed_volume
-from msb.trial.tasks.collision import CORNERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from msb.bake.hulls import Faces, Part, Reals
+    from msb.bake.options import ShapeKind
     from msb.base.children import Arrays
     from msb.cl import Device
     from msb.scenes import Camera
 
 
-Kind = Literal["mesh", "hulls", "box"]
 SECONDS = 20.0
 MID_AIR = 0.02
 """Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
@@ -55,8 +55,6 @@ _FRONT, _BEHIND = 0.45, 0.02
 """Of a scene, the share of the faces that are seen, and how thick it is, in radii of what is near."""
 _AT_FIRST = 8
 """How many times the faces asked for a surface is given first."""
-_MOST = 1 << 20
-"""Faces of a mesh."""
 _MOST_HULLS = 256
 _TOUCHING = 1e-3
 """Of the diagonal, how far from a part a point is that this covers."""
@@ -64,7 +62,6 @@ _SOLID_FACES = 2000
 """Faces of a closed surface that are given to CoACD: what it costs grows with them."""
 _SAMPLES, _TRIES = 1000, 60
 """CoACD's points on a surface, and its tries of a cut: fewer than unasked, so that it ends."""
-_NEEDS_NOTHING = "box needs nothing"
 _LEAST = np.finfo(np.float64).tiny
 
 
@@ -91,52 +88,11 @@ class Collision:
     """
 
     mesh: Mesh
-    kind: Kind
+    kind: ShapeKind
     parts: int
     mean_distance: float
     mid_air_share: float
     why: str = ""
-
-
-def kind_of(text: str) -> tuple[Kind, int]:
-    """Return the kind that a text such as "mesh:1000", "hulls:16" or "box" names, and the most of these.
-
-    Raises
-    ------
-    UsageError
-        USAGE: it names none.
-    """
-    name, _, number = text.partition(":")
-    if text == "box":
-        return "box", 1
-    least = {"mesh": FEWEST_FACES, "hulls": 1}.get(name)
-    count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
-    if least is None or not least <= count <= _MOST:
-        wanted = f"mesh:N (N faces, {FEWEST_FACES} or more), hulls:N (N convex parts) or box"
-        raise UsageError("USAGE", f'a collision mesh is "{shorten(text, 40)}"; it must be {wanted}')
-    return name, count  # type: ignore[return-value]
-
-
-def need_libraries(kind: str, kept: tuple[NDArray[Any], NDArray[Any]] | None) -> None:
-    """Refuse a kind whose libraries are not installed, before there is a mesh: of `kept` triangles, if it is
-    made of these, is known whether they have a boundary, which no repair closes.
-
-    Raises
-    ------
-    UsageError
-        USAGE, as `kind_of`, or EXTRA_MISSING.
-    """
-    name, _ = kind_of(kind)
-    if name == "box":
-        return
-    modules = ("fast_simplification", "coacd") if name == "hulls" else ("fast_simplification",)
-    need_extra("trial", *modules, what=f"a collision mesh {kind}", instead=_NEEDS_NOTHING)
-    if kept is None or audit_arrays(*weld_vertices(*kept, "exact"))[0].counts.boundary_edges:
-        _need_skimage()
-
-
-def _need_skimage() -> None:
-    need_extra("bench", "skimage", what="what encloses an open mesh", instead=_NEEDS_NOTHING)
 
 
 def collision(
@@ -169,13 +125,12 @@ def collision(
     Raises
     ------
     UsageError
-        USAGE: there is no such kind. EXTRA_MISSING: fast-simplification, scikit-image or CoACD is not
-        installed, which this kind needs.
+        USAGE: there is no such kind. EXTRA_MISSING: an open mesh needs scikit-image, which is not installed.
     MeshError
         MESH_ARRAY: there is no face. MESH_NONFINITE: a corner is not finite.
     DeviceError
     """
-    name, count = kind_of(kind)
+    name, count = parse_collision(kind)
     shown, space = _shown(mesh, cameras, device)
     seen, faces, middle, size = _in_unit(mesh, shown)
     places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(seen, faces)[0]
@@ -258,7 +213,7 @@ def _in_unit(mesh: Mesh, shown: Reals) -> tuple[Reals, Faces, Reals, float]:
 def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Part:
     """Return the closed surface of what cameras see of a mesh, in the world; without a face if they enclose
     nothing."""
-    _need_skimage()
+    need_enclosure()
     try:
         points, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
     except AssetError:
@@ -334,7 +289,6 @@ def _beyond(away: Reals) -> Reals:
 
 def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:
     """Return at most so many convex parts of a closed surface, and why there are none."""
-    need_extra("trial", "coacd", what="a closed mesh cut into hulls", instead=_NEEDS_NOTHING)
     points, faces = simpler(points, faces, _SOLID_FACES)
     reply = run_apart(convex_parts, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
@@ -358,7 +312,7 @@ def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
         max_convex_hull=int(word),
         resolution=_SAMPLES,
         mcts_iterations=_TRIES,
-        max_ch_vertex=CORNERS,
+        max_ch_vertex=HULL_CORNERS,
     )
     if not parts:
         raise ValueError("it gives no part")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from msb.bake.apart import spread
 from msb.topology.faces import face_areas
-from msb.trial.tasks.collision import directions
+from msb.topology.hulls import hull_directions
 
 Reals = NDArray[np.float64]
 Faces = NDArray[np.int64]
@@ -118,7 +118,7 @@ def hull_of(points: Reals) -> Part:
     axes = _principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _LEAST)
-    corners = points[np.unique((along @ directions(PATCH_CORNERS).T).argmax(axis=0))]
+    corners = points[np.unique((along @ hull_directions(PATCH_CORNERS).T).argmax(axis=0))]
     if _exact_volume(corners) < _FLAT:
         corners = _thicker(corners)
     hull = ConvexHull(corners)

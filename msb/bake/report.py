@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from msb.topology.verdict import judge
 
@@ -12,13 +12,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bake.collision import Collision
+    from msb.bake.options import Geometry, Look
     from msb.scenes.colors import Color
     from msb.topology import Audit
 
 SCHEMA = "msb.bake/1"
 WORSE = "the plain mesh was nearer to its own look: give more views, or larger ones"
-Geometry = Literal["kept", "fitted", "surface"]
-Look = Literal["texture", "vertex"]
 
 
 @dataclass(frozen=True)

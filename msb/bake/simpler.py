@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.solid import mended
-from msb.base.extras import need_extra
 from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
@@ -31,13 +30,7 @@ def simpler(points: Reals, faces: Faces, count: int) -> tuple[Reals, Faces]:
 
     A closed one stays closed, manifold and consistently wound: where so few faces leave nothing of it, it
     keeps more. Of an open one, faces go that make edges of more than two.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING: fast-simplification is not installed.
     """
-    need_extra("trial", "fast_simplification", what="a surface of fewer faces")
     import fast_simplification
 
     mend = mended if closed(points, faces) else _manifold

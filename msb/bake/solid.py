@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.colors import laplacian
+from msb.bake.options import FEWEST_FACES
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
+from msb.topology.crossings import crossing_pairs
 from msb.topology.steps import close, pair, turn_faces
-from msb.trial.tasks.self_intersections import crossing_pairs
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -34,8 +35,6 @@ _COARSEST = 1 / 8
 """How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
 _DETAIL = 32
 """How many times the faces asked for a surface has before it is looked at which of them matter."""
-FEWEST_FACES = 4
-"""Of what is closed: a tetrahedron."""
 _MIDDLE = 0.3
 """Radius inside a scene's space up to which errors count about alike."""
 _FLAT = 1e-3

@@ -16,9 +16,9 @@ from msb.bake.descent import Schedule
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in
 from msb.bake.fusion import solid as solid_of
+from msb.bake.options import FEWEST_FACES
 from msb.bake.shares import pixels_shown
 from msb.bake.solid import (
-    FEWEST_FACES,
     boundary,
     coarser_unseen,
     compacted,
@@ -32,7 +32,6 @@ from msb.bake.solid import (
 from msb.bake.soup import Soup
 from msb.bake.space import Space
 from msb.bake.start import Best, Guide
-from msb.base.extras import need_extra
 from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 
@@ -97,14 +96,10 @@ def surface(
 
     Raises
     ------
-    UsageError
-        EXTRA_MISSING.
     AssetError
         TRIASSET_EMPTY: no view sees anything that has a volume.
     DeviceError
     """
-    need_extra("bench", "skimage", what="a closed surface")
-    need_extra("trial", "fast_simplification", what="a closed surface")
     guide = guide.within(PIXELS_TO_MOVE)
 
     def of_cells(cells: int) -> Fewer:

@@ -17,7 +17,7 @@ from msb.bake.simpler import simpler
 from msb.errors import MeshError, UsageError
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
-from msb.trial.geometry import signed_volume
+from msb.topology.faces import signed_volume
 from tests.bake.solids import ball, box, soup_of, together, torus
 from tests.bake.soups import all_round, mesh_of, tiles
 

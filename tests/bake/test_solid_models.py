@@ -7,7 +7,7 @@ import pytest
 
 import msb
 from msb.topology import audit_arrays
-from msb.trial.tasks.self_intersections import crossing_pairs
+from msb.topology.crossings import crossing_pairs
 from tests.bake.soups import sparse
 from tests.conftest import ROOT
 

@@ -27,8 +27,8 @@ from msb.render import Renderer
 from msb.scenes import Camera
 from msb.scenes.paths import unit_at
 from msb.topology import audit_arrays
+from msb.topology.crossings import crossing_pairs
 from msb.topology.seams import is_closed
-from msb.trial.tasks.self_intersections import crossing_pairs
 from tests.bake import solids
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled

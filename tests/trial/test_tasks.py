@@ -14,6 +14,7 @@ from msb.trial.task import Made
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import TASKS as COLLISION
 from msb.trial.tasks.collision import points_inside
+from msb.trial.tasks.self_intersections import slivers
 from msb.trial.tasks.solid import section
 from msb.trial.tasks.subdivide import cut_apart
 from msb.trial.tasks.uv import TASKS as UV
@@ -275,3 +276,8 @@ def test_a_cut_through_a_box_is_its_outline() -> None:
     lines = section(box())
     assert len(lines) == 8
     assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(4.0)
+
+
+def test_slivers_are_thin_or_without_area() -> None:
+    rows = [[[0, 0, 0], [1, 0, 0], [0.5, h, 0]] for h in (0.5, 0.02, 0.009, 0.0)] + [[[1, 1, 1]] * 3]
+    assert slivers(np.array(rows, np.float64)).tolist() == [False, False, True, True, True]

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.trial.geometry import areas, random_colors, signed_volume
+from msb.topology.faces import signed_volume
+from msb.topology.hulls import HULL_CORNERS, hull_directions
+from msb.trial.geometry import areas, random_colors
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, graded, judged, worst
 from msb.trial.tasks.decimate import beside, by_pymeshlab
@@ -30,8 +32,6 @@ TOLERANCE = 0.01
 """How far before the surface, of the diagonal, a point of the shape must be to count as in mid-air."""
 _POINTS = 20_000
 """Points of the visible surface, and of the shape's volume."""
-CORNERS = 128
-"""Most corners of a hull, and with them 252 faces: engines take 255 of either."""
 _PERCENT = 10
 """Faces of the mesh that stands in, of the mesh's."""
 
@@ -66,7 +66,7 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     import manifold3d
 
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
-    farthest = np.unique([int((used @ direction).argmax()) for direction in directions(CORNERS)])
+    farthest = np.unique([int((used @ direction).argmax()) for direction in hull_directions(HULL_CORNERS)])
     solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
     points, faces = (
         np.asarray(solid.vert_properties[:, :3], np.float64),
@@ -79,15 +79,6 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     shape = TriedMesh(points, faces, random_colors(np.zeros(len(points), np.int64)))
     inside = points_inside([(points, faces)], np.array([volume]), _POINTS)
     return Made(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
-
-
-def directions(count: int) -> NDArray[np.float64]:
-    """Return the axes and, evenly over the sphere on a spiral, further directions: (count, 3)."""
-    turn = np.arange(count - 6) + 0.5
-    height = 1 - 2 * turn / (count - 6)
-    angle, radius = np.pi * (3 - np.sqrt(5)) * turn, np.sqrt(1 - height**2)
-    spiral = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
-    return np.concatenate([np.eye(3), -np.eye(3), spiral])
 
 
 def _fewer_faces(mesh: TriedMesh, given: Arrays) -> Made:
