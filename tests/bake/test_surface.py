@@ -27,7 +27,6 @@ from msb.scenes.paths import unit_at
 from msb.topology import audit_arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.faces import signed_volume
-from msb.topology.seams import is_closed
 from tests.bake import solids
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled
@@ -96,40 +95,6 @@ def test_a_ball_becomes_a_closed_ball_of_its_colours() -> None:
     assert signed_volume(mesh.vertices, mesh.faces) == pytest.approx(4 / 3 * np.pi, rel=0.06)
     assert mesh.vertex_colors is not None
     assert np.abs(mesh.vertex_colors - (0.5 + 0.4 * mesh.vertices)).mean() < 0.05
-
-
-@pytest.mark.parametrize("contracted", [False, True])
-def test_faces_go_where_pixels_show_them(contracted: bool) -> None:
-    mesh = solids.ball(40)
-    points, space = mesh.vertices.astype(np.float64), Space(np.zeros(3), 1.0, contracted, *_box())
-    is_seen = points[mesh.faces].mean(axis=1)[:, 2] > 0
-    shares = []
-    for pixels in (np.full(len(mesh.faces), 9.0), np.where(is_seen, 9.0, 0.0), np.zeros(len(mesh.faces))):
-        coarser = solid.coarser_unseen(points, mesh.faces, pixels, 800, space)
-        placed, faces = solid.with_fewer_faces(*coarser, 800, space)
-        assert is_closed(audit_arrays(placed, faces)[0].counts)
-        assert 720 < len(faces) <= 800
-        shares.append((placed[faces].mean(axis=1)[:, 2] > 0).mean())
-    assert shares[1] > 0.8
-    assert shares[::2] == pytest.approx([0.5, 0.5], abs=0.05)
-
-
-def _box() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.full(3, -1.0), np.ones(3)
-
-
-@pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize(("pixels", "count"), [(0, 600), (1800, 900), (9000, 1200)])
-def test_a_scene_has_as_many_faces_as_its_views_are_worth(
-    monkeypatch: pytest.MonkeyPatch, pixels: int, count: int
-) -> None:
-    monkeypatch.setattr(made, "SCENE_FACES", (600, 1200))
-    corners, colors = tiles()
-    wall = square(20, 10)
-    soup = np.concatenate([corners, wall]), np.concatenate([colors, np.full_like(wall, 0.7)])
-    with lessons_of(*soup, cameras(5)) as lessons, lessons_of(*soup, cameras(2)) as aside:
-        mesh, _ = made.surface(mesh_of(*soup), Guide(lessons, aside), pixels=pixels)
-    assert 0.85 * count < len(mesh.faces) <= count
 
 
 @pytest.mark.usefixtures("quick")
@@ -402,17 +367,6 @@ def test_of_points_that_went_anywhere_none_stays_that_makes_faces_cross(contract
     assert ((back == wrong) | (back == points)).all()
 
 
-def test_detail_is_left_out_of_surfaces_of_many_faces_alone() -> None:
-    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
-    mesh = solids.ball(20)
-    points = mesh.vertices.astype(float)
-    for count, least, most in (20, 620, 640), (48, 1520, 1520):
-        fewer, faces = solid.without_detail(points, mesh.faces, count, space)
-        assert least <= len(faces) <= most
-        assert faces.max() == len(fewer) - 1
-        np.testing.assert_allclose(np.linalg.norm(fewer, axis=1), 1, atol=0.02)
-
-
 def test_slivers_are_smoothed() -> None:
     space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
     mesh = solids.ball(6)
@@ -423,18 +377,6 @@ def test_slivers_are_smoothed() -> None:
     sides = smoothed[faces[:, 1:]] - smoothed[faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     assert area.min() > 1e-3 * np.median(area)
-
-
-def test_faces_that_cross_all_the_same_are_cut_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solid, "_TURNS", 0)
-    space = Space(np.zeros(3), 1.0, False, np.zeros(3), np.zeros(3))
-    mesh = solids.ball(8)
-    points, faces = mesh.vertices.astype(float), mesh.faces
-    points[7] *= -1.5
-    points, faces = solid.uncrossed(points, faces, space)
-    assert len(solid.crossing_faces(points, faces, space)) == 0
-    assert edges_closed(faces)
-    assert len(faces) > 120
 
 
 def test_parts_count_by_the_pixels_that_show_them() -> None:
