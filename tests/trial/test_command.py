@@ -1,4 +1,4 @@
-"""`msb trial`: the table, the JSON, the files and the gates."""
+"""`msb trial`: its JSON, its files and its gates."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pygltflib
 import pytest
 
 import msb as api
-from tests.cli.conftest import Msb, Refused, mesh_file
+from tests.cli.conftest import Here, mesh_file
 from tests.trial.conftest import box, grid, pages
 
 
@@ -49,68 +49,63 @@ def flat(tmp_path: Path) -> Path:
     return mesh_file(tmp_path / "grid.ply", grid().vertices, grid().faces)
 
 
-def test_json_is_what_the_schema_says(msb: Msb, flat: Path) -> None:
-    result = msb("trial", "--task", "intersections", "--json", "-", flat, status=0)
-    jsonschema.validate(result.json, closed(PROPERTIES))
-    assert result.json["path"] == str(flat)
-    (one,) = result.json["trials"]
+def test_json_is_what_the_schema_says(here: Here, flat: Path) -> None:
+    data = here("trial", "--task", "intersections", "--json", "-", flat).json
+    jsonschema.validate(data, closed(PROPERTIES))
+    (one,) = data["trials"]
     assert (one["task"], one["outcome"]) == ("self_intersections", "works")
-    assert result.json["mesh"]["faces"] == 72
+    assert (data["path"], data["mesh"]["faces"]) == (str(flat), 72)
 
 
 @pytest.mark.slow
-def test_what_is_tried_is_repaired_first_on_request(msb: Msb, tmp_path: Path) -> None:
+def test_a_mesh_is_repaired_first_on_request(here: Here, tmp_path: Path) -> None:
     path = mesh_file(tmp_path / "pages.ply", pages().vertices, pages().faces)
-    for options, vertices, plan in (
-        ((), 5, None),
-        (("--plan", "orient,pair"), 7, ["orient", "pair"]),
-        (("--plan", "drop"), 4, ["drop"]),
-    ):
-        result = msb("trial", "--task", "intersections", *options, "--json", "-", path, status=0)
-        assert (result.json["mesh"]["vertices"], result.json["mesh"]["repair"]) == (vertices, plan)
-    empty = msb("trial", "--task", "intersections", "--plan", "debris", path)
+    line = ("trial", "--task", "intersections", path)
+    for plan, vertices in ((None, 5), ("orient,pair", 7), ("drop", 4)):
+        mesh = here(*line, "--json", "-", *(["--plan", plan] if plan else [])).json["mesh"]
+        assert (mesh["vertices"], mesh["repair"]) == (vertices, plan and plan.split(","))
+    empty = here(*line, "--plan", "debris")
     assert (empty.status, empty.err.split(":")[0]) == (3, "TRIASSET_EMPTY")
 
 
 @pytest.mark.slow
-def test_a_task_that_fails_leaves_the_status_0_and_a_gate_makes_it_1(msb: Msb, flat: Path) -> None:
-    plain = msb("trial", "--task", "solid", flat, status=0)
-    assert "FAILS" in plain.out
-    gated = msb("trial", "-q", "--task", "solid", "--fail-on", "solid", flat, status=1)
-    assert gated.err.startswith("GATE_FAILED: ")
-    assert gated.out.splitlines() == [f"{flat}: 1 fail: solid"]
+def test_a_failed_task_is_no_failure_except_for_a_gate(here: Here, flat: Path) -> None:
+    assert here("trial", "--task", "solid", flat).status == 0
+    gated = here("trial", "-q", "--task", "solid", "--fail-on", "solid", flat)
+    assert (gated.status, gated.err.split(":")[0], gated.out.count("\n")) == (1, "GATE_FAILED", 1)
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_what_is_made_is_kept_with_its_uvs(msb: Msb, tmp_path: Path) -> None:
+def test_results_are_kept_with_their_uvs(here: Here, tmp_path: Path) -> None:
     pytest.importorskip("xatlas")
-    path = mesh_file(tmp_path / "box.ply", box().vertices, box().faces)
-    msb("trial", "--task", "uv", "--save", tmp_path / "kept", path, status=0)
-    assert sorted(one.name for one in (tmp_path / "kept").iterdir()) == ["uv.glb", "uv.png"]
-    kept = pygltflib.GLTF2().load(tmp_path / "kept" / "uv.glb")
-    attributes = kept.meshes[0].primitives[0].attributes
-    assert kept.accessors[attributes.TEXCOORD_0].type == "VEC2"
-    assert api.open(tmp_path / "kept" / "uv.glb").manifest.face_count == 12
-    again = msb("trial", "--task", "uv", "--save", tmp_path / "kept", path)
+    path, kept = mesh_file(tmp_path / "box.ply", box().vertices, box().faces), tmp_path / "kept"
+    line = ("trial", "--task", "uv", "--save", kept, path)
+    assert here(*line).status == 0
+    assert {one.name for one in kept.iterdir()} >= {"uv.glb", "uv.png"}
+    glb = pygltflib.GLTF2().load(kept / "uv.glb")
+    assert glb.accessors[glb.meshes[0].primitives[0].attributes.TEXCOORD_0].type == "VEC2"
+    assert api.open(kept / "uv.glb").manifest.face_count == 12
+    again = here(*line)
     assert (again.status, again.err.split(":")[0]) == (2, "OUTPUT_EXISTS")
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    "line",
     [
-        ("trial --task uvs data_stubs/checkpoint", "there is no task"),
-        ("trial --task uv --fail-on solid data_stubs/checkpoint", "--fail-on names solid"),
-        ("trial --seconds 0 data_stubs/checkpoint", "the limit of seconds is 0"),
-        ("trial --camera 3 data_stubs/checkpoint", "--camera needs --cameras PATH"),
-        ("trial --save no_such_folder/out tests/tiny/models", "--save takes one mesh"),
+        "--task uvs data_stubs/checkpoint",
+        "--task uv --fail-on solid data_stubs/checkpoint",
+        "--seconds 0 data_stubs/checkpoint",
+        "--camera 3 data_stubs/checkpoint",
+        "--save no_such_folder/out tests/tiny/models",
     ],
 )
-def test_wrong_usage_is_said_before_anything_is_tried(refused: Refused, line: str, said: str) -> None:
-    assert said in refused(line)
+def test_invalid_arguments_are_rejected_before_anything_is_tried(here: Here, line: str) -> None:
+    here("trial", *line.split()).ends(2, "USAGE: ")
 
 
-def test_a_coordinate_that_is_not_finite_is_refused_with_its_vertex(msb: Msb, tmp_path: Path) -> None:
+def test_a_coordinate_that_is_not_finite_is_an_error(here: Here, tmp_path: Path) -> None:
     (tmp_path / "a.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
-    result = msb("trial", "--task", "solid", tmp_path / "a.obj", status=3)
-    assert "vertex 1 is [nan, 0.0, 0.0]" in result.err
+    result = here("trial", "--task", "solid", tmp_path / "a.obj")
+    assert result.status == 3
+    assert "vertex 1 is" in result.err

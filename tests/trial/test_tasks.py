@@ -50,7 +50,7 @@ def test_solids_are_what_is_closed(task: str, name: str, outcome: str) -> None:
 @pytest.mark.parametrize("task", ["solid", "boolean"])
 def test_a_box_wound_inwards_is_a_solid_with_care(task: str) -> None:
     _, judged = attempt(task, made_of(box().vertices, box().faces[:, ::-1]))
-    assert (judged.outcome, judged.why) == ("care", "it is wound inwards: its volume is negative")
+    assert (judged.outcome, "inwards" in judged.why) == ("care", True)
     assert judged.numbers["volume"] == pytest.approx(-1.0)
 
 
@@ -86,28 +86,15 @@ def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("charts", "faces", "outcome", "why", "says"),
-    [
-        (1, 1, "works", None, "1 chart, packing 50 %, stretch 1.00"),
-        (2, 2, "fails", "it falls into charts of one face", "2 charts, packing 50 %, stretch 1.00"),
-        (5, 22, "care", "it falls into charts of 4.4 faces in the mean", None),
-    ],
+    ("charts", "faces", "outcome"), [(1, 1, "works"), (2, 2, "fails"), (5, 22, "care"), (1, 22, "works")]
 )
-def test_charts_are_said_in_whole_sentences(
-    charts: int, faces: int, outcome: str, why: str | None, says: str | None
-) -> None:
+def test_charts_of_few_faces_count_against_an_unwrap(charts: int, faces: int, outcome: str) -> None:
     (task,) = UV
-    numbers = {
-        "charts": charts,
-        "charts_per_1000_faces": 1000 * charts / faces,
-        "packing": 0.5,
-        "faces_left_out": 0,
-        "stretch_l2": 1.0,
-    }
+    per_1000 = 1000 * charts / faces
+    numbers = {"charts": charts, "charts_per_1000_faces": per_1000, "packing": 0.5, "faces_left_out": 0}
     look: Any = NoLook()
-    judged = task.judge(box(), {"xatlas": Made(numbers)}, look)
-    assert (judged.outcome, judged.why) == (outcome, why)
-    assert says is None or task.says(judged.numbers) == says
+    judged = task.judge(box(), {"xatlas": Made({**numbers, "stretch_l2": 1.0})}, look)
+    assert (judged.outcome, judged.why is None) == (outcome, outcome == "works")
 
 
 @pytest.mark.slow
