@@ -41,27 +41,23 @@ if TYPE_CHECKING:
 
 
 SECONDS = 20.0
+# Distance from the visible surface, relative to its diagonal, above which a shape protrudes.
 MID_AIR = 0.02
-"""Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
-_NEARER = MID_AIR / 2
-"""How near sides that nobody sees are brought to what is seen, unless they are far."""
+_NEARER = MID_AIR / 2  # sides that no camera sees are moved this close, unless they are far
+# Pixels of the largest depth map that encloses an open mesh; finer ones look into every crack.
 PIXELS = 1 << 16
-"""Of the largest picture by whose depths an open mesh is enclosed: finer ones look into every crack."""
+# Cells along the longest side of the enclosing grid, for an object and for a scene; cells around an
+# object.
 _CELLS, _MARGIN = (96, 224), 1.0
-"""Cells along the longest side of what is enclosed, an object or a scene, and around an object."""
-_SKY = 1.9
-"""How far out, inside a scene's space, everything is sky: ten times as far as what is near."""
+_SKY = 1.9  # radius inside a scene's space beyond which all is sky: ten times the near radius
+# Of a scene: the share of the faces on the visible side, and the thickness in near radii.
 _FRONT, _BEHIND = 0.45, 0.02
-"""Of a scene, the share of the faces that are seen, and how thick it is, in radii of what is near."""
-_AT_FIRST = 8
-"""How many times the faces asked for a surface is given first."""
+_AT_FIRST = 8  # a surface is simplified to this multiple of its face budget first
 _MOST_HULLS = 256
-_TOUCHING = 1e-3
-"""Of the diagonal, how far from a part a point is that this covers."""
-_SOLID_FACES = 2000
-"""Faces of a closed surface that are given to CoACD: what it costs grows with them."""
+_TOUCHING = 1e-3  # distance from a part, relative to the diagonal, below which it covers a point
+_SOLID_FACES = 2000  # faces of a closed surface given to CoACD, whose cost grows with them
+# CoACD's samples on a surface and its tries of a cut; below its defaults, so that it ends in time.
 _SAMPLES, _TRIES = 1000, 60
-"""CoACD's points on a surface, and its tries of a cut: fewer than unasked, so that it ends."""
 _LEAST = np.finfo(np.float64).tiny
 
 

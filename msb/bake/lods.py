@@ -24,17 +24,11 @@ from msb.meshes.mesh import Mesh
 if TYPE_CHECKING:
     from msb.bake.start import Guide
 
-ROWS = 1080
-"""Of the image in which an error of a level must be below a pixel."""
-_MOST_POINTS = 95.0
-"""Percent of the points whose error counts."""
-_STAGE = 0.5
-"""Share of the faces of a soup that stay at a time, before the others are moved to make up for those that
-went."""
-_STEPS = 300
-"""In which faces move to make up for those that went."""
-_RATES = 0.03, 0.0003
-"""In sizes of a face, how far a step moves its corners: at first, and at last."""
+ROWS = 1080  # height of the image in which the error of a level must be below a pixel
+_MOST_POINTS = 95.0  # percentile of the sample points whose error counts
+_STAGE = 0.5  # share of a soup's faces that stay in a stage, before the others are moved
+_STEPS = 300  # steps that move the remaining faces of a stage
+_RATES = 0.03, 0.0003  # step length in face sizes, at the start and at the end
 
 
 def lods(

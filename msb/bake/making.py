@@ -39,16 +39,14 @@ if TYPE_CHECKING:
     from msb.bake.views import BakeViews
     from msb.meshes.mesh import Mesh
 
-LEAST_SEEN = 0.8
-"""Of the area of a model that nobody has cameras for, what made views must see."""
+LEAST_SEEN = 0.8  # least share of the area that generated views must see
+# Shares of `seconds`: for fitted triangles and for each level of detail; for each of a surface's two
+# searches, of the soup that its depth maps show and of its vertices.
 _SEARCH, _SURFACE = 2 / 3, 0.4
-"""Of the time that a bake has, what the search of fitted triangles has, and that of each level of detail; and
-each of a surface's two searches: of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
 _FOR_SOLID: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE = "its triangles are opaque: where alpha cut them off they have the colour of what lies behind"
-_TEXTURED = 2
-"""How many times as large as the views the pictures are whose pixels a texture has texels for."""
+_TEXTURED = 2  # scale of the training images relative to the views whose pixels a texture resolves
 
 
 def _is_solid(asset: Asset) -> bool:

@@ -22,10 +22,8 @@ Look = Literal["texture", "vertex"]
 Supervision = Literal["dedicated", "photographs"]
 ShapeKind = Literal["mesh", "hulls", "box"]
 
-FEWEST_FACES = 4
-"""Faces of the smallest closed mesh, a tetrahedron."""
-_MOST_SHAPE = 1 << 20
-"""Most faces or convex parts of a collision shape."""
+FEWEST_FACES = 4  # faces of the smallest closed mesh, a tetrahedron
+_MOST_SHAPE = 1 << 20  # most faces or convex parts of a collision shape
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
+# Growth of the allowed error; the library's default is 7, and slower ones end above the face budget.
 _HASTE = 5
-"""How fast the library raises the error that it allows: 7 unasked. Slower ends above the faces asked for."""
 
 
 def closed(points: NDArray[Any], faces: Faces) -> bool:

@@ -25,29 +25,21 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
-_APART = 0.002
-"""The least distance from the surface that a cell is taken to have, in reaches of a view."""
+_APART = 0.002  # least distance of a cell from the surface, in reaches of a view
+# Aggressiveness of the edge collapse; the first gives better meshes, but may end above the face budget.
 _HASTE, _MORE_HASTE = 5, 7
-"""How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
+# Merged vertices together cover at most this many pixels of an average view, and at most this share of
+# what an average vertex covers.
 _HARDLY, _LESS = 2.0, 0.1
-"""Pixels of the mean view that are hardly any, together; at most so much of what a vertex has in the mean."""
-_COARSEST = 1 / 8
-"""How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
-_DETAIL = 32
-"""How many times the faces asked for a surface has before it is looked at which of them matter."""
-_MIDDLE = 0.3
-"""Radius inside a scene's space up to which errors count about alike."""
-_FLAT = 1e-3
-"""Of the usual area, what is hardly any: slivers that decimation leaves, which other libraries leave out."""
+_COARSEST = 1 / 8  # share of the face budget that a mesh has if all of it is as coarse as unseen parts may be
+_DETAIL = 32  # a surface has this multiple of the face budget before faces are weighted by their pixels
+_MIDDLE = 0.3  # radius inside a scene's space within which errors count about alike
+_FLAT = 1e-3  # area relative to the median below which a face is a sliver, which other libraries drop
 _MENDINGS = 5
-_TURNS = 32
-"""How often corners of faces that cross are smoothed."""
-_BACK = 60
-"""How often corners of faces that cross are put back before all are."""
-_CUTS = 6
-"""How often faces that still cross are cut out."""
-_WIDER = 8
-"""Turns after which their neighbours are, too, and again after as many."""
+_TURNS = 32  # times that corners of crossing faces are smoothed
+_BACK = 60  # times that corners of crossing faces are put back before all are
+_CUTS = 6  # times that faces which still cross are cut out
+_WIDER = 8  # smoothing turns after which the neighbours are included, and again after as many
 
 
 def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[Reals, Faces]:

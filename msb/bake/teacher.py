@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from msb.registry import Tier
     from msb.scenes import Camera
 
-SAMPLES = 4
-"""Samples along each side of a pixel where a plain mesh teaches, and in the finer of the two numbers."""
+SAMPLES = 4  # samples along each side of a pixel for a plain mesh, and in the finer of the two numbers
 
 
 class Teacher:

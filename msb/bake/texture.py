@@ -37,10 +37,8 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
-FEW = 6
-"""Every so manieth picture is what the error is reduced by first; then all are drawn once more."""
-_OWN_SIZE = 512, 4096
-"""Texels along a side, where nobody says how many: the fewest and the most."""
+FEW = 6  # the first pass uses every 6th image, the second pass all of them
+_OWN_SIZE = 512, 4096  # fewest and most texels along a side by default
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
