@@ -126,49 +126,65 @@ def collision(
         MESH_ARRAY: there is no face. MESH_NONFINITE: a corner is not finite.
     DeviceError
     """
-    name, count = parse_collision(kind)
+    wanted, count = parse_collision(kind)
     shown, space = _shown(mesh, cameras, device)
     seen, faces, middle, size = _in_unit(mesh, shown)
-    places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(seen, faces)[0]
-    solid = (seen, faces) if closed(seen, faces) else None
-    if solid is None and len(shown) and name != "box":
+    surface = seen, faces
+    if space is not None:
+        space = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
+    # Sample points of the visible surface: from the cameras' pixels, else all over the mesh.
+    places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(*surface)[0]
+    solid = surface if closed(*surface) else None
+    if solid is None and len(shown) and wanted != "box":
         points, around = _enclosed(mesh, cameras, device)
         points = (points - middle) / size
         if space is not None and not space.contracted:
-            points = _nearer(points, seen, faces)
-        # Of a thin sheet what is enclosed is far thicker.
+            points = _nearer(points, *surface)
+        # The enclosure of a thin sheet is far thicker, and is not used.
         if len(around) and distances(places, points, around).mean() < MID_AIR / 2:
             solid = points, around
-    made, why, patched = name, "", (seen, faces)
-    parts: list[Part] = []
-    if made == "box":
-        parts = [smallest_box(seen)]
-    elif solid is None:
-        why = "the mesh is not closed" + (", and what is seen of it encloses nothing" if len(shown) else "")
-        if made == "mesh":
-            made, count = "hulls", max(1, count // PATCH_CORNERS)
-    elif space is not None and space.contracted:
-        inside = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
-        patched = _near(solid, (seen, faces), inside)
-        if made == "mesh":
-            parts = [_sheet(patched, count, inside)]
-        else:
-            why = "of a scene these are hulls of patches of it"
-    elif made == "mesh":
-        parts = [_fewer(solid, count)]
-    elif signed_volume(*solid) > 0:
-        parts, why = _cut_by_coacd(*solid, count, seconds)
-    else:
-        why = "the surface looks inward: these are hulls of patches of it"
-    if not parts:
-        parts = [hull_of(patch) for patch in patches_of(*patched, min(count, _MOST_HULLS))]
+    made, parts, why = _shape(wanted, count, surface, solid, space, seconds)
+    # One mesh of all parts, back in the asset's unit.
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.concatenate([points for points, _ in parts])
     joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
     shape = Mesh((middle + size * points).astype(np.float32), joined, up=mesh.up)
     near = float(distances(places, points, joined).mean())
-    mid_air = _mid_air(parts, (points, joined), (seen, faces))
+    mid_air = _mid_air(parts, (points, joined), surface)
     return Collision(parted(shape) if made == "mesh" else shape, made, len(parts), near, mid_air, why)
+
+
+def _shape(
+    wanted: ShapeKind, count: int, surface: Part, solid: Part | None, space: Space | None, seconds: float
+) -> tuple[ShapeKind, list[Part], str]:
+    """Return the kind and the parts of a shape, and the reason if it is not the wanted one.
+
+    `solid` is the closed surface, if there is one; `space` is None if no camera sees the mesh.
+    """
+    if wanted == "box":
+        return "box", [smallest_box(surface[0])], ""
+    if solid is None:
+        hulls = count if wanted == "hulls" else max(1, count // PATCH_CORNERS)
+        why = "the mesh is not closed" + (
+            "" if space is None else ", and what is seen of it encloses nothing"
+        )
+        return "hulls", _patch_hulls(surface, hulls), why
+    if space is not None and space.contracted:
+        patch = _near(solid, surface, space)
+        if wanted == "mesh":
+            return "mesh", [_sheet(patch, count, space)], ""
+        return "hulls", _patch_hulls(patch, count), "of a scene these are hulls of patches of it"
+    if wanted == "mesh":
+        return "mesh", [_fewer(solid, count)], ""
+    if signed_volume(*solid) <= 0:
+        why = "the surface looks inward: these are hulls of patches of it"
+        return "hulls", _patch_hulls(surface, count), why
+    parts, why = _cut_by_coacd(*solid, count, seconds)
+    return "hulls", parts or _patch_hulls(surface, count), why
+
+
+def _patch_hulls(surface: Part, count: int) -> list[Part]:
+    return [hull_of(patch) for patch in patches_of(*surface, min(count, _MOST_HULLS))]
 
 
 def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> tuple[Reals, Space | None]:

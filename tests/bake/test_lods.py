@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from msb.bake import lods as levels
-from msb.bake import surface
 from msb.bake.kept import kept
 from msb.bake.lessons import Lessons
 from msb.bake.lods import lods, screen_share
@@ -18,7 +17,6 @@ from msb.bake.raster import Raster
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup, is_soup
 from msb.bake.start import Guide
-from msb.bake.surface import Fewer
 from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
@@ -82,22 +80,6 @@ def test_a_level_that_ends_early_says_so() -> None:
         ((_, late),) = lods(mesh, Guide(lessons, lessons), (0.3,), seconds=0)
     assert "3 of 300" in notes[0]
     assert "1 of 300" in late[0]
-
-
-def test_what_no_view_sees_of_a_closed_surface_keeps_its_colours(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "_STEPS", 1)
-    # A level of fewer faces has hardly any where no view looks, and takes their colours from beside.
-    monkeypatch.setattr(surface, "_fewer", lambda solid, count, _: Fewer(solid, count, count, 0.0))
-    mesh = ball(16)
-    seen = soup_of(mesh)
-    assert seen.vertex_colors is not None
-    corners, colors = seen.vertices.reshape(-1, 3, 3), seen.vertex_colors.reshape(-1, 3, 3)
-    with lessons_of(corners, colors, all_round(0.5, (4,), 3)) as lessons:
-        ((level, _),) = lods(mesh, Guide(lessons, lessons), (0.9,))
-    assert level.vertex_colors is not None
-    below = level.vertices[:, 2] < -0.5
-    assert below.sum() > 100
-    np.testing.assert_allclose(level.vertex_colors[below], colors_at(level.vertices[below]), atol=0.25)
 
 
 def test_a_closed_mesh_whose_faces_have_colours_of_their_own_stays_closed(

@@ -377,12 +377,3 @@ def test_slivers_are_smoothed() -> None:
     sides = smoothed[faces[:, 1:]] - smoothed[faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     assert area.min() > 1e-3 * np.median(area)
-
-
-def test_parts_count_by_the_pixels_that_show_them() -> None:
-    points = np.concatenate([CUBE, CUBE + 3, CUBE + 6])
-    faces = np.concatenate([SIDES, SIDES + 8, SIDES + 16])
-    pixels = np.zeros(36, np.int64)
-    pixels[0], pixels[13] = 100, 5
-    keep = solid.that_matter(points, faces, pixels, least=4)
-    assert keep.tolist() == [True] * 24 + [False] * 12

@@ -29,22 +29,6 @@ def db(error: float) -> float:
     return float(-10 * np.log10(error))
 
 
-def test_colours_of_shared_vertices_stay_shared() -> None:
-    corners, _ = tiles()
-    points, numbers = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    faces = numbers.reshape(-1, 3)
-    truth = np.random.default_rng(3).uniform(0.1, 0.9, size=points.shape).astype(np.float32)
-    mesh = Mesh(points, faces, vertex_colors=np.full_like(truth, 0.5))
-    with lessons_of(corners, truth[faces], cameras(4)) as lessons:
-        soup = Soup.of(mesh, shares=True)
-        with closing(Raster(soup.corners, soup.colors, lessons)) as raster:
-            soup.refit(raster)
-    made = soup.on(mesh)
-    np.testing.assert_array_equal(made.faces, faces)
-    assert made.vertex_colors is not None
-    np.testing.assert_allclose(made.vertex_colors, truth, atol=0.08)
-
-
 def test_copies_of_a_vertex_keep_one_colour_and_others_of_its_place_their_own() -> None:
     corners, colors = tiles()
     places, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
@@ -62,22 +46,6 @@ def test_copies_of_a_vertex_keep_one_colour_and_others_of_its_place_their_own() 
             assert made.vertex_colors is not None
             looks = len(np.unique(np.column_stack([made.vertices, made.vertex_colors]), axis=0))
             assert (looks > there) == bool(change)
-
-
-def test_colours_stay_within_bounds_and_unseen_ones_as_they_were() -> None:
-    corners, colors = tiles()
-    behind = corners[:1] + np.float32([0, 0, 50])  # behind the square, in no view
-    soup = Soup.of(
-        mesh_of(np.concatenate([corners, behind]), np.full((len(corners) + 1, 3, 3), 0.3, np.float32)),
-        shares=True,
-    )
-    with (
-        lessons_of(corners, (colors > 0.5).astype(np.float32), cameras(3)) as lessons,
-        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
-    ):
-        soup.refit(raster)
-    assert 0 <= soup.colors.min() <= soup.colors.max() <= 1
-    np.testing.assert_array_equal(soup.colors[-1], np.float32(0.3))
 
 
 def test_a_face_that_hides_what_should_be_seen_is_dropped_and_a_lost_one_found() -> None:
@@ -121,19 +89,6 @@ def test_corners_move_to_where_they_should_be() -> None:
         )
         after = soup.error(raster)
     assert db(after) > db(before) + 3
-
-
-@pytest.mark.parametrize("count", [1, 5])
-def test_faces_are_cut_into_quarters_that_cover_them(count: int) -> None:
-    corners, colors = tiles()
-    soup = Soup.of(mesh_of(corners[:count], colors[:count]), shares=False).cut()
-    sides = soup.corners[:, 1:] - soup.corners[:, :1]
-    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    assert len(areas) == 4 * count
-    np.testing.assert_allclose(areas, areas[0], rtol=1e-5)
-    np.testing.assert_allclose(
-        soup.corners.reshape(count, -1, 3).mean(axis=1), corners[:count].mean(axis=1), atol=1e-6
-    )
 
 
 def test_faces_are_halved_across_their_longest_sides_as_often_as_they_are_large() -> None:

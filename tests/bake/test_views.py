@@ -14,7 +14,6 @@ from msb.bake.views import BELOW, MOST_PIXELS, RINGS, BakeViews, bake_views
 from msb.errors import MetricError, SceneError, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
-from msb.scenes import read_cameras
 from msb.scenes.datasets import read_scene
 from msb.scenes.paths import turntable
 from tests.conftest import ROOT, TETRAHEDRON
@@ -108,14 +107,6 @@ def test_a_room_is_looked_at_from_inside() -> None:
     views = bake_views(asset)
     assert views.origin == "inside"
     assert are_apart(views)
-
-
-def test_the_cameras_of_a_file_are_taken_as_they_are() -> None:
-    cameras = read_cameras(ROOT / "data_stubs" / "views.json")
-    asset = msb.open(ROOT / "data_stubs" / "checkpoint")
-    views = bake_views(asset, cameras=cameras)
-    sizes = {(camera.width, camera.height) for camera in (*views.taught, *views.held_back)}
-    assert sizes == {(camera.width, camera.height) for camera in cameras}
 
 
 @pytest.mark.slow
