@@ -25,6 +25,7 @@ from msb.scenes.datasets import read_scene, scene_at
 from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
 from tests.report.factory import bake, quality, result
 
+pytest.importorskip("msb.bake", reason="bakes need msb.bake")
 CEILING = '[[bakes]]\nlabel = "ceiling"\ngeometry = "kept"\n'
 TRIAL = '[trial]\ntasks = ["self_intersections"]\n'
 

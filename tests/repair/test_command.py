@@ -127,7 +127,6 @@ def test_pixels_weigh_what_debris_removes(here: Here, tmp_path: Path) -> None:
         "a.ply -o b.ply --cameras v.json",
         "--compare a.ply --fail-on components>1",
         "a.ply -o b.ply --task uv",
-        "--compare a.ply --task uvs",
     ],
 )
 def test_arguments_without_effect_are_rejected(here: Here, line: str) -> None:
@@ -155,6 +154,7 @@ def test_compare_goes_on_if_a_plan_would_leave_nothing(here: Here, tmp_path: Pat
     pytest.importorskip("msb.trial")
     source = tmp_path / "one.obj"
     source.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    here("repair", "--compare", "--task", "uvs", source).ends(2, "USAGE: ")
     rows = here("repair", "--compare", "--task", "none", "--json", "-", source).json["strategies"]
     why = {row["strategy"]: row["why"] for row in rows}
     assert why["orient,pair,debris"].startswith("TRIASSET_EMPTY")
