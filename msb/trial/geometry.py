@@ -1,4 +1,4 @@
-"""Areas, volumes and colours that several tasks need."""
+"""Edges and colours that several tasks need."""
 
 from __future__ import annotations
 
@@ -12,11 +12,6 @@ def corner_vectors(points: NDArray[Any], faces: NDArray[np.int64]) -> tuple[NDAr
     """Return the two edges (F, d) float64 from each face's first corner."""
     first, second, third = (points[faces[:, k]].astype(np.float64) for k in range(3))
     return second - first, third - first
-
-
-def areas(vertices: NDArray[Any], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the areas (F,) of the faces."""
-    return np.asarray(np.linalg.norm(np.cross(*corner_vectors(vertices, faces)), axis=1) / 2)
 
 
 def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
-TOLERANCE = 0.01
-"""The largest relative error of a volume."""
+TOLERANCE = 0.01  # largest relative error of a volume
 
 
 def _work(mesh: TriedMesh, _: Arrays) -> Made:

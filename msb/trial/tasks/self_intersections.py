@@ -18,12 +18,10 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
-FEW = 0.01
-"""Share of the faces that cross others: one in a hundred is mended by hand."""
+FEW = 0.01  # share of crossing faces; one in a hundred is repaired by hand
 FEW_SLIVERS, MANY_SLIVERS = 0.01, 0.1
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
-SLIVER = 0.01
-"""Height over the longest side below which a face is a sliver: its smallest angle is then below 1.2°."""
+SLIVER = 0.01  # height over the longest side below which a face is a sliver; its smallest angle is below 1.2°
 
 
 def _work(mesh: TriedMesh, _: Arrays) -> Made:
