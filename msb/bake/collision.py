@@ -280,11 +280,13 @@ def _sheet(patch: Part, count: int, space: Space) -> Part:
     """Return a surface of about so many faces, a little thick: with a back side and rims, so that it is
     closed."""
     points, faces = _fewer_far(patch, max(1, int(_FRONT * count)), space)
+    # Vertex normals (V, 3), weighted by area, and the back side at a distance along them.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _LEAST)
     back = points - _BEHIND * space.radius * normals
+    # Edges (n, 2) that no other face runs along the other way: the rims, which get two faces each.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     lone = sides[~np.isin(sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0])]
     a, b = lone.T
@@ -339,9 +341,11 @@ def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 def _mid_air(parts: list[Part], shape: Part, seen: Part) -> float:
     """Return the share of a shape's area that is far from what is `seen`, of what no other part covers."""
+    # Points all over the shape, and the part of each.
     places, face = spread(*shape)
     of = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
     free = np.ones(len(places), bool)
+    # A point counts only if it is outside of all other parts, which are convex: above one of their planes.
     for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
         corners = points[faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -109,10 +109,13 @@ def coarser_unseen(
     all is as coarse as it may be. Faces may touch at an edge then."""
     if len(faces) <= count:
         return points, faces
+    # The order in which quadric error collapses edges (n, 2): the vertex that stays, the one that goes.
     placed = _to_logarithm(points) if space.contracted else points
     *_, collapses = _collapsed(placed, faces, max(int(count * _COARSEST), FEWEST_FACES), _HASTE)
+    # Pixels of each vertex (V,): a third of those of its faces.
     shown = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
     most = min(_HARDLY, _LESS * shown.sum() / (count / 2))
+    # Follow the collapses while the merged vertices cover few pixels together.
     held, into = shown.tolist(), list(range(len(points)))
     for stays, goes in collapses.tolist():
         together = held[stays] + held[goes]
@@ -120,6 +123,7 @@ def coarser_unseen(
             held[stays], into[goes] = together, stays
         else:  # what is collapsed later counts on this, and stays, too
             held[stays] = held[goes] = math.inf
+    # Each vertex becomes the last one of its chain of merges.
     merged = np.array(into)
     while (merged != merged[merged]).any():
         merged = merged[merged]
@@ -300,12 +304,14 @@ def parted(mesh: Mesh) -> Mesh:
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_MENDINGS):
+        # The vertices that repeat the place of an earlier one, and are used by a face.
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]
         again = again[count[again] > 0]
         if not len(again):
             break
+        # Move each a thousandth of the way to the mean centre of its faces.
         middles = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
         sums = [np.bincount(corners, axis, len(vertices))[again] for axis in middles.T]
         means = np.stack(sums, axis=1) / count[again, None]
