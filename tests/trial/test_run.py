@@ -13,7 +13,6 @@ import pytest
 from msb.base.limits import Limits
 from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh
-from msb.metrics.likeness import decibels
 from msb.trial import run
 from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.run import Trial, try_asset
@@ -97,16 +96,6 @@ def test_of_two_libraries_the_better_file_is_named_first(replying: Any, tmp_path
     assert f"decimate_50-{best}.glb is " in f"{found.says}; {found.why}"
     for library in ("fast_simplification", "pymeshlab"):
         assert set(found.numbers[library]["verdict"]) == {"level", "sentence"}
-
-
-def test_decibels_never_seem_to_reach_a_limit_that_they_do_not() -> None:
-    assert [decibels(value) for value in (34.998, 35.0, 25.1, 32.3, 100.0)] == [
-        "34.9 dB",
-        "35.0 dB",
-        "25.1 dB",
-        "32.3 dB",
-        "100.0 dB",
-    ]
 
 
 @pytest.mark.slow

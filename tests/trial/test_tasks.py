@@ -204,13 +204,10 @@ def test_what_is_seen_is_as_far_from_the_shape_as_from_the_nearest_of_its_faces(
     assert made.numbers["distance_95"] == pytest.approx(np.quantile(wanted, 0.95), rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("name", "pairs"),
-    [("box", 0), ("two boxes", 0), ("open grid", 0), ("bow-tie", 0), ("soup", 0), ("pages", 0)],
-)
-def test_neighbours_do_not_cross(name: str, pairs: int) -> None:
+@pytest.mark.parametrize("name", sorted(MESHES.keys() - {"boxes that cross"}))
+def test_neighbours_do_not_cross(name: str) -> None:
     _, judged = attempt("self_intersections", MESHES[name])
-    assert (judged.outcome, judged.numbers["pairs"], judged.numbers["slivers"]) == ("works", pairs, 0)
+    assert (judged.outcome, judged.numbers["pairs"], judged.numbers["slivers"]) == ("works", 0, 0)
 
 
 def test_crossing_boxes_and_slivers_are_counted() -> None:
