@@ -120,15 +120,24 @@ def bake(
         The OpenCL device.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
-    geometry : {"auto", "kept", "fitted", "surface"}
+    **options
+        The fields of `msb.bake.options.BakeOptions`, which "Other Parameters" describes.
+
+    Returns
+    -------
+    Baked
+
+    Other Parameters
+    ----------------
+    geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
         The model's own triangles, triangles moved until the opaque image is right, or one closed surface for
         tools that need a solid. "auto" makes the first two and takes the better by its validation views.
-    for_solid : bool
+    for_solid : bool, default False
         With "auto": make fitted triangles and a surface, and take the surface unless its verdict is bad. A
         plain mesh with the verdict OK keeps its triangles, unless `faces` is given.
     color : {"texture", "vertex"}, optional
         Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
-    teacher : {"dedicated", "photographs"}
+    teacher : {"dedicated", "photographs"}, default "dedicated"
         The training images: the method's native renderings, or the photographs of the scene.
     faces : int, optional
         The largest number of fitted triangles, or the approximate number of a surface.
@@ -138,22 +147,18 @@ def bake(
         Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
     collision : str, optional
         A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
-    seconds : float
+    seconds : float, default 60
         Approximate time to move fitted triangles. A surface takes half as long again, both together twice
         as long, and each level of detail as long again. With 0 they move a single step, and the face
         selection still runs. The time for `collision` is not included.
-    seed : int
+    seed : int, default 0
         Seed of the search. One seed gives one result on one device, if the time suffices.
     up : str, optional
         The axis, such as "+z", around which views are generated if there are no cameras.
-    keep_best : bool
+    keep_best : bool, default False
         Return the best result so far after an interrupt (Ctrl-C) instead of raising.
     cache : path-like, optional
         A folder of native renderings. They are written there and reused by later bakes.
-
-    Returns
-    -------
-    Baked
 
     Raises
     ------
