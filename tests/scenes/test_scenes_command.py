@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Msb, msb
 from tests.conftest import ROOT
 
+__all__ = ["msb"]  # fixture
 STUBS = ROOT / "tests" / "tiny" / "scenes"
 
 

@@ -1,0 +1,134 @@
+"""An image metric in another package: that of docs/extending.md, failing, broken, and not installed."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from msb.base.packages import PackageWarning
+from msb.metrics import IMAGE_METRICS, METRICS, Measures, registry
+from tests.cli.conftest import Msb, msb
+from tests.conftest import ROOT
+from tests.test_docs_commands import installed
+
+__all__ = ["msb"]
+OURS = ["psnr", "ssim", "lpips"]
+BLACK, WHITE = np.zeros((4, 4, 3)), np.ones((4, 4, 3))
+
+
+def forget() -> None:
+    registry._installed.cache_clear()
+    sys.modules.pop("msb_edges", None)
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    return installed("docs/extending.md", tmp_path / "site")
+
+
+@pytest.fixture
+def edit(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Install the metric with a part of its text, or of its entry point, replaced."""
+    monkeypatch.syspath_prepend(site)
+
+    def change(old: str = "", new: str = "", entry: str = "edges = msb_edges:EDGES") -> None:
+        file = site / "msb_edges.py"
+        text = file.read_text()
+        assert old in text
+        file.write_text(text.replace(old, new) if old else text)
+        (site / "msb_edges-1.0.dist-info" / "entry_points.txt").write_text(f"[msb.metrics]\n{entry}\n")
+        forget()
+
+    yield change
+    monkeypatch.undo()
+    forget()
+
+
+def test_it_is_one_of_the_metrics(edit: Callable[..., None]) -> None:
+    edit()
+    assert list(IMAGE_METRICS) == [*OURS, "edges"]
+    assert METRICS["edges"] == "lower"
+    measures = Measures()
+    assert measures(BLACK, BLACK)["edges"] == 0
+    ramp = np.linspace(0, 255, 4).round()[:, None, None] / 255 * np.ones((4, 4, 3))
+    assert measures(ramp, BLACK)["edges"] == pytest.approx(1 / 6)
+    assert measures.identities[-1].to_dict()["libraries"]["msb-edges"] == "1.0"
+    assert measures.failed == {}
+
+
+FAILING = {
+    "raise SystemExit": "fails: SystemExit",
+    "raise KeyboardInterrupt": "fails: KeyboardInterrupt",
+    "return 1 / 0": "fails: ZeroDivisionError: division by zero",
+    "return float('nan')": "gives nan; it must give a finite number",
+    "return np.inf": "gives inf; it must give a finite number",
+    "return '0.5'": "gives '0.5'; it must give a finite number",
+    "return None": "fails: TypeError",
+    "return rendering": "fails: TypeError",
+}
+
+
+@pytest.mark.parametrize(("text", "why"), FAILING.items())
+def test_one_that_fails_has_no_value_and_says_whose_it_is(
+    edit: Callable[..., None], text: str, why: str
+) -> None:
+    edit("    steps = [", f"    {text}\n    steps = [")
+    measures = Measures()
+    found = measures(WHITE, BLACK)
+    assert (found["psnr"], found["edges"]) == (0, None)
+    assert measures.failed["edges"].startswith(f"METRIC_FAILED: metric edges of package msb_edges {why}")
+
+
+def test_one_that_prints_and_changes_its_images_changes_nothing(
+    edit: Callable[..., None], capfd: pytest.CaptureFixture[str]
+) -> None:
+    edit("    steps = [", "    print('hello')\n    rendering[:] = 1\n    steps = [")
+    image = WHITE * 0.2
+    assert Measures()(image, BLACK)["edges"] == 0
+    assert image.max() == 0.2
+    assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "entry", "why"),
+    [
+        ("import numpy as np", "import sys; sys.exit()", None, "it cannot be loaded: SystemExit"),
+        ("EDGES = ", "EDGES = 3\nOTHER = ", None, "it is no ImageMetric, but of type int"),
+        ("", "", "psnr = msb_edges:EDGES", "the name is taken by msb.metrics.images:PSNR"),
+        ("", "", "fps = msb_edges:EDGES", "something else in records or tables"),
+        ("", "", "corners = msb_edges:EDGES", "must be that of its entry point, corners"),
+        ("", "", "edges =", "names no module"),
+        ("decimals=4", "decimals='4'", None, "its decimals is of type str"),
+        ("measure=edges", "measure=None", None, "its measure is of type NoneType"),
+        ('better="lower"', 'better="less"', None, "its better is 'less'"),
+    ],
+)
+def test_one_that_is_none_is_one_warning(
+    edit: Callable[..., None], old: str, new: str, entry: str | None, why: str
+) -> None:
+    edit(old, new, **({} if entry is None else {"entry": entry}))
+    with pytest.warns(PackageWarning, match=f"^PACKAGE_LEFT_OUT: .*{why}") as caught:
+        assert list(IMAGE_METRICS) == OURS
+    assert len(caught) == 1
+
+
+
+
+@pytest.mark.slow
+def test_a_command_that_measures_nothing_does_not_import_it(site: Path, msb: Msb, demo_asset: Path) -> None:
+    (site / "msb_edges.py").write_text("raise SystemExit(3)\n")
+    where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
+    for words in (("audit", demo_asset), ("methods",), ("validate", demo_asset)):
+        found = msb(*words, **where)
+        assert (found.status, found.err) == (0, "")
+
+
+
+
+
+
