@@ -85,8 +85,6 @@ def test_masks_beside_photographs_that_teach_are_of_a_bake(tmp_path: Path) -> No
     assert [one == two for one, two in zip(before, after, strict=True)] == [True, False]
 
 
-
-
 def test_a_bake_is_made_once_in_a_run_and_is_not_kept_where_another_run_began(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

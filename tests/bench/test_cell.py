@@ -97,8 +97,6 @@ def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path,
     assert planned.why["quality"] == "metrics changed"
 
 
-
-
 @pytest.mark.slow
 def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_job: Job) -> dict[str, Any]:
@@ -114,8 +112,6 @@ def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.M
     done = bench.compute("dedicated", "quality")
     found = bench.record(done)
     assert (done.status, found.reason.code, found.quality) == ("failed", "INTERNAL", None)
-
-
 
 
 @pytest.mark.slow
@@ -164,8 +160,6 @@ def test_a_new_asset_has_no_number_of_the_old_one(bench: Bench, monkeypatch: pyt
     cells.write_lost(died, Reason(code="INTERNAL", message="it died"))
     found = read_result(Results(bench.file.results).record(died.cell))
     assert (found.timing, found.reasons["timing"].message) == (None, "it died")
-
-
 
 
 class Engine:

@@ -106,8 +106,6 @@ def test_a_worker_killed_in_the_middle_costs_nothing(
     assert {row.planned.status for row in again.rows} == {"done", "unsupported"}
 
 
-
-
 def test_a_worker_that_does_not_see_the_results_says_so(tmp_path: Path) -> None:
     with pytest.raises(MsbError, match="RUN_SCHEDULER"):
         check_run(tmp_path, "0123")

@@ -102,5 +102,3 @@ def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: S
     left = [dict(row.planned.why) for row in found.rows if row.planned.status == "pending"]
     assert {"timing": "new"} in left, "the images that were done stay"
     assert {"quality": "new", "timing": "new"} in left
-
-

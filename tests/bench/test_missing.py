@@ -85,8 +85,6 @@ def test_a_dataset_that_is_not_there_hides_no_other(tmp_path: Path) -> None:
     assert (lost.message.partition(":")[0], lost.cells) == (str(tmp_path / "nowhere"), 0)
 
 
-
-
 def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Path) -> None:
     write_asset(export(PEBBLE / "two_dts"), tmp_path / "model", "folder")
     assert method_of(tmp_path / "model") == "two_dts"
@@ -95,8 +93,6 @@ def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Pa
     text = text.replace(json.dumps(str(PEBBLE / "{method}")), model).replace('"two_dts"', '"auto"')
     report = run_protocol(parse_protocol(text.encode(), tmp_path / "p.toml"), dry=True)
     assert (report.exit_status, report.missing) == (0, ())
-
-
 
 
 def official(tmp_path: Path) -> tuple[ProtocolFile, list[Path]]:
@@ -172,5 +168,3 @@ def test_what_is_no_address_of_a_scheduler_is_refused_at_once(tmp_path: Path, ad
             run_protocol(protocol(tmp_path, ("two_dts",)), dry=dry, scheduler=address)
     report = run_protocol(protocol(tmp_path, ("two_dts",)), dry=True, scheduler="nonsense://x:1")
     assert report.missing[0].code in ("RUN_SCHEDULER", "EXTRA_MISSING")
-
-

@@ -38,8 +38,6 @@ def test_answers_errors_and_deaths(tmp_path: Path) -> None:
     assert [getattr(one, "code", "done") for one in alone.values()].count("RUN_WORKER_DIED") == 1
 
 
-
-
 class Refusing(ThreadPoolExecutor):
     """A pool that a death breaks while tasks are being handed over: it takes one, and no more."""
 
@@ -60,8 +58,6 @@ def test_a_pool_that_breaks_before_all_tasks_are_handed_over_loses_none() -> Non
     assert sorted(run_all(cast("pool.Workers", Breaking()), double, [1, 2, 3, 4, 5])) == [
         (number, 2 * number) for number in range(1, 6)
     ]
-
-
 
 
 @pytest.mark.slow

@@ -68,16 +68,12 @@ def test_cameras_take_turns_and_time_counts_too() -> None:
         profile(renderer, [], frames=1)
 
 
-
-
 @pytest.mark.parametrize(("frames", "warm_up"), [(1, 0), (2, 0), (2, 1), (1, 3), (9, 4), (4, None)])
 def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_up: int | None) -> None:
     for cameras in ("a", "abc", "cba", "abcdefgh"):
         found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)
         assert found.timing.frames == frames
         assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
-
-
 
 
 @pytest.mark.slow
@@ -90,8 +86,6 @@ def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) ->
             timed = profile(renderer, scene.test, scene.background, frames=1, seconds=0, warm_up=warm_up)
         found.append(timed.memory)
     assert found[0] == found[1] == found[2]
-
-
 
 
 def test_json_has_what_the_tables_need() -> None:

@@ -77,8 +77,6 @@ def test_several_workers_take_the_first_tasks_and_share_the_time() -> None:
     assert one.left() == Left(pytest.approx(10 * 2 / 4 - 1), at_least=False)
 
 
-
-
 @pytest.mark.parametrize("seconds", [0.2, 44, 12_000])
 def test_the_bar_takes_two_lines_of_a_terminal(seconds: float) -> None:
     name = "tanksandtemples truck triangle_splatting dedicated"

@@ -20,7 +20,6 @@ from tests.bench.protocols import cell, protocol
 from tests.cli.forks import run_msb
 from tests.report.factory import result
 
-
 TIMING: dict[str, Any] = {
     "schema": "msb.renderer_timing/1",
     "frames": 300,

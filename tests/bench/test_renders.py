@@ -104,5 +104,3 @@ def test_official_renderings_that_do_not_fit_are_refused(
     assert one.status == "failed"
     assert one.reason.code == code
     assert one.quality is None
-
-

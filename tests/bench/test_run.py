@@ -94,8 +94,6 @@ def test_a_mesh_is_audited_as_the_audit_does(finished: ProtocolFile) -> None:
     assert (found.audit.topology, found.quality) == ("triangle_soup", None)
 
 
-
-
 @pytest.mark.slow
 def test_redo_and_only(again: ProtocolFile) -> None:
     found = run_protocol(again, only=["two_dts/standard", "exported_mesh/diffsoup"], redo=True)

@@ -63,8 +63,6 @@ def test_a_program_that_is_not_there(tmp_path: Path) -> None:
         track([str(tmp_path / "data")])
 
 
-
-
 STRANGER = 2**22 + 12345  # no number a process of ours can have
 
 
@@ -91,8 +89,6 @@ def test_gpu_memory_is_of_processes_or_else_of_the_device(
     assert gpus.result() == wanted
     (only,) = gpus.devices()
     assert (only.name, only.uuid, only.peak_bytes) == ("A GPU", "GPU-1", wanted[0])
-
-
 
 
 def test_the_sum_is_of_all_gpus_or_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:

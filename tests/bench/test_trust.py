@@ -97,8 +97,6 @@ def test_no_number_stands_on_an_edited_photograph(again: ProtocolFile) -> None:
     assert path.read_bytes() == right, "also where all cells are done"
 
 
-
-
 @pytest.mark.slow
 def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_again(
     again: ProtocolFile,
@@ -161,5 +159,3 @@ def test_a_report_names_renderings_it_cannot_show(again: ProtocolFile) -> None:
         "Dedicated": True,
         "Standard": True,
     }
-
-

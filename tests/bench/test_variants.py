@@ -118,5 +118,3 @@ def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> No
     assert ("PSNR ↑", "2DTS, engine") in rows
     assert ("PSNR ↑", "ours, soft") in rows
     assert "2DTS, engine" in {row.labels[1] for row in slowdown_table(numbers).rows}
-
-

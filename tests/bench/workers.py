@@ -29,5 +29,3 @@ def linger(folder: str) -> None:
     """Write our process number, then go on for longer than any test waits."""
     Path(folder, str(os.getpid())).touch()
     time.sleep(600)
-
-

@@ -117,8 +117,6 @@ def test_one_that_is_none_is_one_warning(
     assert len(caught) == 1
 
 
-
-
 @pytest.mark.slow
 def test_a_command_that_measures_nothing_does_not_import_it(site: Path, msb: Msb, demo_asset: Path) -> None:
     (site / "msb_edges.py").write_text("raise SystemExit(3)\n")
@@ -126,9 +124,3 @@ def test_a_command_that_measures_nothing_does_not_import_it(site: Path, msb: Msb
     for words in (("audit", demo_asset), ("methods",), ("validate", demo_asset)):
         found = msb(*words, **where)
         assert (found.status, found.err) == (0, "")
-
-
-
-
-
-

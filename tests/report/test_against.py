@@ -89,8 +89,6 @@ def test_another_background_is_a_methods_own_and_noted(tmp_path: Path) -> None:
     assert any("background white" in note for note in cell.notes)
 
 
-
-
 def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
     shown(tmp_path, "mesh_splatting", "desk", 24.0)
     made = report(tmp_path)

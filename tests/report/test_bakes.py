@@ -15,11 +15,6 @@ from tests.report.factory import measure, numbers_of, verdict_of
 from tests.report.test_golden import bakes
 
 
-
-
-
-
-
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     bakes(tmp_path)
@@ -33,20 +28,12 @@ def test_bakes_stand_after_the_tiers_under_their_own_names() -> None:
     assert condition_title("baked/ceiling") == "Baked, ceiling"
 
 
-
-
-
-
 def test_gaps_go_to_a_bake_in_the_place_of_standard(root: Path) -> None:
     numbers = numbers_of(root)
     gaps = numbers.gaps[GapKey("capture", MEAN, "two_dts", "psnr", "baked/anew")]
     assert gaps.port.signed == pytest.approx(3.0)
     assert gaps.deploy.signed == pytest.approx(3.2)
     assert ("PSNR ↑", "2DTS, anew") in [row.labels for row in gaps_table(numbers, "capture").rows]
-
-
-
-
 
 
 def test_the_verdict_judges_every_bake(root: Path) -> None:

@@ -79,5 +79,3 @@ def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     assert "per scene" in figure.caption
     assert ">train<" in figure.svg
     assert differences(found, "dtu") is None
-
-

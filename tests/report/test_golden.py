@@ -139,7 +139,7 @@ def shown(title: str, report: Report, tables: tuple[str, ...]) -> Iterator[str]:
 
 def text() -> str:
     """Return what golden.md holds."""
-    parts = [*shown("paper", paper_report(pictures=False), ())]
+    parts = [*shown("paper", paper_report(pictures=False), ("slowdown",))]
     for case in CASES:
         with TemporaryDirectory() as name:
             tables = case(Path(name))

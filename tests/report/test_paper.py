@@ -90,8 +90,6 @@ def words_of(label: str, cell: dict[str, Any]) -> list[str]:
     }.get(label, [on, method, title(metric)])
 
 
-
-
 @pytest.mark.parametrize("label", [*PAPER_TABLES, "method_attributes", "feature_mapping"])
 def test_its_numbers_are_those_of_the_transcription(shared: Path, label: str) -> None:
     golden = shared / "golden" / "paper_tables" / f"{label}.json"
@@ -180,8 +178,6 @@ def test_gaps_are_those_of_the_papers_means(
         found = [table.find("PSNR ↑", METHODS[method].title, column, name) for name in GAP_NAMES]
         wanted = ["N/A" if value is None else f"{sign}{value:.2f}" for value in (adapt, port, deploy)]
         assert [cell.text for cell in found] == wanted
-
-
 
 
 def test_both_results_of_diffsoup_are_kept_apart() -> None:

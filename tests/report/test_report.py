@@ -17,7 +17,7 @@ from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell as Place_
 from msb.bench.records import read_result
 from msb.report.build import build_report, paper_report
-from msb.report.numbers import MEAN, Key, Number, Numbers
+from msb.report.numbers import MEAN, Key, Number
 from msb.report.pages import report_files
 from msb.report.report import Report
 from msb.report.results import Loaded, Place, read_results, result_set
@@ -60,8 +60,6 @@ def test_findings_point_at_tables_that_exist(report: Report) -> None:
     for one in (report, made):
         assert one.findings
         assert {finding.table for finding in one.findings} <= set(one.tables)
-
-
 
 
 @pytest.mark.slow
@@ -109,8 +107,6 @@ def test_all_files_are_there(files: dict[str, bytes], report: Report) -> None:
     assert len(data["verdicts"]) == 8
 
 
-
-
 def test_markdown_names_files_that_are_there(files: dict[str, bytes]) -> None:
     targets = re.findall(r"\]\(([^)]+)\)", files["report.md"].decode())
     assert len(targets) > 10
@@ -135,8 +131,6 @@ def test_pages_load_nothing_and_link_to_what_is_there(files: dict[str, bytes]) -
             for url in urls
         )
         assert "url(http" not in text
-
-
 
 
 @pytest.mark.slow

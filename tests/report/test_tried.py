@@ -69,8 +69,6 @@ def test_the_page_names_the_free_way_first_and_then_what_a_better_one_costs(tmp_
     assert text.count(IN_PAGE) == 1
 
 
-
-
 def test_where_nothing_was_tried_the_page_has_the_commands(tmp_path: Path) -> None:
     written(tmp_path)
     assert "<code>msb trial " in page(tmp_path, "<html")

@@ -15,8 +15,6 @@ from tests.report.factory import VIEWS, measure, note_hashes, verdict_of
 PLAIN, SHADED = "A plain mesh in any engine (Standard)", "A model with its own shaders (Dedicated)"
 
 
-
-
 def test_a_training_on_the_test_views_is_noted(tmp_path: Path) -> None:
     measure(tmp_path, "dedicated", trained=("it was trained on the test views",))
     noted = verdict_of(tmp_path)["Training"]
@@ -96,8 +94,6 @@ def test_real_time_follows_the_p95_and_no_time_is_printed_as_a_limit_that_it_mis
     said = verdict_of(tmp_path)["Real time, Dedicated"]
     assert said.mark == mark
     assert f"{printed} ms" in said.why
-
-
 
 
 def test_a_likeness_just_below_a_limit_is_not_printed_as_the_limit(
