@@ -453,32 +453,37 @@ def _order(ranking: list[tuple[str, float]], metric: str = "psnr") -> str:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    sentences = {
-        ("standard", "dedicated"): ("slowdown", "Standard is {} times as fast as Dedicated"),
-        ("dedicated", "non_engine"): (
-            "against_native",
-            "Dedicated runs at {} times the frame rate of Non-Engine",
-        ),
-    }
-    for _, _, standard, dedicated in numbers.ratios:
-        if engine := standard.partition("/")[2]:  # two conditions of one engine, as in the paper
-            sentence = f"Both drawn by {plain_text(engine)}, Standard is {{}} times as fast as "
-            sentence += condition_title(dedicated)
-            sentence += _engine_loss(numbers, standard, dedicated)
-            sentences[standard, dedicated] = "engine_slowdown", sentence
-    for pair, (kind, sentence) in sentences.items():
+    """Yield how fast the tiers are beside each other, and beside the methods' own renderers."""
+    pairs = dict.fromkeys((key.numerator, key.denominator) for key in numbers.ratios)
+    for standard, dedicated in (
+        ("standard", "dedicated"),
+        ("dedicated", "non_engine"),
+        *(pair for pair in pairs if "/" in pair[0]),  # two conditions of one engine, as in the paper
+    ):
         cases = [
             _Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
             for key, ratio in numbers.ratios.items()
-            if (key.numerator, key.denominator) == pair and ratio.value is not None
+            if (key.numerator, key.denominator) == (standard, dedicated) and ratio.value is not None
         ]
         if not cases:
             continue
         low, high = min(cases), max(cases)
-        range_ = low.detail if len(cases) == 1 else f"{low.detail} to {high.detail}"
-        of = f"least {low.name}, most {high.name}; by mean frame rates"
-        of = f"{low.name}, by frame rate" if len(cases) == 1 else of
-        yield Finding(kind, f"{sentence.replace('{}', range_)} ({of}).", "slowdown")
+        if len(cases) == 1:
+            times, of = low.detail, f"{low.name}, by frame rate"
+        else:
+            times = f"{low.detail} to {high.detail}"
+            of = f"least {low.name}, most {high.name}; by mean frame rates"
+        engine = standard.partition("/")[2]
+        if engine:
+            kind = "engine_slowdown"
+            sentence = f"Both drawn by {plain_text(engine)}, Standard is {times} times as fast as "
+            sentence += f"{condition_title(dedicated)}{_engine_loss(numbers, standard, dedicated)}"
+        elif standard == "standard":
+            kind, sentence = "slowdown", f"Standard is {times} times as fast as Dedicated"
+        else:
+            kind = "against_native"
+            sentence = f"Dedicated runs at {times} times the frame rate of Non-Engine"
+        yield Finding(kind, f"{sentence} ({of}).", "slowdown")
 
 
 def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:

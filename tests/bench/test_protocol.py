@@ -84,7 +84,7 @@ OURS = '[[methods]]\nname = "mesh"\nmodel = "x"\nlabel = "Ours"\n'
 VARIANT = '[[variants]]\nlabel = "{}"\norder = "global"\n'
 WRONG = {
     "a = ": "it is not TOML",
-    "a = " + "[" * 4000: "it is nested",
+    "a = " + "[" * 4000: "it is not TOML",
     "\xff": "it is not TOML",
     "": "/datasets",
     "[timng]\nframes = 3\n" + MINIMAL: "/timng",

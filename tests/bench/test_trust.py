@@ -135,7 +135,7 @@ def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) 
     edit(path, cell__method="mesh_splatting")
     with pytest.raises(InputError, match="RECORD_INVALID") as caught:
         read_results(again.results)
-    assert caught.value.file == path
+    assert caught.value.file == str(path)
     path.parent.rename(path.parent.with_name("standard_of_before"))
     with pytest.raises(MsbError, match="RECORD_INVALID"):
         read_results(again.results)

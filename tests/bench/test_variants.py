@@ -74,7 +74,7 @@ def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
 
 def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: ProtocolFile) -> None:
     found = read_result(record(varied, "diffsoup/soft"))
-    assert (found.status, found.reason.code) == ("unsupported", "UNSUPPORTED_TIER")
+    assert (found.status, found.reason.code) == ("unsupported", "UNSUPPORTED_OPTION")
 
 
 def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: ProtocolFile) -> None:
