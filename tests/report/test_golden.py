@@ -79,6 +79,14 @@ def images_and_cost_on_a_cpu(root: Path) -> tuple[str, ...]:
     return ()
 
 
+def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
+    text = "it was trained on the test views (eval=False): its numbers on them are not comparable"
+    for method in ("two_dts", "triangle_splatting"):
+        for condition in ("non_engine", "dedicated", "standard"):
+            measure(root, condition, method=method, trained=(text,) if method == "two_dts" else ())
+    return ("native_summary", "renderer_comparison-capture", "scenes-capture-standard")
+
+
 def walks(root: Path) -> tuple[str, ...]:
     for condition, flicker, missing in (("dedicated", 1.25, 0.01), ("standard", 3.5, 0.002)):
         measure(root, condition, 20.0, walk=WalkDocument.of(WALK | {"flicker": flicker, "holes": missing}))
@@ -94,7 +102,7 @@ def engines(root: Path) -> tuple[str, ...]:
     for label, psnr, fps in (("hardware", 29.0, 300.0), ("coarse", 27.0, 450.0)):
         blends = {"device": {"device": {**GPU["device"]["device"], "blends": "float32"}}}
         measure(root, "dedicated", psnr, cell={**engine, "variant": label}, timing=at_rate(fps), **blends)
-    return ("slowdown", "gaps-capture")
+    return ("slowdown", "gaps-capture", "renderer_comparison-capture")
 
 
 def bakes(root: Path) -> tuple[str, ...]:
@@ -120,6 +128,7 @@ CASES: tuple[Callable[[Path], tuple[str, ...]], ...] = (
     images_and_surfaces,
     images_and_cost,
     images_and_cost_on_a_cpu,
+    trained_on_the_test_views,
     walks,
     engines,
     bakes,

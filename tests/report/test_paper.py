@@ -23,7 +23,6 @@ from msb.report.paper import (
     Source,
     contradictions,
     paper_numbers,
-    paper_row,
     published_numbers,
 )
 from msb.report.table import Cell, Table
@@ -128,11 +127,6 @@ def test_feature_matrices_are_the_papers(label: str) -> None:
         assert lookup.find(title_of(cell), attribute, *tier).text == cell["raw"], cell
 
 
-def test_diffsoup_is_ordered_by_the_depth_test_and_a_footnote_says_so() -> None:
-    table = printed()["feature_mapping"]
-    assert Lookup(table).find("DiffSoup", "Depth sort").notes == ("depth test",)
-
-
 @pytest.mark.parametrize("label", PAPER_TABLES)
 def test_means_follow_from_the_rows_within_rounding(label: str) -> None:
     values = paper_numbers(label).values
@@ -207,11 +201,6 @@ def test_an_engines_picture_and_lpips_from_elsewhere_are_noted() -> None:
     assert numbers.number(lpips._replace(source="meshsplatbench")).notes == ()
     missing = numbers.number(lpips._replace(dataset="tanksandtemples"))
     assert missing.value is None
-
-
-def test_paper_row_is_in_units_of_one() -> None:
-    row = paper_row("mesh_connectivity", scene="garden")
-    assert (row["vf_ratio"], row["components"]) == (0.48, pytest.approx(770_000))
 
 
 def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> None:
