@@ -41,7 +41,8 @@ def test_of_the_paper_in_an_empty_folder_each_dataset_and_method_is_named_once(t
     photographs = [one.cells for one in report.missing if "photographs" in one.message]
     assert sum(photographs) == len(blocked)
     for method in ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup", "two_dgs"):
-        assert told(report, f"{tmp_path / 'output' / method}: there is no such file or folder; models").blocks
+        place = tmp_path / "output" / method
+        assert any(one.blocks for one in report.missing if one.message.startswith(f"{place}: "))
         assert told(report, f"renderings of {method} on ").blocks
     scan = told(report, "data of the Chamfer")
     assert (scan.cells, scan.blocks) == (60, False)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import msb
+from msb.bench.parts import grouped
 from msb.bench.profile import profile
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.scenes.datasets import read_scene
@@ -93,3 +94,9 @@ def test_json_has_what_the_tables_need() -> None:
     numbers = {"frames", "fps", "round_fps"}
     assert set(data) == numbers | {"device_ms", "busy_ms", "queued_ms", "stages_ms", "memory_bytes"}
     assert set(data["device_ms"]) == {"p50", "p95", "mean"}
+
+
+def test_memory_of_unknown_use_is_scratch() -> None:
+    found = grouped({"vulkan heap": 5, "positions": 7}, {"positions": "geometry"})
+    assert (found.scratch, found.geometry, found.total) == (5, 7, 12)
+    assert found.uses == {"vulkan heap": 5, "positions": 7}

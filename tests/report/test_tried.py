@@ -65,7 +65,7 @@ def test_the_page_names_the_free_way_first_and_then_what_a_better_one_costs(tmp_
     assert first < text.index("--plan orient,pair</code>") < second
     for value in ("LIMITED", "75 %", "34.6 dB", "3 of 3 tasks"):
         assert value in text
-    assert "PEER_FAILED: it &lt;died&gt;" in text
+    assert "it &lt;died&gt;" in text
     assert text.count(IN_PAGE) == 1
 
 
