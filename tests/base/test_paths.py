@@ -15,13 +15,10 @@ import msb
 from msb import metrics
 from msb.adapters.exporter import detect
 from msb.asset import validate
-from msb.base.files import file_sha256
 from msb.base.paths import SpelledFiles
-from msb.bench.renders import find_renders
-from msb.render.options import Views
 from msb.errors import InputError, MetricError, SceneError
 from msb.metrics.dtu_data import read_dtu_scan
-from msb.report.results import read_results
+from msb.render.options import Views
 from msb.scenes.datasets import read_scene
 from msb.scenes.views_json import write_cameras
 from msb_viewers.deployment.views import dataset_views
@@ -44,7 +41,6 @@ COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "caf\u00e9") for form in ("N
         validate,
         detect,
         read_scene,
-        read_results,
         metrics.read_image,
         lambda path: metrics.pair_images(path, ROOT),
         lambda path: metrics.pair_images(ROOT, path),
@@ -116,14 +112,6 @@ def test_cameras_find_photographs_that_are_spelled_otherwise(tmp_path: Path) -> 
     assert Views(camera=(f"r_{DECOMPOSED}_0",)).of(list(cameras)) == [camera]
     (view,) = dataset_views([camera], scene)
     assert view.photograph == camera.image_path
-
-
-@pytest.mark.usefixtures("both_forms")
-def test_official_renderings_are_found_by_names_that_are_spelled_otherwise(tmp_path: Path) -> None:
-    cameras = [replace(msb.read_cameras(SCENE)[0], name=f"{COMPOSED}.png")]
-    file = picture(tmp_path / f"{DECOMPOSED}.png")
-    (tmp_path / "SHA256SUMS").write_text(f"{file_sha256(file)}  {COMPOSED}.png\n", "utf-8")
-    assert find_renders(tmp_path, cameras).files == (file,)
 
 
 def test_two_cameras_of_one_name_in_two_normal_forms_are_refused(tmp_path: Path) -> None:

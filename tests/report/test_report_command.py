@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from msb.base.extras import install
+from msb.bench.records import File
 from msb.report.pages import report_files
 from msb.report.report import Report
 from tests.cli.conftest import Msb
@@ -105,7 +109,6 @@ def test_mixed_results_are_refused_unless_allowed(msb: Msb, tmp_path: Path) -> N
 def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyvista", reason="extra view is not installed")
     import msb as library
-    from msb.bench.records import File
 
     about = File(path=str(demo_asset), bytes=demo_asset.stat().st_size)
     audit = library.audit(library.load(demo_asset)).to_dict()
@@ -146,3 +149,21 @@ def test_sorting_works_in_a_browser(report: Report, in_browser: Callable[..., An
     assert values == sorted(values, reverse=True)
     assert up == down[::-1]
     assert pairs
+
+
+@pytest.mark.slow
+def test_a_report_names_the_extra_that_stops_it_and_no_other(tmp_path: Path) -> None:
+    made = make_result("tanksandtemples", "train", "two_dts", "exported_mesh")
+    mesh = File(path=str(tmp_path / "x.ply"), bytes=1, sha256=None)
+    (tmp_path / "x.ply").touch()
+    write(tmp_path / "results", made.model_copy(update={"asset": mesh}))
+    text = (
+        "import sys; sys.modules.update(dict.fromkeys(('jinja2', 'matplotlib', 'pyvista')))\n"
+        "sys.argv = ['msb', 'report', 'results']; from msb.cli import main; main()"
+    )
+    command = [sys.executable, "-c", text]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    (line,) = run.stderr.splitlines()
+    assert (run.returncode, line.partition(":")[0]) == (2, "EXTRA_MISSING")
+    assert install("bench") in line
+    assert not (tmp_path / "results" / "report").exists()

@@ -31,8 +31,9 @@ def test_records_are_read_by_asset_and_condition(tmp_path: Path) -> None:
 
 
 def test_folders_without_results_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
-        read_results(tmp_path / "nowhere")
+    for path in (tmp_path / "nowhere", ""):
+        with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+            read_results(path)
     with pytest.raises(InputError, match="RESULTS_EMPTY"):
         read_results(tmp_path)
 
