@@ -68,7 +68,8 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 def _fields() -> dict[str, Any]:
     """Return the published fields of a record.
 
-    A name leads to the fields below it, to `_KEEP`, or to a constant that is published unless the value is None.
+    Each name leads to the fields below it, to `_KEEP`, or to a constant. The constant replaces any value
+    other than None.
     """
     metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
     image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}

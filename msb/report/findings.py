@@ -76,11 +76,11 @@ def _name(dataset: str, method: str) -> str:
 
 
 def _mean_cases(
-    numbers: Numbers, metric: str, detail: Callable[[float], str], without: str = ""
+    numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all of our means of a metric with their `detail`, but those with the note `without`."""
+    """Return all of our means of a metric with their `detail`, except those with the note `without`."""
     return [
-        _Case(number.value, key.dataset, key.method, detail(number.value))
+        _Case(number.value, key.dataset, key.method, detail(key, number.value))
         for key, number in numbers.values.items()
         if (key.scene, key.metric, key.source) == (MEAN, metric, "")
         and number.value is not None
@@ -399,7 +399,7 @@ def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield how long the trainings took, the quickest and the longest of all means."""
-    cases = _mean_cases(numbers, "train_seconds", lambda value: f"{text('train_seconds', value)} min")
+    cases = _mean_cases(numbers, "train_seconds", lambda _, value: f"{text('train_seconds', value)} min")
     if not cases:
         return
     first, last = min(cases), max(cases)
@@ -501,20 +501,11 @@ def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
 def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield what flickers most and least on walks off the path, and where most is missing."""
 
-    def cases(metric: str) -> list[_Case]:
-        return [
-            _Case(
-                number.value,
-                key.dataset,
-                key.method,
-                f"{_name(key.dataset, key.method)} under {condition_title(key.condition)}",
-            )
-            for key, number in numbers.values.items()
-            if (key.scene, key.metric, key.source) == (MEAN, metric, "") and number.value is not None
-        ]
+    def place(key: Key, _: float) -> str:
+        return f"{_name(key.dataset, key.method)} under {condition_title(key.condition)}"
 
-    if flicker := cases("flicker"):
-        low, high, open_ = min(flicker), max(flicker), max(cases("holes"))
+    if flicker := _mean_cases(numbers, "flicker", place):
+        low, high, open_ = min(flicker), max(flicker), max(_mean_cases(numbers, "holes", place))
         sentence = f"Off the path {high.detail} flickers by {text('flicker', high.value)} levels of 255"
         if len(flicker) > 1:
             least = f"{low.detail} by {text('flicker', low.value)}, the least"
@@ -525,7 +516,7 @@ def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
-    cases = _mean_cases(numbers, "nonmanifold_vertex_ratio", lambda share: f"{100 * share:.0f} %", SOUP)
+    cases = _mean_cases(numbers, "nonmanifold_vertex_ratio", lambda _, share: f"{100 * share:.0f} %", SOUP)
     if not cases:
         return
     low, high = min(cases), max(cases)

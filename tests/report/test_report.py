@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image
 
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell as Place_
@@ -25,7 +24,6 @@ from tests.report.documents import AUDIT
 from tests.report.factory import (
     make_result,
     write,
-    write_results,
 )
 from tests.report.test_writers import HOSTILE
 
@@ -72,20 +70,6 @@ def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     assert headings == [["Non-Engine", "Dedicated", "Standard"]] * 3 + [["Non-Engine", "Dedicated"]]
     picture = view.shots["two_dts"][2].picture
     assert picture.data[:3] == b"\xff\xd8\xff"
-
-
-@pytest.mark.slow
-def test_pictures_that_are_not_what_the_record_says_are_left_out(tmp_path: Path) -> None:
-    write_results(tmp_path, datasets=["tanksandtemples"], methods=["two_dts"], images=True)
-    for path in tmp_path.rglob("dedicated/images/a/*.png"):
-        Image.new("RGB", (5000, 4)).save(path)
-    for path in tmp_path.rglob("standard/images/a/*.png"):
-        path.write_bytes(b"\x89PNG\r\n\x1a\n not a picture")
-    made = build_report(read_results(tmp_path))
-    (section,) = [section for section in made.sections if section.name == "looks"]
-    shots = section.views[0].shots["two_dts"]
-    assert [shot.picture is not None for shot in shots] == [True, False, False]
-    assert b"no image" in report_files(made, formats=["html"])["index.html"]
 
 
 def test_all_files_are_there(files: dict[str, bytes], report: Report) -> None:
