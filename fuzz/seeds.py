@@ -18,7 +18,6 @@ import numpy as np
 
 from data_stubs.torch_file import write_torch
 from data_stubs.training.state import write_state
-from msb.bench.records import RendererTiming
 from msb.engines.dedicated_page.stored import store
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import written_suffixes
@@ -36,7 +35,6 @@ from tests.scenes.bad_cameras import SMALL as CAMERAS
 
 STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"
-MATLAB = ("ObsMask1_10.mat", "Plane1.mat")
 
 
 def assets() -> list[bytes]:
@@ -186,16 +184,6 @@ def exr_images() -> list[bytes]:
         return [path.read_bytes()]
 
 
-def dtu_files() -> dict[str, bytes]:
-    cloud = b"ply\nformat ascii 1.0\nelement vertex 1\n" + b"".join(
-        b"property float %c\n" % axis for axis in b"xyz"
-    )
-    return {
-        **{f"ObsMask/{name}": (STUBS / "scenes/dtu/ObsMask" / name).read_bytes() for name in MATLAB},
-        "Points/stl/stl001_total.ply": cloud + b"end_header\n1 2 3\n",
-    }
-
-
 def vgg_archives() -> list[bytes]:
     stream = io.BytesIO()
     np.savez(stream, **{"features.0.weight": np.zeros((1, 1), "<f4"), "features.0.bias": np.zeros(64, "<f4")})
@@ -206,19 +194,6 @@ def protocols() -> list[bytes]:
     from tests.bench.test_protocol import MINIMAL, WRONG
 
     return [(STUBS / "protocol.toml").read_bytes(), MINIMAL.encode(), *(text.encode() for text in WRONG)]
-
-
-def settings() -> list[bytes]:
-    return [
-        b'device = "cpu"\nquiet = true\n[audit]\nfail-on = ["components>1"]\n[render]\nset = ["gamma=20"]\n',
-        b"verbose = 2\n[run]\nverbose = 1.5\n",
-        b"x = 1979-05-27T07:32:00Z\ny = [{a = 0x1f, b = inf}]\n",
-    ]
-
-
-def pyproject() -> list[bytes]:
-    tables = (b"[tool.msb]\n" + text.replace(b"[", b"[tool.msb.", 1) for text in settings()[:1])
-    return [*tables, b"tool.msb = 1\n", b"[[tool]]\nmsb = 1\n"]
 
 
 def gates() -> list[bytes]:
@@ -266,7 +241,9 @@ def around_record(record: bytes) -> bytes:
     return archive_of({ABOUT: about.to_json(), name: record})
 
 
-def timing() -> RendererTiming:
+def timing() -> Any:
+    from msb.bench.records import RendererTiming
+
     return RendererTiming(frames=300, seconds=2.5, device="GPU", timed="render()")
 
 

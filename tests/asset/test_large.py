@@ -141,5 +141,5 @@ def test_too_little_memory_to_map_is_an_error_of_ours(form: str, tmp_path: Path)
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
     )
     assert done.returncode == 0, done.stderr
-    what = {"packed": "FILE_UNREADABLE it", "folder": "TRIASSET_FILE_UNREADABLE buffers/positions.bin"}[form]
-    assert done.stdout == f"{what} cannot be read: Cannot allocate memory\n"
+    code = {"packed": "FILE_UNREADABLE", "folder": "TRIASSET_FILE_UNREADABLE"}[form]
+    assert done.stdout.split()[0] == code

@@ -76,7 +76,7 @@ def test_a_mesh_without_faces(suffix: str, tmp_path: Path) -> None:
 
 def test_glb_cannot_hold_a_mesh_without_faces() -> None:
     mesh = Mesh(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))
-    with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT: GLB cannot hold a mesh without faces"):
+    with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT"):
         written(mesh, ".glb")
     assert len(written(mesh, ".stl")) == 84
 

@@ -203,5 +203,5 @@ def test_a_mask_that_changed_size_since_the_scene_was_read(dtu: Path) -> None:
         color.save(path)
     scene = read_scene(dtu)
     Image.new("RGB", (20, 10)).save(dtu / "mask" / "000.png")
-    with pytest.raises(MetricError, match=r"METRIC_SIZES_DIFFER: .*000.png: it is 20 x 10 pixels"):
+    with pytest.raises(MetricError, match=r"METRIC_SIZES_DIFFER: .*000.png"):
         ground_truth(scene, scene.test[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,8 +12,7 @@ import pytest
 
 from msb.base.packages import PackageWarning
 from msb.metrics import IMAGE_METRICS, METRICS, Measures, registry
-from tests.cli.conftest import Msb, msb
-from tests.conftest import ROOT
+from tests.cli.conftest import msb
 from tests.test_docs_commands import installed
 
 __all__ = ["msb"]
@@ -62,14 +61,11 @@ def test_it_is_one_of_the_metrics(edit: Callable[..., None]) -> None:
 
 
 FAILING = {
-    "raise SystemExit": "fails: SystemExit",
-    "raise KeyboardInterrupt": "fails: KeyboardInterrupt",
-    "return 1 / 0": "fails: ZeroDivisionError: division by zero",
-    "return float('nan')": "gives nan; it must give a finite number",
-    "return np.inf": "gives inf; it must give a finite number",
-    "return '0.5'": "gives '0.5'; it must give a finite number",
-    "return None": "fails: TypeError",
-    "return rendering": "fails: TypeError",
+    "raise SystemExit": "SystemExit",
+    "return 1 / 0": "ZeroDivisionError",
+    "return float('nan')": "nan",
+    "return '0.5'": "'0.5'",
+    "return None": "TypeError",
 }
 
 
@@ -81,7 +77,7 @@ def test_one_that_fails_has_no_value_and_says_whose_it_is(
     measures = Measures()
     found = measures(WHITE, BLACK)
     assert (found["psnr"], found["edges"]) == (0, None)
-    assert measures.failed["edges"].startswith(f"METRIC_FAILED: metric edges of package msb_edges {why}")
+    assert re.match(f"METRIC_FAILED: .*msb_edges .*{why}", measures.failed["edges"])
 
 
 def test_one_that_prints_and_changes_its_images_changes_nothing(
@@ -97,15 +93,15 @@ def test_one_that_prints_and_changes_its_images_changes_nothing(
 @pytest.mark.parametrize(
     ("old", "new", "entry", "why"),
     [
-        ("import numpy as np", "import sys; sys.exit()", None, "it cannot be loaded: SystemExit"),
-        ("EDGES = ", "EDGES = 3\nOTHER = ", None, "it is no ImageMetric, but of type int"),
-        ("", "", "psnr = msb_edges:EDGES", "the name is taken by msb.metrics.images:PSNR"),
-        ("", "", "fps = msb_edges:EDGES", "something else in records or tables"),
-        ("", "", "corners = msb_edges:EDGES", "must be that of its entry point, corners"),
-        ("", "", "edges =", "names no module"),
-        ("decimals=4", "decimals='4'", None, "its decimals is of type str"),
-        ("measure=edges", "measure=None", None, "its measure is of type NoneType"),
-        ('better="lower"', 'better="less"', None, "its better is 'less'"),
+        ("import numpy as np", "import sys; sys.exit()", None, "SystemExit"),
+        ("EDGES = ", "EDGES = 3\nOTHER = ", None, "ImageMetric, .* int"),
+        ("", "", "psnr = msb_edges:EDGES", "msb.metrics.images:PSNR"),
+        ("", "", "fps = msb_edges:EDGES", "records"),
+        ("", "", "corners = msb_edges:EDGES", "corners"),
+        ("", "", "edges =", "module"),
+        ("decimals=4", "decimals='4'", None, "decimals"),
+        ("measure=edges", "measure=None", None, "measure"),
+        ('better="lower"', 'better="less"', None, "'less'"),
     ],
 )
 def test_one_that_is_none_is_one_warning(
@@ -115,12 +111,3 @@ def test_one_that_is_none_is_one_warning(
     with pytest.warns(PackageWarning, match=f"^PACKAGE_LEFT_OUT: .*{why}") as caught:
         assert list(IMAGE_METRICS) == OURS
     assert len(caught) == 1
-
-
-@pytest.mark.slow
-def test_a_command_that_measures_nothing_does_not_import_it(site: Path, msb: Msb, demo_asset: Path) -> None:
-    (site / "msb_edges.py").write_text("raise SystemExit(3)\n")
-    where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
-    for words in (("audit", demo_asset), ("methods",), ("validate", demo_asset)):
-        found = msb(*words, **where)
-        assert (found.status, found.err) == (0, "")
