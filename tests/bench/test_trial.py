@@ -42,4 +42,4 @@ def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) 
     (tried,) = report.verdicts[0].tried
     assert tried.to_dict() == report.to_dict()["verdicts"][0]["tried"][0]
     pages = [data.decode() for name, data in report_files(report).items() if name.startswith("verdict-")]
-    assert pages[0].count("data:image/png;base64,") >= 2
+    assert "data:image/png;base64," in pages[0]
