@@ -168,6 +168,12 @@ def mask(path: Path) -> None:
     read(path)
 
 
+def dtu(path: Path) -> None:
+    from msb.metrics import read_dtu_scan
+
+    read_dtu_scan(next(folder for folder in path.parents if (folder / "ObsMask").is_dir()), 1)
+
+
 def vgg(path: Path) -> None:
     from msb.metrics.vgg import read_vgg as read
 

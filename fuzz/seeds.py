@@ -36,6 +36,8 @@ from tests.scenes.bad_cameras import SMALL as CAMERAS
 STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"
 
+MATLAB = ("ObsMask1_10.mat", "Plane1.mat")
+
 
 def assets() -> list[bytes]:
     return [forge(parts(make()).entries()) for make in (mesh, soup, decoder)]
@@ -182,6 +184,16 @@ def exr_images() -> list[bytes]:
         path = Path(name) / "a.exr"
         write_image(path, np.full((2, 3, 3), 0.5, np.float32), "exr")
         return [path.read_bytes()]
+
+
+def dtu_files() -> dict[str, bytes]:
+    cloud = b"ply\nformat ascii 1.0\nelement vertex 1\n" + b"".join(
+        b"property float %c\n" % axis for axis in b"xyz"
+    )
+    return {
+        **{f"ObsMask/{name}": (STUBS / "scenes/dtu/ObsMask" / name).read_bytes() for name in MATLAB},
+        "Points/stl/stl001_total.ply": cloud + b"end_header\n1 2 3\n",
+    }
 
 
 def vgg_archives() -> list[bytes]:

@@ -52,6 +52,14 @@ def camera_target(kind: str, file: str, read: Callable[[Path], None] = readers.c
     return Target(read, lambda: seeds.cameras(kind, file), file, beside=beside)
 
 
+def dtu_target(file: str) -> Target:
+    """Return the target of one file of DTU's evaluation data; the others are good."""
+    files = seeds.dtu_files()
+    return Target(
+        readers.dtu, lambda: [files[file]], file, beside={n: data for n, data in files.items() if n != file}
+    )
+
+
 NERF = "scenes/nerf_synthetic/pebble/transforms_test.json"
 
 TARGETS: dict[str, Target] = {
@@ -96,6 +104,9 @@ TARGETS: dict[str, Target] = {
     "image_size": Target(
         readers.size_of_image, lambda: [*seeds.pictures("png"), *seeds.pictures("jpg")], "a.img"
     ),
+    "dtu_grid": dtu_target("ObsMask/ObsMask1_10.mat"),
+    "dtu_plane": dtu_target("ObsMask/Plane1.mat"),
+    "dtu_cloud": dtu_target("Points/stl/stl001_total.ply"),
     "vgg_npz": Target(readers.vgg, seeds.vgg_archives, "a.npz"),
     "gate": Target(readers.gate, seeds.gates, "gate"),
     "page": Target(readers.page, seeds.pages, "page.html"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.files import is_folder, library_reason, read_file, regular_file
+from msb.base.files import is_folder, library_reason, regular_file
 from msb.base.paths import given_path
 from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
+from msb.metrics.matlab import find_variables
 
-_MAX_BYTES = 1 << 28
-"""Most bytes of a MATLAB file, 256 MiB: more than any scan has."""
 _MAX_VOXELS = 1 << 29
 """Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for."""
 _LARGEST = 1e30
@@ -68,26 +66,19 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
 
 
 def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the named arrays of a MATLAB 5 file; the shapes are checked before the numbers are read."""
-    from scipy.io import loadmat, whosmat
-
+    """Return the named arrays of a MATLAB 5 file, sizes checked before they are decompressed."""
     place = regular_file(path)
     try:
-        content = io.BytesIO(read_file(place, _MAX_BYTES))
-        shapes = {name: shape for name, shape, _ in whosmat(content)}
+        variables = find_variables(place.read_bytes())
         for name in names:
-            _check_shape(place, name, shapes.get(name))
-        content.seek(0)
-        read = loadmat(content, variable_names=names)
-        arrays = {name: read[name] for name in names}
+            _check_shape(place, name, variables[name].shape if name in variables else None)
+        arrays = {name: variables[name].read() for name in names}
     except MetricError:
         raise
     except Exception as error:  # damage shows as any exception
         text = f"it cannot be read as a MATLAB 5 file: {library_reason(error)}"
         raise _bad(place, text) from error
     for name, array in arrays.items():
-        if array.dtype.kind not in "buif":
-            raise _bad(place, f"{name} holds no real numbers")
         if name != "ObsMask":
             _check_numbers(place, name, array)
     return arrays

@@ -109,7 +109,6 @@ class _NoArray:
         np.zeros((1, 3), [("x", "i4")]),
         np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),
     ],
-    ids=repr,
 )
 def test_faces_that_are_no_triangles_are_refused(faces: object) -> None:
     with pytest.raises(MeshError, match="MESH_ARRAY"):

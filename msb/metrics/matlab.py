@@ -1,0 +1,112 @@
+"""Read arrays of numbers from untrusted MATLAB 5 files.
+
+`scipy.io.loadmat` is not used: in SciPy 1.17 a type number that does not exist still kills the process with a
+segmentation fault.
+
+Source: The MathWorks, MAT-File Format, chapter 1, "Level 5 MAT-Files".
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_HEADER = 128
+_MATRIX, _COMPRESSED = 14, 15
+_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_NUMERIC = range(6, 16)
+"""Numbers of the classes of numeric arrays; lower numbers are cells, structures, text and sparse arrays."""
+_COMPLEX = 0x0800
+_HEAD = 1024
+"""Most bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters."""
+_ENDS = "it ends within a variable"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An array that was found but not read."""
+
+    name: str
+    shape: tuple[int, ...]
+    """As stored, not checked."""
+    _body: memoryview
+    _compressed: bool
+    _order: str
+    _numeric: bool
+    _start: int
+
+    def read(self) -> NDArray[Any]:
+        """Return the numbers, read-only, in their stored type; MATLAB stores whole numbers smaller."""
+        if not self._numeric or min(self.shape) < 0:
+            raise ValueError(f"{self.name} holds no real numbers")
+        count = math.prod(self.shape)
+        head = _unpack(self._body, self._compressed, self._start + 8)
+        kind, start, size, _ = _element(head, self._start, self._order)
+        if kind not in _TYPES:
+            raise ValueError(f"{self.name} is of the unknown type {kind}")
+        dtype = np.dtype(self._order + _TYPES[kind])
+        if size != count * dtype.itemsize:
+            raise ValueError(f"{self.name} has {size} bytes for {count} numbers of {dtype.itemsize}")
+        content = _unpack(self._body, self._compressed, start + size)
+        if len(content) < start + size:
+            raise ValueError(_ENDS)
+        return np.frombuffer(content, dtype, count, start).reshape(self.shape, order="F")
+
+
+def find_variables(data: bytes) -> dict[str, Variable]:
+    """Return the arrays in the MATLAB 5 file `data` by name."""
+    order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
+    if order is None:
+        raise ValueError("it has no header of a MATLAB 5 file")
+    if struct.unpack_from(order + "H", data, _HEADER - 4) != (0x0100,):
+        raise ValueError("it is of another version, such as 7.3, which is HDF5; save it with -v7")
+    variables: dict[str, Variable] = {}
+    view, at = memoryview(data), _HEADER
+    while at < len(data):
+        kind, start, size, _ = _element(view, at, order)
+        at = start + size
+        if at > len(data):
+            raise ValueError(_ENDS)
+        if kind in (_MATRIX, _COMPRESSED):
+            variable = _describe(view[start:at], kind == _COMPRESSED, order)
+            variables.setdefault(variable.name, variable)
+    return variables
+
+
+def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
+    head = _unpack(body, compressed, _HEAD)
+    at = 8 if compressed else 0  # the tag of the matrix is inside
+    _, start, _, at = _element(head, at, order)
+    flags = _numbers(head, start, 1, order)[0]
+    _, start, size, at = _element(head, at, order)
+    shape = _numbers(head, start, size // 4, order)
+    _, start, size, at = _element(head, at, order)
+    name = bytes(head[start : start + size]).decode("latin-1")
+    numeric = flags & 0xFF in _NUMERIC and not flags & _COMPLEX and len(shape) > 0
+    return Variable(name, shape, body, compressed, order, numeric, at)
+
+
+def _element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
+    """Return type, start and length of the element at `at`, and where the next one begins."""
+    word = _numbers(data, at, 1, order, "I")[0]
+    if word >> 16:  # the small form: the length in the upper half, the data in place of it
+        return word & 0xFFFF, at + 4, word >> 16, at + 8
+    size = _numbers(data, at + 4, 1, order, "I")[0]
+    return word, at + 8, size, at + 8 + size + -size % 8
+
+
+def _numbers(data: bytes | memoryview, at: int, count: int, order: str, kind: str = "i") -> tuple[int, ...]:
+    if at + 4 * count > len(data):
+        raise ValueError(_ENDS)
+    return struct.unpack_from(f"{order}{count}{kind}", data, at)
+
+
+def _unpack(body: memoryview, compressed: bool, most: int) -> bytes | memoryview:
+    """Return the first `most` bytes of a variable."""
+    return zlib.decompressobj().decompress(body, most) if compressed else body[:most]
