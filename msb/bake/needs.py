@@ -9,8 +9,9 @@ from msb.asset.texture import textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
 from msb.bake.options import parse_collision
-from msb.bake.soup import are_apart, is_soup
+from msb.bake.soup import is_uncut_soup
 from msb.base.extras import is_installed, need_extra
+from msb.base.soup import is_soup
 from msb.topology import audit_arrays
 from msb.topology.weld import weld_vertices
 
@@ -38,9 +39,9 @@ def check_model(options: BakeOptions, asset: Asset) -> None:
     points, faces = asset.buffers["positions"], asset.buffers["indices"]
     is_auto = options.geometry == "auto" and options.faces is None and not options.for_solid
     if is_auto or options.geometry == "kept":
-        if choose_look(options, "kept", asset) == "texture" and not are_apart(faces):
+        if choose_look(options, "kept", asset) == "texture" and not is_soup(faces):
             need_xatlas()
-        if options.shares and not is_soup(points, faces):
+        if options.shares and not is_uncut_soup(points, faces):
             need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
     if options.collision is None or options.collision == "box":
         return
@@ -69,6 +70,6 @@ def _fits_vertices(asset: Asset) -> bool:
     if why_not(asset.manifest, "standard") is not None:
         return False
     tint = tint_of(asset)
-    is_unshared = are_apart(asset.buffers["indices"])
+    is_unshared = is_soup(asset.buffers["indices"])
     is_smooth = tint is not None and (is_unshared or tint.domain == "vertex")
     return (is_smooth and textures_of(asset) is None) or not (is_unshared or is_installed("xatlas"))
