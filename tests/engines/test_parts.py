@@ -7,9 +7,9 @@ import queue
 import sys
 import tempfile
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -232,16 +232,28 @@ def test_a_renderer_that_fails_when_it_opens_leaves_nothing_on_the_device(
     assert [gpu.device for gpu in closed] == [None]
 
 
+class Tasks(queue.Queue[bytes]):
+    """Tasks that tell which thread waits for one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.waiting: queue.Queue[threading.Thread] = queue.Queue()
+
+    def get(self, *args: Any, **options: Any) -> bytes:
+        self.waiting.put(threading.current_thread())
+        return super().get(*args, **options)
+
+
 def test_an_address_that_all_users_see_leads_to_the_page_once_and_a_closed_page_holds_nothing() -> None:
     from http.client import HTTPConnection
 
-    tasks: queue.Queue[bytes] = queue.Queue()
+    tasks = Tasks()
     handler = browser._handler("/s/", {"/once/": "/s/page.html?x"}, {"page.html": b"hi"}, tasks, tasks)
     server = browser._Server(("127.0.0.1", 0), handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
 
     def ask(path: str) -> tuple[int, str | None, bytes]:
-        connection = HTTPConnection(*server.server_address[:2], timeout=10)
+        connection = HTTPConnection(*server.server_address[:2], timeout=30)
         connection.request("GET", path)
         reply = connection.getresponse()
         found = reply.status, reply.getheader("Location"), reply.read()
@@ -252,13 +264,9 @@ def test_an_address_that_all_users_see_leads_to_the_page_once_and_a_closed_page_
     assert [ask(path)[0] for path in ("/once/", "/s/", "/s/../page.html", "/")] == [404] * 4
     assert ask("/s/page.html?x")[2] == b"hi"
 
-    before = set(threading.enumerate())
-    waiting = HTTPConnection(*server.server_address[:2], timeout=10)
+    waiting = HTTPConnection(*server.server_address[:2], timeout=30)
     waiting.request("GET", "/s/next")
-    end = time.monotonic() + 30
-    while not (new := set(threading.enumerate()) - before) and time.monotonic() < end:
-        time.sleep(0.01)
-    (thread,) = new
+    thread = tasks.waiting.get(timeout=30)
     waiting.close()  # as a browser that is ended does
     assert thread.is_alive()
     browser._end(None, server, tasks, io.BytesIO(), tempfile.TemporaryDirectory())
