@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, log10
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from msb.metrics.images import psnr_of_error
 
 if TYPE_CHECKING:
     from msb.render import Frame
@@ -61,11 +62,10 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
         inner.append(interior(own.face_id).reshape(-1))
     level, square, inside = np.concatenate(levels), np.concatenate(squares), np.concatenate(inner)
     within = level[inside]
-    error = float(square.mean())
     return Agreement(
         pixels=len(level),
         within_a_level=float((level <= 1).mean()),
-        psnr=-10 * log10(error) if error > 0 else inf,
+        psnr=psnr_of_error(float(square.mean())),
         covered_alike=float(np.concatenate(alike).mean()),
         interior=len(within),
         interior_within_a_level=float((within <= 1).mean()) if len(within) else 1.0,

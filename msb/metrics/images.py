@@ -64,7 +64,11 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 
 def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    mse = float(np.mean(np.square(a - b)))
+    return psnr_of_error(float(np.mean(np.square(a - b))))
+
+
+def psnr_of_error(mse: float) -> float:
+    """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf for 0."""
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
 

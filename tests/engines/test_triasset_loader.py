@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 import msb
+from msb import metrics
 from msb.asset import Asset
 from msb.asset.manifest import StoredSetting
 from msb.engines import browser
 from msb.engines.agreement import agreement
-from msb.engines.dedicated_page.measure import FAITHFUL, byte_psnr
+from msb.engines.dedicated_page.measure import FAITHFUL
 from msb.engines.dedicated_page.page import make_page
 from msb.engines.engine import opaque_frame
 from msb.engines.webpage import camera_data
@@ -218,8 +219,8 @@ def test_the_methods_own_look_is_that_of_the_page(ask: Ask) -> None:
     head, body = ask(page, "page", **task)
     assert head == {"title": "Triangle-Splatting"}
     wanted = to_bytes(view.image)
-    psnr = byte_psnr(np.frombuffer(body, np.uint8).reshape(wanted.shape), wanted)
-    assert psnr is None or psnr >= FAITHFUL
+    psnr = metrics.psnr(np.frombuffer(body, np.uint8).reshape(wanted.shape), wanted)
+    assert psnr >= FAITHFUL
     assert (
         ask(b"<html></html>", "page", **task)
         .head["said"]

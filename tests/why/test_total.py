@@ -14,9 +14,9 @@ from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_faces
 from msb.render import Frame
 from msb.scenes.datasets import read_scene
+from msb.views import difference
 from msb.why import Cause, Causes, why
 from msb.why.causes import taken_for_linear
-from msb.why.views import difference
 from tests.conftest import ROOT, TETRAHEDRON
 
 MODELS = ROOT / "data_stubs" / "models"
