@@ -12,13 +12,11 @@ from PIL import Image
 
 from msb import metrics
 from msb.asset import Description, build_asset
-from msb.errors import SceneError, Unsupported, UsageError
+from msb.errors import Unsupported, UsageError
 from msb.scenes.around import around
 from msb_viewers.deployment.arrange import arrange
 from msb_viewers.deployment.difference import (
-    colorize,
     decibel_text,
-    fitted,
     scale_colors,
     squared_error,
 )
@@ -46,18 +44,6 @@ def test_the_maps_mean_is_the_psnr() -> None:
     assert decibel_text(metrics.psnr(a, a)) == "identical"
 
 
-def test_the_map_says_where_and_how_much() -> None:
-    a = np.zeros((4, 5, 3), np.uint8)
-    b = a.copy()
-    b[1, 2] = 51, 51, 51
-    b[3, 4] = 255, 255, 255
-    map_ = colorize(squared_error(a, b), 0.4)
-    black, bright = scale_colors()[0], scale_colors()[255]
-    assert (map_[0, 0] == black).all()
-    assert (map_[1, 2] == scale_colors()[127]).all()
-    assert (map_[3, 4] == bright).all()
-
-
 def test_the_scale_is_ordered_by_lightness_and_is_magma() -> None:
     colors = scale_colors().astype(float)
     lightness = colors @ (0.2126, 0.7152, 0.0722)
@@ -66,15 +52,6 @@ def test_the_scale_is_ordered_by_lightness_and_is_magma() -> None:
     matplotlib = pytest.importorskip("matplotlib", reason="extra view is not installed")
     wanted = matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255
     assert np.abs(colors - wanted).max() < 3.2
-
-
-def test_smaller_pictures_are_means_and_larger_ones_show_pixels() -> None:
-    image = np.arange(16, dtype=np.uint8).reshape(4, 4, 1).repeat(3, axis=2) * 10
-    assert fitted(image, 4, 4) is image
-    assert fitted(image, 2, 2)[0, 0].tolist() == [25, 25, 25]
-    assert (fitted(image, 8, 8)[::2, ::2] == image).all()
-    squared = np.arange(16, dtype=np.float32).reshape(4, 4)
-    assert fitted(squared, 2, 2).mean() == squared.mean()
 
 
 # Views ---------------------------------------------------------------------------------------------------
@@ -100,16 +77,6 @@ def test_transparent_photographs_lie_over_the_background(tmp_path: Path) -> None
     Image.new("RGBA", (WIDTH, HEIGHT), (255, 0, 0, 51)).save(path)
     image = read_photograph(View("a", small_cameras(1)[0], path), (0.0, 1.0, 1.0))
     assert image[0, 0].tolist() == [51, 204, 204]
-
-
-def test_bad_photographs_are_refused(tmp_path: Path) -> None:
-    camera = small_cameras(1)[0]
-    for folder in (tmp_path / "none", tmp_path):
-        with pytest.raises(UsageError, match="USAGE"):
-            dataset_views([camera], folder)
-    (tmp_path / f"{camera.name}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
-    with pytest.raises(SceneError, match="CAMERA_IMAGE"):
-        dataset_views([camera], tmp_path)
 
 
 def test_the_first_view_and_the_turntable_see_everything() -> None:
@@ -211,12 +178,6 @@ def test_the_dataset_decides_the_size_of_a_view_else_its_place_does() -> None:
         assert camera.fx == camera.fy
 
 
-def test_settings_are_told_with_what_was_overridden() -> None:
-    text = comparison(settings={"sigma": 0.5}, supersample=2, background=(0.0, 0.0, 0.0)).settings_text()
-    for part in ("sigma 0.5*", "supersample 4,", "2 x 2 samples", "background black"):
-        assert part in text
-
-
 # Layout --------------------------------------------------------------------------------------------------
 
 
@@ -237,11 +198,3 @@ def test_nothing_overlaps_and_all_is_inside(size: tuple[int, int], layout: Any, 
         for other in cells[number + 1 :]:
             apart = cell.box.right <= other.box.left or other.box.right <= cell.box.left
             assert apart or cell.caption.bottom <= other.box.top or other.caption.bottom <= cell.box.top
-
-
-def test_the_grid_makes_pictures_large() -> None:
-    tiers = ("a", "b", "c", "d")
-    wide = arrange("side", tiers, ("a", "b"), (1280, 800), 1.0, aspect=16 / 9)
-    assert len({cell.box.left for cell in wide}) == 2
-    tall = arrange("side", tiers, ("a", "b"), (400, 1600), 1.0, aspect=16 / 9)
-    assert len({cell.box.left for cell in tall}) == 1

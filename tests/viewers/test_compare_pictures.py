@@ -11,10 +11,9 @@ import pytest
 
 import msb
 from msb import metrics
-from msb.errors import MetricError
 from msb.render.images import to_bytes
 from msb_viewers.deployment.arrange import Box
-from msb_viewers.deployment.compose import caption_lines, compose, decibels
+from msb_viewers.deployment.compose import compose, decibels
 from msb_viewers.deployment.difference import TOP, scale_colors
 from msb_viewers.deployment.shots import Shot, TierRenderers
 from msb_viewers.deployment.state import LAYOUTS, CompareState
@@ -58,37 +57,12 @@ def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
     assert shots["standard"].where.startswith("OpenCL on ")
 
 
-def test_settings_and_samples_reach_their_tiers() -> None:
-    scenes = {
-        "plain": comparison(),
-        "settings": comparison(settings={"sh_degree": 0, "supersample": 1}),
-        "samples": comparison(supersample=3),
-    }
-    view, images = scenes["plain"].views[0], {}
-    for name, scene in scenes.items():
-        with TierRenderers(scene) as renderers:
-            for tier in ("dedicated", "standard"):
-                images[name, tier] = renderers.shoot(tier, view).image
-    assert (images["settings", "dedicated"] != images["plain", "dedicated"]).any()
-    assert (images["samples", "standard"] != images["plain", "standard"]).any()
-    # A method's own samples are not those of the standard tier.
-    assert (images["samples", "dedicated"] == images["plain", "dedicated"]).all()
-
-
 def test_a_path_without_a_picture_says_why() -> None:
     scene = comparison(missing={"standard": "it has no static colour"}, tiers=ALL)
     with TierRenderers(scene) as renderers:
         view = scene.views[0]
         assert renderers.shoot("standard", view).why == "it has no static colour"
         assert renderers.shoot("truth", view).why == view.why
-
-
-def test_a_damaged_photograph_is_an_error(tmp_path: Path) -> None:
-    views = photographs(tmp_path, [(1, 2, 3)])
-    views[0].photograph.write_bytes(views[0].photograph.read_bytes()[:60])
-    scene = comparison(views, ("truth",))
-    with TierRenderers(scene) as renderers, pytest.raises(MetricError, match="METRIC_IMAGE"):
-        renderers.shoot("truth", views[0])
 
 
 # Compositions --------------------------------------------------------------------------------------------
@@ -137,15 +111,6 @@ def test_the_difference_is_coloured_and_measured() -> None:
     assert (ends <= 8).sum() >= 8  # rows of the legend's bar
 
 
-def test_pictures_of_two_sizes_are_not_compared() -> None:
-    state = CompareState.first(comparison(), layout="difference")
-    small = flat_shot("standard", (0, 0, 0), (WIDTH // 2, HEIGHT // 2))
-    shots = {**flat_shots(("dedicated",)), "standard": small}
-    assert decibels(shots["dedicated"], small) is None
-    composed = compose(state, shots, (900, 600))
-    assert middle(composed.image, composed.pictures["difference"], 0.5, 0.1) == (226, 227, 229)
-
-
 def test_a_tier_without_a_picture_has_a_placeholder_in_every_layout() -> None:
     shots = {tier: Shot(tier, why="too little memory") for tier in ("reference", "dedicated", "standard")}
     for layout in LAYOUTS:
@@ -160,13 +125,3 @@ def test_pictures_of_any_shape_and_long_names_are_no_error(layout: Any, size: tu
     state = CompareState.first(replace(comparison(), name="a very long name " * 20), layout=layout)
     image = compose(state, flat_shots(state.comparison.tiers), size).image
     assert image.shape == (size[1], size[0], 3)
-
-
-def test_captions_tell_time_memory_size_and_place() -> None:
-    shot = flat_shot("standard", (0, 0, 0))
-    first, where = caption_lines(shot)
-    assert first.split(", ") == ["12.3 ms", "5.6 MB on the device", "64 x 48"]
-    assert where == shot.where
-    assert caption_lines(None) == []
-    slow = Shot("reference", shot.image, milliseconds=65432.1)
-    assert caption_lines(slow)[0].startswith("65.4 s, ")
