@@ -80,11 +80,6 @@ def test_the_page_holds_the_asset_and_its_cameras(msb: Msb, demo_asset: Path, tm
     assert again.err.startswith("OUTPUT_EXISTS: ")
 
 
-def test_an_empty_page_needs_no_asset(msb: Msb, tmp_path: Path) -> None:
-    assert msb("web", "--out", tmp_path / "empty.html").status == 0
-    assert (tmp_path / "empty.html").stat().st_size < 1_000_000
-
-
 @pytest.mark.parametrize(
     "args",
     [

@@ -115,14 +115,6 @@ def test_faces_without_a_contribution_are_not_missed(method: str) -> None:
     np.testing.assert_array_equal(render_reference(fewer, view.camera, view.background).image, frame.image)
 
 
-def test_vertices_that_no_face_has_are_dropped() -> None:
-    asset = golden("mesh_splatting")
-    fewer = with_faces(asset, np.arange(10))
-    corners = [a.buffers["positions"][a.buffers["indices"][:10]] for a in (asset, fewer)]
-    np.testing.assert_array_equal(*corners)
-    assert fewer.manifest.vertex_count == len(fewer.buffers["f_dc"]) < asset.manifest.vertex_count
-
-
 def the_page(method: str = "triangle_splatting", **options: Any) -> DedicatedPage:
     view = golden_views(method)[0]
     image = np.zeros((view.camera.height, view.camera.width, 3), np.uint8)
@@ -159,17 +151,6 @@ def test_the_plan_in_the_page_names_arrays_buffers_and_modules_that_are_there(me
     members = about["view"]["members"]
     assert [name for name, *_ in members][: len(VIEW.names or ())] == list(VIEW.names or ())
     assert about["view"]["bytes"] == len(packed.view_bytes(golden_views(method)[0].camera, (0, 0, 0)))
-
-
-def test_shrunk_triangles_are_stored_once() -> None:
-    view = next(view for view in golden_views("two_dts") if view.settings["gamma_rescale"])
-    asset = exported(view.folder / "checkpoint")
-    page = make_page(quantised(asset), name="a", settings=view.settings)
-    arrays = page.scene["dedicated"]["arrays"]
-    assert set(arrays["positions"]) == {"shrunk"}
-    assert arrays["stored positions"]["how"] in ("grid", "rows")
-    assert page.scene["dedicated"]["standard"]["positions"] == "stored positions"
-    assert page.scene["dedicated"]["standard"]["shown"] == "shown faces"
 
 
 def test_settings_that_change_the_record_alone_are_live() -> None:

@@ -24,7 +24,7 @@ from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
-from msb.render import Frame, backend
+from msb.render import Frame
 from msb.render.backend import what_is_missing
 from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
@@ -65,16 +65,6 @@ def test_what_is_given_to_an_engine_is_what_convert_writes(tmp_path: Path) -> No
         np.testing.assert_array_equal(back.vertices, mesh[0])
         np.testing.assert_array_equal(back.faces, mesh[1])
         np.testing.assert_allclose(back.vertex_colors, np.clip(asset.buffers["color"], 0, 1), atol=1e-7)
-
-
-def test_depths_lie_in_the_range() -> None:
-    mesh = scene("through the camera", 1)
-    pose = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    matrix = np.eye(4)
-    matrix[:3, :3] = pose
-    low, high = engine_mesh(mesh_asset(mesh), {}).depth_range(matrix)
-    depths = mesh[0] @ pose[2]
-    assert low <= depths.min() < depths.max() <= high
 
 
 @pytest.mark.parametrize("far", [0.0, 1e6])
@@ -173,21 +163,6 @@ def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) 
     assert "driver" in str(WgpuRenderer.missing())
     monkeypatch.setenv(blender.VARIABLE, "no-such-python")
     assert "MSB_BLENDER" in str(CyclesRenderer.missing())
-
-
-def test_a_broken_renderer_of_others_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend, "renderers", lambda: {"theirs": "no_such_module:Class"})
-    assert str(what_is_missing("theirs")).startswith("it cannot be loaded: ")
-
-
-def test_a_python_without_bpy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    python = tmp_path / "python"
-    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; sys.exit(\'no bpy here\')"\n')
-    python.chmod(0o755)
-    monkeypatch.setenv(blender.VARIABLE, str(python))
-    with pytest.raises(DeviceError, match=r"Blender ended: no bpy here \(status 1\)") as info:
-        CyclesRenderer(mesh_asset(scene("small", 1)))
-    assert info.value.code == "ENGINE_FAILED"
 
 
 @pytest.mark.slow

@@ -10,10 +10,10 @@ import pytest
 from msb.cl import Device
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.render import Frame
-from tests.cl.conftest import STYLES, WITHOUT_ATOMICS, open_styled
+from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names
-from tests.render.frames import assert_same, frame_of
+from tests.render.frames import frame_of
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
@@ -84,17 +84,6 @@ def test_official_viewer(device: Device, view: View) -> None:
     # The truncated bytes can be made from the checkpoint, with the same result.
     again = draw(device, view, viewer=True)
     np.testing.assert_array_equal(again.image, frame.image)
-
-
-@pytest.mark.slow
-def test_styles_agree_to_the_bit() -> None:
-    frames: list[list[Frame]] = []
-    for style in STYLES:
-        with open_styled(style) as device:
-            frames.append([draw(device, view) for view in (VIEWS[2], VIEWS[4], VIEWS[5])])
-    for first, *others in zip(*frames, strict=True):
-        for other in others:
-            assert_same(first, other)
 
 
 @pytest.mark.slow
