@@ -9,12 +9,12 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from msb.cli.defaults import single_commands
 from typer.main import get_command
 
 import msb
 from data_stubs.make import splat_like_asset
 from msb.cli.app import app
-from msb.cli.defaults import single_commands
 from msb.errors import EXIT_STATUS, AssetError, CheckpointError, MeshFileError, SceneError
 from msb.metrics.registry import IMAGE_METRICS
 from tests.conftest import ROOT

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msb.cli.defaults import _read as read_settings_file
 
 from msb.base.files import file_sha256, map_file, read_file, regular_file
 from msb.bench.checked import read_json
-from msb.cli.defaults import _read as read_settings_file
 from msb.errors import InputError, MsbError
 from msb.meshes import read_mesh
 from msb.metrics import read_image

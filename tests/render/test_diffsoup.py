@@ -91,7 +91,7 @@ def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
     """Bands, one work-item a group, are right there too, and no way to use a GPU."""
     asset = exported(VIEWS[0].folder / "checkpoint")
     with open_styled(WITHOUT_ATOMICS) as device:
-        assert DiffSoupPipeline(asset, device=device)._program.name == "msb.methods.diffsoup/diffsoup_gpu.cl"
+        assert DiffSoupPipeline(asset, device=device)._program.name.endswith("/diffsoup_gpu.cl")
 
 
 def test_same_image_again_and_after_another_camera(device: Device) -> None:

@@ -96,8 +96,7 @@ coordinates = st.integers(-3 * UNITS, 20 * UNITS)
 points = st.tuples(coordinates, coordinates)
 
 
-@pytest.mark.slow
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(points, points, points, points)
 def test_rule_of_the_twin(a: Any, b: Any, c: Any, d: Any) -> None:
     """Two triangles on either side of an edge, at any places of the grid, samples on edges included."""

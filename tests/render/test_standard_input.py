@@ -61,8 +61,7 @@ def test_refuses_what_has_no_static_color() -> None:
         with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
             msb.Renderer(data)
         assert raised.value.code == "UNSUPPORTED_TIER"
-        can_be_baked = method == "diffsoup"
-        assert raised.value.message.endswith("; msb bake makes a plain mesh of it") == can_be_baked
+        assert ("msb bake" in raised.value.message) == (method == "diffsoup")
 
 
 def _renamed(asset: Asset, method: str) -> Any:
@@ -106,7 +105,7 @@ def test_samples_are_an_option_of_the_standard_tier_alone(cpu: Device) -> None:
     plain = draw(cpu, asset, camera())
     own = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)
     np.testing.assert_array_equal(plain.image, own.image)
-    with pytest.raises(Unsupported, match=r"no option .supersample.*; the tier standard has it"):
+    with pytest.raises(Unsupported, match="UNSUPPORTED_OPTION"):
         msb.render(asset, camera(), "dedicated", device=cpu, supersample=2)
 
 

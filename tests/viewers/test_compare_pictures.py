@@ -58,10 +58,10 @@ def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
 
 
 def test_a_path_without_a_picture_says_why() -> None:
-    scene = comparison(missing={"standard": "it has no static colour"}, tiers=ALL)
+    scene = comparison(missing={"standard": "no colour"}, tiers=ALL)
     with TierRenderers(scene) as renderers:
         view = scene.views[0]
-        assert renderers.shoot("standard", view).why == "it has no static colour"
+        assert renderers.shoot("standard", view).why == "no colour"
         assert renderers.shoot("truth", view).why == view.why
 
 
