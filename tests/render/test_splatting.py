@@ -130,7 +130,7 @@ def test_too_many_pairs_are_refused_with_the_figure(style: Any, monkeypatch: pyt
         pipeline.render(front_camera(16, 16), (0, 0, 0))
         held = sum(device.memory().values())
         monkeypatch.setattr(type(device._memory), "_limit", lambda memory: held // 4)
-        with pytest.raises(DeviceError, match="splat (tile|pair)") as caught:
+        with pytest.raises(DeviceError, match=r"splat (tile|pair)") as caught:
             pipeline.render(front_camera(800, 600), (0, 0, 0))
         assert caught.value.code == "DEVICE_MEMORY"
 
