@@ -39,7 +39,7 @@ DRIVER = "3.0-rc2"
 _LIBRARY = "libpocl-21062cec.so"
 """The file's name holds a hash of its content, which `auditwheel` put there."""
 _SLOT = 640
-"""The byte of the device's structure at which the pointer to the name lies; found with a debugger in this build."""
+"""The byte of the device's structure at which the pointer to the name lies, in this build of the library."""
 _STRUCTURE = 1024
 """The number of bytes of the structure in which no other pointer may lead to such a name."""
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msb.metrics.images import psnr_of_error
+from msb.render.frame import interior
 
 if TYPE_CHECKING:
     from msb.render import Frame
@@ -72,15 +72,3 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
         interior_p999=float(np.percentile(within, 99.9)) if len(within) else 0.0,
         interior_max=float(within.max(initial=0)),
     )
-
-
-def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows one face; none at the border has."""
-    inner = np.zeros(faces.shape, bool)
-    middle = faces[1:-1, 1:-1]
-    same = middle >= 0
-    for dy in range(3):
-        for dx in range(3):
-            same = same & (faces[dy : dy + middle.shape[0], dx : dx + middle.shape[1]] == middle)
-    inner[1:-1, 1:-1] = same
-    return inner

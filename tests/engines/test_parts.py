@@ -17,7 +17,7 @@ import pytest
 import msb
 from msb.base import extras
 from msb.engines import blender, browser, webgpu
-from msb.engines.agreement import agreement, interior
+from msb.engines.agreement import agreement
 from msb.engines.blender import CyclesRenderer, blender_camera
 from msb.engines.engine import engine_mesh, opaque_frame
 from msb.engines.threejs import ThreeJsRenderer
@@ -26,6 +26,7 @@ from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
 from msb.render import Frame
 from msb.render.backend import what_is_missing
+from msb.render.frame import interior
 from tests.engines.conftest import need
 from tests.render.standard_scenes import camera, mesh_asset, random_colors, scene
 

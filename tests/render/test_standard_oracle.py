@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from msb.cl import Device
-from msb.engines.agreement import interior
+from msb.render.frame import interior
 from tests.render.standard_scenes import Arrays, camera, draw, mesh_asset, random_colors, scene, unshared
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]

@@ -11,8 +11,8 @@ import pytest
 from msb.asset import Asset
 from msb.asset.texture import Sampler, mip_levels, texture_images
 from msb.cl import Device
-from msb.engines.agreement import interior
 from msb.errors import AssetError, DeviceError
+from msb.render.frame import interior
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_filter, enlarged
 from tests.cl.conftest import WITHOUT_ATOMICS, open_styled

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import msb
 from msb.asset.look import daylight, stored_threshold, up_axis, visible_faces
 from msb.asset.settings import with_settings
+from msb.errors import UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset, with_faces
 from msb.render import Frame
@@ -136,3 +138,13 @@ def test_light_is_that_of_the_faces_that_are_shown() -> None:
 def drawn(mesh: Mesh, camera: msb.Camera) -> Frame:
     with msb.Renderer(asset_from_mesh(mesh), "standard") as renderer:
         return renderer.render(camera)
+
+
+@pytest.mark.parametrize(
+    ("cameras", "options"), [([], {}), (CAMERA, {}), (["a"], {}), ([CAMERA], {"settings": 3})]
+)
+def test_wrong_arguments_are_our_errors(cameras: Any, options: dict[str, Any]) -> None:
+    vertices, faces = TETRAHEDRON
+    with pytest.raises(UsageError) as caught:
+        why(asset_from_mesh(Mesh(vertices, faces.astype(np.int64))), cameras, **options)
+    assert caught.value.code == "USAGE"
