@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel
-from msb_viewers.palette import NEUTRAL, STYLES
+from msb_viewers.palette import STYLES
 from msb_viewers.stage import cluster
 from msb_viewers.viewed_mesh import read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
@@ -88,22 +88,6 @@ def test_a_soup_says_so_and_draws_no_boundary() -> None:
     model = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     assert SOUP_NOTE in model.notes
     assert "boundary_edges" not in model.shown_by_default()
-
-
-def test_a_component_has_its_own_elements(faults: ViewModel) -> None:
-    book = faults.face_component[2]
-    assert len(faults.rows("nonmanifold_edges", int(book))) == 1
-    assert len(faults.rows("multifan_vertices", int(book))) == 0
-    bow = {int(faults.face_component[face]) for face in (0, 1)}
-    assert len(bow) == 2
-    assert all(len(faults.rows("multifan_vertices", part)) == 1 for part in bow)
-
-
-def test_the_largest_component_is_neutral(demo: ViewModel) -> None:
-    colors = demo.component_colors()
-    largest = demo.face_component == 0
-    assert (colors[largest] == NEUTRAL).all()
-    assert not (colors[~largest] == NEUTRAL).all(axis=1).any()
 
 
 def test_no_two_layers_differ_by_colour_alone() -> None:

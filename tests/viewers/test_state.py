@@ -13,7 +13,6 @@ from msb_viewers.model import ViewModel
 from msb_viewers.picking import pick
 from msb_viewers.sheet import help_panel
 from msb_viewers.state import HELP, ViewState, parse_element, parse_kinds
-from tests.conftest import TETRAHEDRON
 from tests.viewers.conftest import model_of
 
 
@@ -99,35 +98,6 @@ def test_a_flight_ends_where_the_element_is_not_hidden() -> None:
     assert way[1] / np.linalg.norm(way) > 0.6
 
 
-def test_an_element_without_a_place_has_no_view() -> None:
-    points = TETRAHEDRON[0].astype(np.float64)
-    points[3] = np.inf
-    model = model_of(points, TETRAHEDRON[1])
-    current = default_pose("+y", 1.0)
-    assert element_pose(model, np.array([0, 3]), current) is None
-    assert element_pose(model, np.array([0, 1]), current) is not None
-
-
-@pytest.mark.parametrize("shared", [True, False], ids=["indexed", "soup"])
-def test_picking_finds_the_face_and_its_nearest_corner(shared: bool) -> None:
-    points, faces = TETRAHEDRON[0].astype(np.float32), TETRAHEDRON[1]
-    if not shared:
-        points, faces = points[faces].reshape(-1, 3), np.arange(12).reshape(4, 3)
-    allowed = np.ones(4, bool)
-    down = np.array([0.0, 0.0, -1.0])
-    hit = pick(points, faces, allowed, np.array([0.7, 0.1, 5.0]), down)
-    assert hit.face == 2
-    assert points[hit.vertex].tolist() == [1, 0, 0]
-    assert hit.vertex in faces[2]
-    # On its way down the ray meets the slanted face first, at z = 1 - x - y, then the bottom.
-    assert hit.distance == pytest.approx(5 - 0.2)
-    behind = pick(points, faces, np.arange(4) == 0, np.array([0.7, 0.1, 5.0]), down)
-    assert behind.face == 0
-    assert pick(points, faces, allowed, np.array([2.0, 2.0, 5.0]), down) is None
-    assert pick(points, faces, allowed, np.array([0.7, 0.1, 5.0]), -down) is None
-    assert pick(points, faces, ~allowed, np.array([0.7, 0.1, 5.0]), down) is None
-
-
 def test_picking_goes_through_what_the_box_clips_away() -> None:
     points = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0], [-1, -1, 1], [1, -1, 1], [0, 1, 1]], np.float32)
     faces = np.arange(6).reshape(2, 3)
@@ -178,12 +148,6 @@ def test_fans_on_a_crowded_edge_are_one_face_each(faults: ViewModel) -> None:
     assert [len(fan.crowded) for fan in around.fans] == [1, 1, 1]
     assert [len(fan.boundary) for fan in around.fans] == [1, 1, 1]
     assert len(around.lines()) == 3
-
-
-def test_the_fan_of_a_closed_mesh_is_closed_and_in_place() -> None:
-    around = neighbourhood(model_of(*TETRAHEDRON), 0)
-    assert around.fans[0].closed
-    assert around.fans[0].offset.tolist() == [0, 0, 0]
 
 
 def test_fans_of_every_vertex_are_those_of_the_audit(demo: ViewModel) -> None:

@@ -165,22 +165,6 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
     assert np.linalg.norm(viewer.pose.eye - before.eye) > 0.05
 
 
-def test_a_stand_in_is_drawn_while_a_slow_view_moves(opened: Any, demo: ViewModel) -> None:
-    viewer = opened(demo)
-    viewer.state.visible = {"boundary_edges"}
-    viewer.refresh()
-    viewer.stage.seconds = 10.0
-    viewer.controls.moving(True)
-    assert not viewer.stage._surface[0].GetVisibility()
-    assert viewer.stage._stand_in[0].GetVisibility()
-    thin = viewer.stage._layers["boundary_edges"][2]
-    assert thin[0].GetVisibility()
-    assert thin[0].GetMapper().GetInput().GetNumberOfCells() < len(demo.layers["boundary_edges"])
-    viewer.controls.moving(False)
-    assert viewer.stage._surface[0].GetVisibility()
-    assert not thin[0].GetVisibility()
-
-
 def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) -> None:
     from msb_viewers.figure import PANELS, compose, panel_images
 
