@@ -118,7 +118,6 @@ def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str]
         ("view --html a.html --component 2", "NAME_UNKNOWN"),
         ("view --html a.html --show edges", "NAME_UNKNOWN"),
         ("view --html a.html --colors own", "NAME_UNKNOWN"),
-        ("view --html a.html --at boundary_edges:1 --vertex 0", "USAGE"),
         ("compare --camera 1 --html a.html", "USAGE"),
         ("compare --tiers best --html a.html", "NAME_UNKNOWN"),
         ("compare --pair standard --html a.html", "NAME_UNKNOWN"),
