@@ -1,6 +1,6 @@
 """Bytes of GLB files as they were, as they are, and for the web; and what their pictures keep.
 
-    python -m benchmarks.delivery [ASSET ...]
+    python -m benchmarks.delivery [--json FILE] [ASSET ...]
 
 prints a row of Markdown for each asset. With one sample a pixel an edge that moves by a hundredth of a pixel
 turns a hundredth of its pixels over; with sixteen it is seen as that much less.
@@ -8,11 +8,13 @@ turns a hundredth of its pixels over; with sixteen it is seen as that much less.
 
 from __future__ import annotations
 
+import argparse
 import io
-import sys
 from pathlib import Path
+from typing import Any
 
 import msb
+from benchmarks.measure import keep, machine
 from msb.delivery import pictures as delivered
 from msb.delivery.pictures import Pictures, web_style
 from msb.meshes import Mesh, write_mesh
@@ -45,21 +47,39 @@ def size(mesh: Mesh, style: Style) -> int:
     return len(file.getvalue())
 
 
-def row(path: str) -> str:
-    """Return the row of one asset."""
+def measure(path: str) -> dict[str, Any]:
+    """Return the row of one asset: bytes, and dB of the web encoding with 1 and 16 samples."""
     asset = msb.open(path)
     mesh = mesh_from_asset(asset)
     pictures = Pictures.of(mesh, asset)
     style, _ = web_style(pictures)
     written = delivered.written(mesh, style)
     kept = [pictures.loss(written, samples) for samples in (1, 4)]
-    old, web = before(mesh), size(mesh, style)
-    share = f"{100 * web / old:.1f} %"
-    numbers = " | ".join(f"{count:,}" for count in (old, size(mesh, Style()), web))
-    return f"| {'/'.join(Path(path).parts[-2:])} | {numbers} | {share} | {kept[0]:.1f} | {kept[1]:.1f} |"
+    name = "/".join(Path(path).parts[-2:])
+    sizes = {"before": before(mesh), "glb": size(mesh, Style()), "web": size(mesh, style)}
+    return {"asset": name, **sizes, "db_1_sample": kept[0], "db_16_samples": kept[1]}
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row in Markdown."""
+    numbers = " | ".join(f"{row[key]:,}" for key in ("before", "glb", "web"))
+    share = f"{100 * row['web'] / row['before']:.1f} %"
+    return f"| {row['asset']} | {numbers} | {share} | {row['db_1_sample']:.1f} | {row['db_16_samples']:.1f} |"
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("assets", nargs="*", metavar="ASSET", default=ASSETS)
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    options = parser.parse_args()
+    print(HEADER)
+    rows = []
+    for name in options.assets:
+        rows.append(measure(name))
+        print(line(rows[-1]), flush=True)
+    keep({"machine": machine("numpy"), "rows": rows}, options.json)
 
 
 if __name__ == "__main__":
-    print(HEADER)
-    for name in sys.argv[1:] or ASSETS:
-        print(row(name), flush=True)
+    main()

@@ -25,12 +25,12 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import psutil
 
 import msb
-from benchmarks.measure import machine
+from benchmarks.measure import keep, machine
 from msb.registry import METHODS
 from msb.scenes.around import around
 from tests.tiny import MODELS, TINY
@@ -49,8 +49,9 @@ _TASKS = "uv", "decimate_50", "subdivide", "boolean", "self_intersections"
 class Looks:
     """Count what was done, and say what the process holds after a tenth, half and all of it."""
 
-    def __init__(self, kind: str, times: int) -> None:
+    def __init__(self, kind: str, times: int, rows: IO[str] | None = None) -> None:
         self.kind, self.done, self.start = kind, 0, time.perf_counter()
+        self.rows = rows
         self.next = sorted({max(1, times // 10), times // 2, times})
         self.theirs: list[float] = []
 
@@ -60,20 +61,30 @@ class Looks:
         self.theirs.append(held(psutil.Process().children(recursive=True)))
         while self.next and self.next[0] <= self.done:
             self.next.pop(0)
-            print(self.row(), flush=True)
+            row = self.row()
+            print(line(row), flush=True)
+            if self.rows:
+                print(json.dumps(row), file=self.rows, flush=True)
             self.theirs.clear()
 
-    def row(self) -> str:
-        """Return the line of now."""
+    def row(self) -> dict[str, Any]:
+        """Return what the process holds now."""
         gc.collect()
         seconds, process = time.perf_counter() - self.start, psutil.Process()
         children = process.children(recursive=True)
         own, theirs = held([process]), median(self.theirs)
         temporary = len(list(Path(tempfile.gettempdir()).iterdir())) - 1  # the folder of the work itself
-        return (
-            f"{self.kind:8}{self.done:8,}{seconds:9.1f}{own:8.1f}{theirs:13.1f}{process.num_fds():7}"
-            f"{process.num_threads():9}{len(children):10}{temporary:11}"
-        )
+        memory = {"own_mb": round(own, 1), "children_mb": round(theirs, 1)}
+        counts = {"files": process.num_fds(), "threads": process.num_threads(), "children": len(children)}
+        head = {"kind": self.kind, "times": self.done, "seconds": round(seconds, 1)}
+        return {**head, **memory, **counts, "temporary": temporary}
+
+
+def line(row: dict[str, Any]) -> str:
+    """Return a row as it is printed."""
+    kind, times, seconds, own, theirs, files, threads, children, temporary = row.values()
+    memory = f"{own:8.1f}{theirs:13.1f}{files:7}"
+    return f"{kind:8}{times:8,}{seconds:9.1f}{memory}{threads:9}{children:10}{temporary:11}"
 
 
 def held(processes: list[psutil.Process]) -> float:
@@ -203,26 +214,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(TIMES)}; default: all")
     parser.add_argument("--share", type=float, default=1.0, help="of the times (default 1)")
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--worker", choices=TIMES, help=argparse.SUPPRESS)
+    parser.add_argument("--rows", type=Path, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if unknown := sorted({*chosen.kinds} - {*TIMES}):
         parser.error(f"{', '.join(unknown)}: there are {', '.join(TIMES)}")
     if kind := chosen.worker:
         times = max(2, round(TIMES[kind] * chosen.share))
-        with tempfile.TemporaryDirectory() as folder:
-            KINDS[kind](Path(folder), Looks(kind, times), times)
+        with tempfile.TemporaryDirectory() as folder, chosen.rows.open("a") as rows:
+            KINDS[kind](Path(folder), Looks(kind, times, rows), times)
         return 0
-    print("\n".join(f"{name}: {value}" for name, value in machine("numpy", "pyopencl").items()))
+    facts = machine("numpy", "pyopencl")
+    print("\n".join(f"{name}: {value}" for name, value in facts.items()))
     print("\nkind       times  seconds  own MB  children MB  files  threads  children  temporary")
-    failed = False
+    failed, found = False, []
     for kind in chosen.kinds or TIMES:
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() as folder, tempfile.NamedTemporaryFile("r") as rows:
             command = [sys.executable, "-m", "benchmarks.endurance", "--worker", kind]
-            command += ["--share", str(chosen.share)]
+            command += ["--share", str(chosen.share), "--rows", rows.name]
             done = subprocess.run(command, env={**os.environ, "TMPDIR": folder}, check=False)
             if left := sorted(path.name for path in Path(folder).iterdir()):
                 print(f"{kind}: left behind at the end: {', '.join(left)}")
             failed |= bool(done.returncode or left)
+            found += [json.loads(row) for row in rows]
+    keep({"machine": facts, "rows": found}, chosen.json)
     return int(failed)
 
 

@@ -5,8 +5,8 @@
     python -m benchmarks.engines --tier dedicated             stages, memory and dB of the dedicated tier
     python -m benchmarks.engines --pictures docs/images        the pictures of docs/engines.md
 
-Prints the tables of docs/engines.md; `--json` keeps the figures. engines_dedicated.py says what `--tier
-dedicated` compares, and what its times are worth.
+Prints the tables of benchmarks/pages/engines.md; `--json` keeps the figures. engines_dedicated.py says what
+`--tier dedicated` compares, and what its times are worth.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def compare(scene: str, engines: list[str]) -> list[dict[str, Any]]:
 
 DEDICATED: dict[str, tuple[str, Callable[[], Iterator[tuple[str, Asset, list[Camera]]]]]] = {
     "capture": ("100,000 faces of a synthetic capture", lambda: engines_dedicated.synthetic(100_000)),
-    "capture-1M": ("a million of them", lambda: engines_dedicated.synthetic(1_000_000)),
+    "capture-1M": ("a million faces of a synthetic capture", lambda: engines_dedicated.synthetic(1_000_000)),
     "garden": (
         "triangles at 138,766 points of a capture, four real cameras",
         lambda: engines_dedicated.captured(GARDEN),
@@ -235,6 +235,7 @@ def main() -> None:
     if unknown := set(scenes) - there.keys():
         parser.error(f"no scene of tier {options.tier}: {', '.join(sorted(unknown))}")
     record: dict[str, Any] = {"machine": machine("numpy", "wgpu", "pyopencl"), "scenes": {}}
+    record["titles"] = {scene: there[scene][0] for scene in scenes}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     if options.tier == "dedicated":
         record["scenes"] = compare_dedicated(scenes, options.rounds)

@@ -187,7 +187,10 @@ def main() -> None:
         what, make = SCENES[name]
         scene = make()
         rows = compare(tools, scene, options.rounds, options.threads)
-        record["scenes"].append({"scene": name, "faces": len(scene.indices), "rows": rows})
+        for row in rows:
+            row["what"] = PEERS[row["tool"]][0]
+        found = {"scene": name, "what": what, "faces": len(scene.indices), "rows": rows}
+        record["scenes"].append(found)
         print_table(f"{name}: {what}", rows)
         sys.stdout.flush()
     keep(record, options.json)

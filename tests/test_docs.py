@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from msb.cli.defaults import single_commands
+from typer import Context
 from typer.main import get_command
 
 import msb
@@ -21,7 +21,7 @@ from tests.conftest import ROOT
 
 PAGES = {path: path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md")}
 README = ROOT / "README.md"
-SOURCES = ("msb", "viewers", "tests", "fuzz", "docs", "benchmarks", "data_stubs")
+SOURCES = ("msb", "viewers", "tests", "fuzz", "docs", "tools", "benchmarks", "data_stubs")
 WITH_EXAMPLES = sorted(
     path.relative_to(folder).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
     for folder, package in ((ROOT, "msb"), (ROOT / "viewers", "msb_viewers"))
@@ -93,10 +93,12 @@ def test_the_reference_has_everything_public() -> None:
 @pytest.mark.slow
 def test_docs_have_a_word_on_every_option_and_metric() -> None:
     said = set(re.findall(r"(?<![\w-])--?[a-zA-Z][\w-]*", "".join(PAGES.values())))
+    root = get_command(app)
+    context = Context(root)
     silent = {
         f"msb {name} {'/'.join(param.opts)}"
-        for name, command in single_commands(get_command(app)).items()
-        for param in command.params
+        for name in root.list_commands(context)
+        for param in root.get_command(context, name).params
         if param.param_type_name == "option" and said.isdisjoint(param.opts)
     }
     assert not silent

@@ -335,7 +335,7 @@ def test_what_draws_opens_no_path_but_at_its_front_door() -> None:
     assert users == ["renderer.py"]
 
 
-FOLDERS = ("msb", "viewers", "data_stubs", "benchmarks", "fuzz", "docs")
+FOLDERS = ("msb", "viewers", "data_stubs", "benchmarks", "fuzz", "tools")
 ROOMS = {path.stem for path in (ROOT / "msb").iterdir()} - {"__init__"}
 
 

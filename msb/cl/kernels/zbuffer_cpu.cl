@@ -1,6 +1,8 @@
 // The opaque z-buffer on a CPU: one work-item for each processor, which takes tile after tile of the image;
-// eight triangles or eight pixels at once; no atomics but the counter of tiles. docs/standard.md has the why
-// and the figures.
+// eight triangles or eight pixels at once; no atomics but the counter of tiles. docs/standard.md has the rules.
+// Corners that faces share are transformed again for each face: fetching nine transformed numbers a face from
+// scattered places takes longer. On one core of an EPYC (Zen 4) a triangle without samples costs 11 ns, one of
+// half a pixel 17 ns, an empty pixel 2 ns, and a covered pixel 7 ns, colouring and reading back included.
 //
 // The host says how large things are (msb/render/standard/renderer.py):
 //   CLUSTER   blocks of eight triangles that are culled together

@@ -1,0 +1,51 @@
+"""Make the report's pictures of the demo: `python -m tools.figures.report`; needs Chromium."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+ROOT = Path(__file__).parents[2]
+PROTOCOL = ROOT / "data_stubs" / "protocol.toml"
+IMAGES = ROOT / "docs" / "images"
+VERDICT = "verdict-mipnerf360-pebble-mesh_splatting.html"
+COLORS = 256
+"""Of the palette: a third of the bytes, no text gets harder to read."""
+
+
+def demo_report(folder: Path) -> Path:
+    """Run the demo's benchmark below `folder` and return its report."""
+    run, report = [[sys.executable, "-m", "msb", command, "-q"] for command in ("run", "report")]
+    subprocess.run([*run, "-o", str(folder / "results"), str(PROTOCOL)], check=True)
+    subprocess.run([*report, "-o", str(folder / "report"), str(folder / "results")], check=True)
+    return folder / "report"
+
+
+def screenshot(page: Path, width: int, height: int, name: str) -> None:
+    """Write what a browser of this many CSS pixels shows of `page`."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome") or "chromium"
+    with tempfile.TemporaryDirectory() as folder:
+        # A window has a least width; a frame has not.
+        frame = Path(folder) / "frame.html"
+        style = f"border:0;width:{width}px;height:{height}px"
+        frame.write_text(f'<body style="margin:0"><iframe src="{page.as_uri()}" style="{style}"></iframe>')
+        shot = Path(folder) / "shot.png"
+        options = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        size = f"--window-size={max(width, 600)},{height}"
+        subprocess.run([browser, *options, f"--screenshot={shot}", size, frame.as_uri()], check=True)
+        picture = Image.open(shot).convert("RGB").crop((0, 0, width, height))
+        picture.quantize(COLORS, dither=Image.Dither.NONE).save(IMAGES / name, optimize=True)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as temporary:
+        made = demo_report(Path(temporary))
+        screenshot(made / "index.html", 1280, 1900, "report.png")
+        screenshot(made / "index.html", 390, 1400, "report_phone.png")
+        screenshot(made / VERDICT, 1280, 1640, "report_verdict.png")
+        screenshot(made / VERDICT, 390, 704, "report_verdict_phone.png")  # style.css shows it on phones
