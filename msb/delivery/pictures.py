@@ -108,7 +108,7 @@ def _coarsest(pictures: Pictures) -> tuple[Style, str]:
             shown = srgb_of(stored_light(colors, levels))
             room -= _noise(pictures.loss(replace(mesh, vertex_colors=shown)))
         for by_distance in (False, True) if is_soup(mesh) else (False,):
-            web = Web(least(room, by_distance=by_distance), levels, by_distance)
+            web = Web(least(room, by_distance=by_distance), levels, by_distance, is_compact=False)
             ways.append((web.quarters == _FINEST, len(_file(mesh, _style(web))), web))
     web = min(ways, key=lambda way: way[:2])[2]
 
@@ -122,7 +122,7 @@ def _coarsest(pictures: Pictures) -> tuple[Style, str]:
     while quarters < _FINEST and loss(quarters) < LEAST:
         quarters += 1
     said = f"{loss(quarters):.1f} dB of {pictures.said}, at {_SAMPLES} x {_SAMPLES} samples a pixel"
-    return _style(replace(web, quarters=quarters)), said
+    return _style(replace(web, quarters=quarters, is_compact=True)), said
 
 
 def _noise(loss: float) -> float:

@@ -14,6 +14,7 @@ from msb.base import extras
 from msb.errors import UsageError
 from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.assets import as_held
+from msb.meshes.face_order import compact_order
 from msb.meshes.formats import Style, Web
 from msb.meshes.glb_web import Grid
 
@@ -93,6 +94,23 @@ def test_a_soup_needs_no_indices_and_is_finer_near_its_middle(tmp_path: Path) ->
         assert bool(grid.exponents.any()) == by_distance
     far = np.linalg.norm(mesh.vertices - np.median(mesh.vertices, axis=0), axis=1) > 200
     assert step[far].min() > step[~far].min()
+
+
+def test_an_order_of_faces_that_is_searched_for_takes_fewer_bytes(tmp_path: Path) -> None:
+    """Faces that meet at random, as those of a triangulation of space do of which some are kept."""
+    random = np.random.default_rng(1)
+    near = np.arange(1500)[:, None] + random.integers(1, 40, (1500, 2))
+    faces = np.concatenate((np.arange(1500)[:, None], near), axis=1)
+    faces = random.permutation(faces[faces[:, 1] != faces[:, 2]])
+    mesh = Mesh(random.random((1540, 3), np.float32), faces, random.integers(0, 255, (1540, 3), np.uint8))
+    rows = np.zeros((len(mesh.vertices), 1), np.int64)
+    taken = compact_order(mesh.faces, rows, np.arange(len(mesh.faces)))
+    assert sorted(taken) == list(range(len(mesh.faces)))
+    sizes = []
+    for is_compact in (True, False):
+        write_mesh(mesh, tmp_path / "a.glb", suffix=".glb", style=Style(web=Web(is_compact=is_compact)))
+        sizes.append((tmp_path / "a.glb").stat().st_size)
+    assert sizes[0] < sizes[1]
 
 
 def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texel(tmp_path: Path) -> None:
