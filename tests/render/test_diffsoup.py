@@ -92,15 +92,3 @@ def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
     asset = exported(VIEWS[0].folder / "checkpoint")
     with open_styled(WITHOUT_ATOMICS) as device:
         assert DiffSoupPipeline(asset, device=device)._program.name.endswith("/diffsoup_gpu.cl")
-
-
-def test_same_image_again_and_after_another_camera(device: Device) -> None:
-    large, small = TAME[0], TAME[2]
-    asset = exported(large.folder / "checkpoint")
-    pipeline = DiffSoupPipeline(asset, device=device, settings=large.settings)
-    first = pipeline.render(large.camera, (1, 1, 1))
-    pipeline.render(small.camera, (0, 0, 0))
-    again = pipeline.render(large.camera, (1, 1, 1))
-    np.testing.assert_array_equal(first.image, again.image)
-    np.testing.assert_array_equal(first.visible, again.visible)
-    pipeline.close()

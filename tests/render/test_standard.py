@@ -35,8 +35,9 @@ def devices() -> Iterator[dict[str, Device]]:
         device.close()
 
 
-@pytest.fixture(params=STYLES[:2])
+@pytest.fixture(params=[STYLES[0], pytest.param(STYLES[1], marks=pytest.mark.slow)])
 def device(request: pytest.FixtureRequest, devices: dict[str, Device]) -> Device:
+    """Return a device of a style; `tests.machines` has those whose own is the second."""
     return devices[request.param]
 
 
