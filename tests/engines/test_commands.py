@@ -110,3 +110,8 @@ def test_a_page_of_the_own_look_of_a_plain_mesh_is_refused_with_a_way_out(msb: M
         assert result.status == 4
         assert result.err.splitlines()[-1].startswith("UNSUPPORTED_TIER: ")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_empty_page_needs_no_asset(msb: Msb, tmp_path: Path) -> None:
+    assert msb("web", "--out", tmp_path / "empty.html").status == 0
+    assert (tmp_path / "empty.html").stat().st_size < 1_000_000

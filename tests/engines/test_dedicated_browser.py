@@ -334,3 +334,42 @@ HANDS = """
     window.dispatchEvent(new KeyboardEvent("keyup", { key: "w" }));
     return [seen, pressed.size];
 """
+
+
+@pytest.mark.parametrize("when", ["idle", "compiling"])
+def test_a_lost_device_stays_said(when: str, with_webgpu: InBrowser) -> None:
+    script = f"""
+        await ready;
+        const {{ lost }} = official;
+        const changing = "{when}" === "compiling" ? setMode({{ order: "none" }}) : null;
+        official.device.destroy();
+        await Promise.all([lost, changing]);
+        await new Promise((done) => setTimeout(done, 100));
+        const said = [byId("note").hidden, byId("note").textContent, byId("shown").value];
+        const told = new Promise((done) => canvas.addEventListener("webglcontextlost", done));
+        gl.getExtension("WEBGL_lose_context").loseContext();
+        await told;
+        return [...said, byId("note").textContent];"""
+    hidden, said, shown, nothing = with_webgpu(
+        page_of(golden_views("triangle_splatting")[:1]).encoded(), script
+    )
+    assert (hidden, shown) == (False, "standard")
+    assert said.startswith("The graphics device was lost")
+    assert said.endswith(
+        "This is the standard tier: the mesh as any engine draws it; reload the page for the dedicated tier."
+    )
+    assert nothing.endswith(" WebGL was lost, too, so nothing is drawn; reload the page.")
+
+
+def test_two_fingers_zoom_and_move_and_keys_fly(in_browser: InBrowser) -> None:
+    views = golden_views("triangle_splatting")[:1]
+    (start, near, moved, turned, flown), pressed = in_browser(page_of(views).encoded(), HANDS)
+    assert near["distance"] == pytest.approx(start["distance"] / 2)
+    assert moved["distance"] == pytest.approx(near["distance"])
+    assert np.linalg.norm(np.subtract(moved["eye"], near["eye"])) > 0.05 * near["distance"]
+    assert turned["eye"] == pytest.approx(moved["eye"])
+    assert np.dot(turned["forward"], moved["forward"]) < 0.999
+    step = np.subtract(flown["eye"], turned["eye"])
+    assert np.dot(step, turned["forward"]) == pytest.approx(np.linalg.norm(step))
+    assert np.linalg.norm(step) > 0
+    assert pressed == 0

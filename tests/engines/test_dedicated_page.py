@@ -215,3 +215,22 @@ def test_a_mesh_has_no_such_page() -> None:
 def test_the_worst_view_is_that_of_those_that_differ() -> None:
     assert Measured("b", "d", "rgba32float", [np.inf, 50.0, 60.0], []).worst == 50
     assert Measured("b", "d", "rgba16float", [np.inf], []).worst == np.inf
+
+
+def test_vertices_that_no_face_has_are_dropped() -> None:
+    asset = golden("mesh_splatting")
+    fewer = with_faces(asset, np.arange(10))
+    corners = [a.buffers["positions"][a.buffers["indices"][:10]] for a in (asset, fewer)]
+    np.testing.assert_array_equal(*corners)
+    assert fewer.manifest.vertex_count == len(fewer.buffers["f_dc"]) < asset.manifest.vertex_count
+
+
+def test_shrunk_triangles_are_stored_once() -> None:
+    view = next(view for view in golden_views("two_dts") if view.settings["gamma_rescale"])
+    asset = exported(view.folder / "checkpoint")
+    page = make_page(quantised(asset), name="a", settings=view.settings)
+    arrays = page.scene["dedicated"]["arrays"]
+    assert set(arrays["positions"]) == {"shrunk"}
+    assert arrays["stored positions"]["how"] in ("grid", "rows")
+    assert page.scene["dedicated"]["standard"]["positions"] == "stored positions"
+    assert page.scene["dedicated"]["standard"]["shown"] == "shown faces"

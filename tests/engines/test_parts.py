@@ -257,3 +257,23 @@ def test_missing_data_is_refused_before_an_engine_starts(monkeypatch: pytest.Mon
     assert info.value.code == "SETTING_UNKNOWN"
     with pytest.raises(msb.Unsupported):
         msb.Renderer(msb.export("tests/golden/diffsoup/lattice_l5_black/checkpoint"), name="wgpu")
+
+
+def test_depths_lie_in_the_range() -> None:
+    mesh = scene("through the camera", 1)
+    pose = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose
+    low, high = engine_mesh(mesh_asset(mesh), {}).depth_range(matrix)
+    depths = mesh[0] @ pose[2]
+    assert low <= depths.min() < depths.max() <= high
+
+
+def test_a_python_without_bpy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\nexec "{sys.executable}" -c "import sys; sys.exit(\'no bpy here\')"\n')
+    python.chmod(0o755)
+    monkeypatch.setenv(blender.VARIABLE, str(python))
+    with pytest.raises(DeviceError, match="ENGINE_FAILED") as info:
+        CyclesRenderer(mesh_asset(scene("small", 1)))
+    assert info.value.code == "ENGINE_FAILED"

@@ -177,3 +177,32 @@ def test_a_file_that_is_none_is_told(in_browser: InBrowser) -> None:
     page = webpage.page(b"not a glb", name="bad.glb")
     said = in_browser(page, "await ready; return byId('message').textContent;")
     assert said.startswith("bad.glb ")
+
+
+def test_it_opens_at_the_first_camera_that_was_given(in_browser: InBrowser) -> None:
+    script = (
+        "await ready; return [byId('cameras').value, state.view.width, state.fitted, byId('panel').open];"
+    )
+    page = the_page(cameras=[VIEW, camera(40, 30, 20.0, (20.0, 15.0))])
+    assert in_browser(page, script) == ["0", 200, False, False]
+    assert in_browser(page, script, "?camera=1", (1280, 800)) == ["1", 40, False, True]
+    assert in_browser(the_page(), script)[::2] == ["", True]
+
+
+def test_where_webgl_is_lost_it_says_that_nothing_is_drawn_until_it_is_back(in_browser: InBrowser) -> None:
+    script = """
+        await ready;
+        const pause = (done) => setTimeout(done, 100);  // a context comes back only after its loss was told
+        const heard = (name) => new Promise((done) => canvas.addEventListener(name, () => pause(done)));
+        const picture = () => { showNow(); return canvas.toDataURL(); };
+        const before = picture(), losing = gl.getExtension("WEBGL_lose_context"), said = [];
+        for (const [name, act] of [["lost", "loseContext"], ["restored", "restoreContext"]]) {
+          const told = heard(`webglcontext${name}`);
+          losing[act]();
+          await told;
+          said.push(byId("message").textContent);
+        }
+        return [said, picture() === before];"""
+    said, same = in_browser(the_page(cameras=[VIEW]), script)
+    assert said == ["WebGL was lost, so nothing is drawn; reload the page.", ""]
+    assert same

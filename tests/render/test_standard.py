@@ -197,3 +197,13 @@ def test_supersampling(device: Device) -> None:
     np.testing.assert_array_equal(frame.depth, np.where(np.isfinite(depth), depth, 0))
     samples = fine.face_id.reshape(30, 3, 40, 3).transpose(0, 2, 1, 3).reshape(30, 40, 9)
     assert (samples == frame.face_id[..., None]).any(axis=-1).all()
+
+
+def test_a_mesh_without_colors_is_grey_and_lit(device: Device) -> None:
+    image = draw(device, mesh_asset(unshared(BIG)), camera()).image
+    red, green, blue = image[30, 40].tolist()
+    assert red == green == blue
+    assert 0.2 < red < 0.9
+    turned = BIG.copy()
+    turned[..., 2] += 0.7 * turned[..., 0]
+    assert draw(device, mesh_asset(unshared(turned)), camera()).image[30, 40, 0] != red

@@ -12,7 +12,7 @@ from PIL import Image
 
 from msb import metrics
 from msb.asset import Description, build_asset
-from msb.errors import Unsupported, UsageError
+from msb.errors import SceneError, Unsupported, UsageError
 from msb.scenes.around import around
 from msb_viewers.deployment.arrange import arrange
 from msb_viewers.deployment.difference import (
@@ -198,3 +198,20 @@ def test_nothing_overlaps_and_all_is_inside(size: tuple[int, int], layout: Any, 
         for other in cells[number + 1 :]:
             apart = cell.box.right <= other.box.left or other.box.right <= cell.box.left
             assert apart or cell.caption.bottom <= other.box.top or other.caption.bottom <= cell.box.top
+
+
+def test_bad_photographs_are_refused(tmp_path: Path) -> None:
+    camera = small_cameras(1)[0]
+    with pytest.raises(UsageError, match="USAGE"):
+        dataset_views([camera], tmp_path / "none")
+    with pytest.raises(UsageError, match="USAGE"):
+        dataset_views([camera], tmp_path)
+    (tmp_path / f"{camera.name}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(SceneError, match="CAMERA_IMAGE"):
+        dataset_views([camera], tmp_path)
+
+
+def test_settings_are_told_with_what_was_overridden() -> None:
+    text = comparison(settings={"sigma": 0.5}, supersample=2, background=(0.0, 0.0, 0.0)).settings_text()
+    for part in ("sigma 0.5*", "supersample 4,", "2 x 2 samples", "background black"):
+        assert part in text

@@ -19,7 +19,7 @@ from msb_viewers.deployment.difference import colorize, squared_error
 from msb_viewers.deployment.page import page, page_view
 from msb_viewers.deployment.shots import Shot
 from msb_viewers.deployment.state import CompareState
-from tests.viewers.compare import HEIGHT, WIDTH, comparison
+from tests.viewers.compare import HEIGHT, WIDTH, comparison, flat_shot
 
 
 def noisy(tier: str, seed: int) -> Shot:
@@ -101,3 +101,8 @@ def test_a_phone_shows_it_without_scrolling_sideways(in_browser: Callable[..., A
       return [...document.querySelectorAll("main *, header *, #controls *")]
         .filter((n) => n.getBoundingClientRect().right > 392).map((n) => n.tagName + n.className);"""
     assert in_browser(made(layout=layout).encode(), script, size=(390, 900)) == []
+
+
+def test_equal_pictures_are_identical_not_infinite() -> None:
+    shots = {tier: flat_shot(tier, (1, 2, 3)) for tier in ("dedicated", "standard")}
+    assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}
