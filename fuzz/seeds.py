@@ -36,6 +36,7 @@ from tests.scenes.bad_cameras import SMALL as CAMERAS
 
 STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"
+
 MATLAB = ("ObsMask1_10.mat", "Plane1.mat")
 
 
@@ -206,19 +207,6 @@ def protocols() -> list[bytes]:
     from tests.bench.test_protocol import MINIMAL, WRONG
 
     return [(STUBS / "protocol.toml").read_bytes(), MINIMAL.encode(), *(text.encode() for text in WRONG)]
-
-
-def settings() -> list[bytes]:
-    return [
-        b'device = "cpu"\nquiet = true\n[audit]\nfail-on = ["components>1"]\n[render]\nset = ["gamma=20"]\n',
-        b"verbose = 2\n[run]\nverbose = 1.5\n",
-        b"x = 1979-05-27T07:32:00Z\ny = [{a = 0x1f, b = inf}]\n",
-    ]
-
-
-def pyproject() -> list[bytes]:
-    tables = (b"[tool.msb]\n" + text.replace(b"[", b"[tool.msb.", 1) for text in settings()[:1])
-    return [*tables, b"tool.msb = 1\n", b"[[tool]]\nmsb = 1\n"]
 
 
 def gates() -> list[bytes]:

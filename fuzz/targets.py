@@ -109,8 +109,6 @@ TARGETS: dict[str, Target] = {
     "dtu_cloud": dtu_target("Points/stl/stl001_total.ply"),
     "vgg_npz": Target(readers.vgg, seeds.vgg_archives, "a.npz"),
     "protocol": Target(readers.protocol, seeds.protocols, "protocol.toml"),
-    "msb_toml": Target(readers.settings, seeds.settings, "msb.toml"),
-    "pyproject": Target(readers.settings, seeds.pyproject, "pyproject.toml"),
     "gate": Target(readers.gate, seeds.gates, "gate"),
     "result": Target(readers.report, seeds.results, RESULT),
     "submission": Target(readers.submission, seeds.submissions, "a.zip"),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from msb.asset.tiers import why_not
 from msb.errors import DeviceError, UsageError
 from msb.meshes.assets import asset_from_mesh
-from msb.metrics.images import psnr_of_error
+from msb.metrics.images import psnr_of_mse
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.render.images import to_bytes
@@ -257,4 +257,4 @@ def difference(ones: Sequence[Any], others: Sequence[Any]) -> float:
 def pooled_psnr(errors: NDArray[np.float64]) -> float:
     """Return the PSNR in dB of all views of which `squared_errors` returned `errors`."""
     squares, count = errors.sum(axis=0)
-    return psnr_of_error(squares / (255**2 * count))
+    return psnr_of_mse(squares / (255**2 * count))

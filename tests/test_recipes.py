@@ -13,7 +13,8 @@ from msb.bench.protocol_tables import MethodTable
 from msb.registry import METHODS
 from tests.conftest import ROOT
 
-RECIPES = sorted(path for path in (ROOT / "recipes").glob("*.sh") if path.stem != "common")
+FOLDER = ROOT / "benchmarks" / "recipes"
+RECIPES = sorted(path for path in FOLDER.glob("*.sh") if path.stem != "common")
 SIZES = {"garden": "images_4", "room": "images_2", "truck": "images"}
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
@@ -57,7 +58,7 @@ def test_a_dry_run_shows_all_steps_and_does_none(recipe: Path, scenes: Path, tmp
 
 
 def test_scenes_that_no_recipe_can_train_are_refused(scenes: Path, tmp_path: Path) -> None:
-    recipe = ROOT / "recipes" / "two_dts.sh"
+    recipe = FOLDER / "two_dts.sh"
     assert subprocess.run([recipe], capture_output=True, check=False).returncode == 2
     for scene, why in (
         (tmp_path / "nowhere", "it is no COLMAP scene"),
@@ -68,7 +69,7 @@ def test_scenes_that_no_recipe_can_train_are_refused(scenes: Path, tmp_path: Pat
         assert (refused.returncode, refused.stdout) == (3, "")
         assert why in refused.stderr
     (scenes / "room" / "images_4").rmdir()
-    bare = dry(ROOT / "recipes" / "diffsoup.sh", scenes / "room", tmp_path / "out")
+    bare = dry(FOLDER / "diffsoup.sh", scenes / "room", tmp_path / "out")
     assert (bare.returncode, bare.stderr.count("there is no images_4 in it")) == (3, 1)
     (scenes / "garden").rename(scenes / "desk")
     assert "desk is no scene of Mip-NeRF 360" in dry(recipe, scenes / "desk", tmp_path / "out").stderr

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from msb.metrics.images import psnr_of_error
+from msb.metrics.images import psnr_of_mse
 from msb.render.frame import interior
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
     return Agreement(
         pixels=len(level),
         within_a_level=float((level <= 1).mean()),
-        psnr=psnr_of_error(float(square.mean())),
+        psnr=psnr_of_mse(float(square.mean())),
         covered_alike=float(np.concatenate(alike).mean()),
         interior=len(within),
         interior_within_a_level=float((within <= 1).mean()) if len(within) else 1.0,
