@@ -18,7 +18,6 @@ import numpy as np
 
 from data_stubs.torch_file import write_torch
 from data_stubs.training.state import write_state
-from msb.bench.records import RendererTiming
 from msb.engines.dedicated_page.stored import store
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import written_suffixes
@@ -254,7 +253,9 @@ def around_record(record: bytes) -> bytes:
     return archive_of({ABOUT: about.to_json(), name: record})
 
 
-def timing() -> RendererTiming:
+def timing() -> Any:
+    from msb.bench.records import RendererTiming
+
     return RendererTiming(frames=300, seconds=2.5, device="GPU", timed="render()")
 
 

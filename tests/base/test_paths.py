@@ -18,7 +18,6 @@ from msb.base.paths import SpelledFiles
 from msb.errors import InputError, MetricError
 from msb.metrics.dtu_data import read_dtu_scan
 from msb.render.options import Views
-from msb.report.results import read_results
 from msb.scenes.datasets import read_scene
 from tests.conftest import ROOT
 
@@ -39,7 +38,6 @@ COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "caf\u00e9") for form in ("N
         validate,
         detect,
         read_scene,
-        read_results,
         metrics.read_image,
         lambda path: metrics.pair_images(path, ROOT),
         lambda path: metrics.pair_images(ROOT, path),

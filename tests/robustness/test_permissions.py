@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("msb.bench", reason="msb.bench was removed")
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
