@@ -39,7 +39,7 @@ TWO_DTS = ROOT / "tests" / "tiny" / "models" / "walled" / "two_dts"
 
 NOT_RUN = {
     r"(pip|python3\S*|dask|export) ": "installs or starts something that is not ours",
-    r"msb (view|compare) (?!.*--(screenshot|figure|html) )": "opens a window",
+    r"msb view (?!.*--(screenshot|figure|html) )": "opens a window",
     r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
     r"msb repair --compare ": "takes long; with one task it is an example of --help, which are run, too",
     r"msb bake --(for-solid|scene) ": "takes long; the same is an example of --help, which are run, too",

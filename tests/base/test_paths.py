@@ -19,7 +19,6 @@ from msb.errors import InputError, MetricError
 from msb.metrics.dtu_data import read_dtu_scan
 from msb.render.options import Views
 from msb.scenes.datasets import read_scene
-from msb_viewers.deployment.views import dataset_views
 from tests.conftest import ROOT
 
 SCENE = ROOT / "tests" / "tiny" / "scenes" / "nerf_synthetic" / "pebble"
@@ -104,5 +103,5 @@ def test_cameras_find_photographs_that_are_spelled_otherwise(tmp_path: Path) -> 
         (camera,) = (one for one in cameras if COMPOSED in str(one.name))
         assert camera.image_path.is_file()
     assert Views(camera=(f"r_{DECOMPOSED}_0",)).of(list(cameras)) == [camera]
-    (view,) = dataset_views([camera], scene)
+    (view,) = pytest.importorskip("msb_viewers.deployment.views").dataset_views([camera], scene)
     assert view.photograph == camera.image_path

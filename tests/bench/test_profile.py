@@ -60,7 +60,7 @@ def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
 
 def test_cameras_take_turns_and_time_counts_too() -> None:
     renderer = Fake()
-    found = profile(renderer, ["a", "b"], frames=1, seconds=0.05)
+    found = profile(renderer, ["a", "b"], frames=1, seconds=0.5)
     timed = renderer.drawn[1:]
     assert timed[:4] == ["a", "b", "a", "b"]
     assert len(renderer.drawn) == 1 + found.timing.frames

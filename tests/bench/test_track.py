@@ -19,7 +19,7 @@ from tests.bench.protocols import until
 from tests.conftest import ROOT
 
 TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
-HOLD = f"import time; {TAKE}; time.sleep(0.5)"
+HOLD = f"import time; {TAKE}; time.sleep(1)"
 
 
 @pytest.mark.slow
@@ -39,7 +39,7 @@ def test_memory_of_children_counts() -> None:
         "import sys, time\nfrom subprocess import PIPE, Popen\n"
         f"children = [Popen([sys.executable, '-c', {child!r}], stdin=PIPE, stdout=PIPE) for _ in '12']\n"
         "for child in children: child.stdout.readline()\n"
-        "time.sleep(0.5)\n"
+        "time.sleep(1)\n"
         "for child in children: child.communicate(b'\\n')"
     )
     found = track([sys.executable, "-c", code], interval=0.02)
