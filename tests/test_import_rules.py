@@ -89,7 +89,6 @@ ALLOWED: dict[str, set[str]] = {
         "render",
         "repair",
         "topology",
-        "trial",
         "views",
     },
     # What shows is below the commands that open it.

@@ -28,8 +28,7 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _DOCUMENT, _PICTURE = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "hands.js", "baked.js", "start.js"
-_LEAST_SIDE = 1024
-"""Pixels of the longer side of a view on the page: a mesh has no size of its own."""
+_LEAST_SIDE = 1024  # pixels of the longer side of a view on the page; a mesh has no size of its own
 
 
 def is_folder(path: Path) -> bool:

@@ -24,17 +24,14 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
+# Cells in front of and behind a surface in which a view votes. Fewer behind, where views of the other
+# side of a sheet vote the opposite.
 REACH, BEHIND = 3.0, 1.5
-"""How far before and behind a surface a view says how far, in cells. Less far behind, since there views of
-the other side of a sheet say the opposite."""
+# Cells by which the surface lies outside, so that sheets and stems become solids that cells resolve.
 THICK = 1.0
-"""How far out from what is seen the surface is made, in cells, so that a sheet of no thickness and a stem
-become solids that cells can hold."""
+# Minimum ratio of seeing to occluded views of a cell; below it, what they see is a hole in the soup.
 DOUBT = 0.05
-"""Of the views from which a cell is hidden as many as this share must see it, or what they see is taken for
-a hole in the soup."""
-_DRAWS = 5
-"""Steps by which a surface is drawn in."""
+_DRAWS = 5  # steps that draw the surface in
 _GROUP = 64
 _AT_ONCE, _RECORD = 8, 19
 """The number of views that vote at a time, and of floats in the record of each."""

@@ -22,15 +22,12 @@ if TYPE_CHECKING:
     from msb.bake.lessons import Lessons
     from msb.cl import Buffer, Device
 
+# Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
 SUMS = 15
-"""Sums a face: six of products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and
-c."""
 _GROUP = 64
-_BLOCK = 2
-"""Pixels along each side of what `Raster.error` compares."""
+_BLOCK = 2  # pixels along each side of the blocks that `Raster.error` compares
+# Bytes of training images that stay on the device; beyond that each is sent when it is needed.
 _KEPT = 1 << 28
-"""Bytes of the teacher's pictures that stay on the device; where there are more, each is sent when it
-counts."""
 
 
 class Seen(NamedTuple):

@@ -21,7 +21,8 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -88,6 +89,8 @@ class _Declared(NamedTuple):
         option, kind = self.option, self.type
         if get_origin(kind) is tuple:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
+        if get_origin(kind) in (Union, UnionType):  # its first type is the one of command lines
+            kind = get_args(kind)[0] | None
         default = [] if self.default == () else self.default
         number = {int: "N", float: "X"}.get(
             next((one for one in (kind, *get_args(kind)) if one in (int, float)), str)

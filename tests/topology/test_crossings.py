@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msb.trial.tasks.self_intersections import crossing_pairs, slivers
+from msb.topology.crossings import crossing_pairs
 
 
 def side(a: Any, b: Any, c: Any, d: Any) -> int:
@@ -80,8 +80,3 @@ def test_no_faces_and_one_face_cross_nothing() -> None:
     assert crossing_pairs(np.zeros((0, 3, 3))).shape == (0, 2)
     assert crossing_pairs(np.zeros((1, 3, 3))).shape == (0, 2)
     assert crossing_pairs(np.zeros((4, 3, 3))).shape == (0, 2)
-
-
-def test_slivers_are_thin_or_without_area() -> None:
-    rows = [[[0, 0, 0], [1, 0, 0], [0.5, h, 0]] for h in (0.5, 0.02, 0.009, 0.0)] + [[[1, 1, 1]] * 3]
-    assert slivers(np.array(rows, np.float64)).tolist() == [False, False, True, True, True]
