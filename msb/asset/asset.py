@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from msb.asset.manifest import Manifest
 from msb.errors import Finding, one_line
-from msb.registry import lookup
+from msb.registry import Tier, lookup
 
 if TYPE_CHECKING:
     import msb
-    from msb.asset.manifest import Manifest
-    from msb.registry import Tier
 
 
 @dataclass(frozen=True, repr=False, eq=False)

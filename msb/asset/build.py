@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +29,11 @@ from msb.asset.manifest import (
     StoredSetting,
     Topology,
 )
-from msb.asset.progress import Meter
+from msb.asset.progress import Meter, Progress
 from msb.asset.texture import KIND, PASS
 from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
-
-if TYPE_CHECKING:
-    from msb.asset.progress import Progress
 
 CHUNK_ROWS = 1 << 20
 """Number of rows looked at together when a whole buffer is read. This bounds memory and costs no speed."""

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.activation import sigmoid
+from msb.asset.asset import Asset
 from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0
 from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
-
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
 
 GREY = 0.8
 """The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""

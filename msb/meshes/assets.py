@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from msb.asset import Asset, Description, build_asset
 from msb.asset.drawable import first_bad
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
-from msb.asset.manifest import CoordinateFrame
+from msb.asset.manifest import CoordinateFrame, Domain, Parameters
 from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import refusal
 from msb.errors import AssetError, Unsupported
@@ -21,9 +21,6 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.sampled import with_sampled_colors, without_textures
 from msb.meshes.transform import turned_upright
 from msb.meshes.writing import as_float32, check_indices, check_writable
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Domain, Parameters
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:

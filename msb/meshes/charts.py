@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:

@@ -6,18 +6,16 @@ import os
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
 from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
+from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
-
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
 
 _MODULES = (
     "ply",

@@ -5,22 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import Sampler
 from msb.errors import OutputError
 from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.colors import linear_colors, with_alpha
+from msb.meshes.formats import Style
 from msb.meshes.gltf import CHUNK, HEADER
 from msb.meshes.image_files import packed
+from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
-
-if TYPE_CHECKING:
-    from msb.asset.texture import Sampler
-    from msb.meshes.formats import Style
-    from msb.meshes.mesh import Mesh
 
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"

@@ -8,17 +8,14 @@ import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MeshFileError, shorten
-from msb.meshes.beside import read_uri
-
-if TYPE_CHECKING:
-    from msb.meshes.beside import Files
-    from msb.meshes.source import Source
+from msb.meshes.beside import Files, read_uri
+from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")

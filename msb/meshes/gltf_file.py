@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
 
 from msb.errors import shorten
 from msb.meshes.formats import Format
 from msb.meshes.gltf import document_of
 from msb.meshes.gltf_scene import read_scene
-
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
-    from msb.meshes.source import Source
+from msb.meshes.mesh import Mesh
+from msb.meshes.source import Source
 
 _BEGINS = re.compile(rb"\s*\{")
 

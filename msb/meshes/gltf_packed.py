@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import run_apart
+from msb.base.children import Arrays, run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.meshes.gltf import Document
+from msb.meshes.gltf import Document
 
 MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"

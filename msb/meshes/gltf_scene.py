@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,15 +13,12 @@ from msb.asset.texture import MAX_TEXTURES
 from msb.errors import shorten
 from msb.meshes.colors import srgb_colors, with_alpha
 from msb.meshes.gltf import Document, placed_meshes
-from msb.meshes.gltf_materials import beyond, image_key, stored_image
+from msb.meshes.gltf_materials import Look, Shown, beyond, image_key, stored_image
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
 from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
 from msb.meshes.images import Decoder, ImageError
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import joined_faces
-
-if TYPE_CHECKING:
-    from msb.meshes.gltf_materials import Look, Shown
 
 _HARMLESS = (
     "KHR_materials_",

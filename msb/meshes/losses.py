@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.texture import Sampler
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh
 
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 """Buffer of an asset that a mesh file has no place for -> what it is."""

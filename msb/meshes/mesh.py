@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler
-from msb.errors import MeshError, finding
-
-if TYPE_CHECKING:
-    from msb.errors import Finding
+from msb.errors import Finding, MeshError, finding
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,8 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.obj_materials import names_materials, with_coordinates, with_materials
 from msb.meshes.obj_write import beside, write
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
+from msb.meshes.source import Source
 from msb.meshes.text import Words, first_not_whole, word_blocks
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
 
 _COLOR_WIDTHS = {6: 3, 7: 4}
 """Number of values on a `v` line -> how many of the last ones are a colour."""

@@ -6,7 +6,7 @@ import codecs
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +15,10 @@ from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
 from msb.meshes.beside import place_beside, read_beside
 from msb.meshes.images import MAX_FILE, Decoder, ImageError
+from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
-from msb.meshes.text import first_not_whole, word_blocks
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from msb.meshes.mesh import Mesh
-    from msb.meshes.source import Source
-    from msb.meshes.text import Words
+from msb.meshes.source import Source
+from msb.meshes.text import Words, first_not_whole, word_blocks
 
 _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
 _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.meshes.formats import Style
 from msb.meshes.image_files import images_of, plain_stem
+from msb.meshes.mesh import Mesh
 from msb.meshes.writing import write_rows
-
-if TYPE_CHECKING:
-    from msb.meshes.formats import Style
-    from msb.meshes.mesh import Mesh
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:

@@ -10,18 +10,16 @@ from __future__ import annotations
 import struct
 from array import array
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.errors import MeshFileError
+from msb.meshes.ply_header import Element, Header, Property
 from msb.meshes.polygons import steps
+from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
-
-if TYPE_CHECKING:
-    from msb.errors import MeshFileError
-    from msb.meshes.ply_header import Element, Header, Property
-    from msb.meshes.source import Source
 
 
 @dataclass(frozen=True)

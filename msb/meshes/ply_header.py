@@ -5,12 +5,9 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
+from msb.meshes.source import Source
 
 TYPES = {
     "char": "i1",

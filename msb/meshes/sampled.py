@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample, srgb_to_linear
 from msb.meshes.colors import with_alpha
-
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh
 
 _BLUR = -1.0
 """Levels of mip maps between the size of a face and what its corners see, which was best on a sphere."""

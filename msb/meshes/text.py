@@ -10,15 +10,13 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MeshFileError, shorten
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
+from msb.meshes.source import Source
 
 BLOCK_BYTES = 1 << 22
 """Bytes of text split into words at a time. The word tables take up to 30 times as much, about 130 MB."""

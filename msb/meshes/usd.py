@@ -7,7 +7,7 @@ import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +22,10 @@ from msb.meshes.formats import Format
 from msb.meshes.image_files import images_of
 from msb.meshes.images import MAX_FILE, Decoder, ImageError
 from msb.meshes.mesh import Mesh
+from msb.meshes.source import Source
 from msb.meshes.usd_stage import stage_parts
 from msb.meshes.usd_write import writer
 from msb.meshes.writing import check_indices
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
 
 _SECONDS = 600.0
 _PACKAGE = b"PK\x03\x04"

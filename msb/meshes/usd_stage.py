@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.meshes.polygons import fan_triangulate, joined_faces
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from msb.base.children import Arrays
-
-    Floats = NDArray[np.float32]
+Floats = NDArray[np.float32]
 
 _OF = {
     "constant": "vertex",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,10 @@ from numpy.typing import NDArray
 from msb.asset.texture import LINEAR, srgb_to_linear
 from msb.asset.writer import stored_member
 from msb.base.extras import need_extra
+from msb.meshes.formats import Style
 from msb.meshes.image_files import image_names, images_of
+from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from msb.meshes.formats import Style
-    from msb.meshes.mesh import Mesh
 
 Kind = Literal["usda", "usdc", "usdz"]
 

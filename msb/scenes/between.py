@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolated
 from msb.scenes.walk import looked_at, radius_of
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from msb.scenes.camera import Camera
 
 _DIGITS = 6
 """Of a gap: where several are alike, the last bit does not choose."""

@@ -6,7 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from msb.asset.schema import describe, escape
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import SceneError
-
-if TYPE_CHECKING:
-    from msb.scenes.source import Source
+from msb.scenes.source import Source
 
 MAX_BYTES = 1 << 24
 """Most bytes of a file: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from msb.base.paths import normal_form
 from msb.errors import UsageError, shorten
 from msb.scenes.camera import Camera
-
-if TYPE_CHECKING:
-    from msb.scenes.source import Source
+from msb.scenes.source import Source
 
 HOLD = 8
 """Every HOLD-th view is a test view: `llffhold` of `graphdeco-inria/gaussian-splatting`."""

@@ -7,19 +7,16 @@ import os
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from msb.base.atomic import new_file
 from msb.base.paths import given_path
 from msb.errors import OutputError, SceneError
 from msb.scenes.camera import Camera
-from msb.scenes.json_node import MAX_BYTES, read_json
+from msb.scenes.checks import Split
+from msb.scenes.json_node import MAX_BYTES, Node, read_json
 from msb.scenes.sets import check_set, given_cameras
 from msb.scenes.source import Source
-
-if TYPE_CHECKING:
-    from msb.scenes.checks import Split
-    from msb.scenes.json_node import Node
 
 SCHEMA = "msb.views/1"
 _REQUIRED = ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")

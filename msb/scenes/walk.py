@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
+from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolated
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from msb.scenes.camera import Camera
 
 PACE = 24
 """Frames from one stop to the next: a second of film."""

@@ -5,20 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
-from msb.errors import SceneError, finding, shorten
-from msb.scenes.datasets.catalog import DATASETS
+from msb.errors import Finding, SceneError, finding, shorten
+from msb.scenes.camera import Camera
+from msb.scenes.datasets.catalog import DATASETS, Layout
 from msb.scenes.datasets.layout import folders, images_in
+from msb.scenes.datasets.rules import Compositing, Rounding, Rules, Size
+from msb.scenes.datasets.scene import MaskSource
 from msb.scenes.image_size import has_alpha, image_size
-
-if TYPE_CHECKING:
-    from msb.errors import Finding
-    from msb.scenes.camera import Camera
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Compositing, Rounding, Rules, Size
-    from msb.scenes.datasets.scene import MaskSource
 
 MASKS = "mask"
 """The mask folder of DTU in the packages of 2DGS and NeuS: one image per photograph, paired by their sorted

@@ -7,25 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from msb.asset.manifest import Manifest
 from msb.base.files import check_folder
 from msb.base.paths import SpelledFiles, given_path
-from msb.errors import SceneError, finding, shorten
-from msb.scenes.datasets.catalog import guess_dataset
+from msb.errors import Finding, SceneError, finding, shorten
+from msb.scenes.camera import Camera
+from msb.scenes.colors import Color
+from msb.scenes.datasets.catalog import Layout, guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.photographs import choose_photographs, find_masks, photograph_sizes
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, stated_background
-from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, check_resolution
+from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, Convention, Rules, check_resolution
 from msb.scenes.datasets.scene import Scene
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Manifest
-    from msb.errors import Finding
-    from msb.scenes.camera import Camera
-    from msb.scenes.colors import Color
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Convention, Rules
 
 MAX_SHIFT = 0.5
 """Pixels by which gs_fov may move the principal point without a warning."""

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
+from msb.asset.manifest import Manifest
 from msb.registry import METHODS
-from msb.scenes.colors import parse_color
+from msb.scenes.colors import Color, parse_color
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.rules import Photographs, Rules
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Manifest
-    from msb.scenes.colors import Color
 
 OURS = "ours"
 _OURS = Rules(
