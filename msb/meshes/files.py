@@ -4,35 +4,21 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 from typing import BinaryIO
 
 from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
+from msb.meshes import gltf_file, obj, off, ply, stl, usd
 from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
 
-_MODULES = (
-    "ply",
-    "obj",
-    "off",
-    "stl",
-    "gltf_file",
-    "glb",
-    "usd",
-)
-"""Modules here, each with its `FORMAT` or `FORMATS`."""
-
-for _name in _MODULES:
-    _module = import_module(f"msb.meshes.{_name}")
-    _formats: tuple[Format, ...] = getattr(_module, "FORMATS", None) or (_module.FORMAT,)
-    for _each in _formats:
-        FORMATS.update(dict.fromkeys(_each.suffixes, _each))
+for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_file.FORMATS, *usd.FORMATS):
+    FORMATS.update(dict.fromkeys(_format.suffixes, _format))
 
 MESH_SUFFIXES = FORMATS.keys()
 """The suffixes of the files `read_mesh` knows, in lower case."""

@@ -76,9 +76,9 @@ class Document:
         beside = sum(map(len, self.files.values()))
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + beside) + MAX_EXTRA_BYTES
 
-    def error(self, code: str, pointer: str, message: str, **about: Any) -> MeshFileError:
+    def error(self, code: str, pointer: str, message: str) -> MeshFileError:
         """Return the error about the place with JSON pointer `pointer`."""
-        return self.source.error(code, message, pointer=pointer, **about)
+        return self.source.error(code, message, pointer=pointer)
 
     def integer(
         self, owner: dict[str, Any], key: str, pointer: str, *, default: int | None = None, below: int = 2**63

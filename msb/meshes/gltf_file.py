@@ -1,4 +1,7 @@
-"""glTF 2.0 as JSON, whose buffers and images lie beside it or in its text; it is only read."""
+"""glTF 2.0: GLB, all in one binary file, and JSON, whose buffers and images lie beside it or in its text.
+
+JSON is only read.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import re
 
 from msb.errors import shorten
 from msb.meshes.formats import Format
-from msb.meshes.gltf import document_of
+from msb.meshes.glb_write import write
+from msb.meshes.gltf import document_of, open_document
 from msb.meshes.gltf_scene import read_scene
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
@@ -14,8 +18,13 @@ from msb.meshes.source import Source
 _BEGINS = re.compile(rb"\s*\{")
 
 
-def read(source: Source) -> Mesh:
-    """Read what the file shows."""
+def _read_glb(source: Source) -> Mesh:
+    """Read what a binary file shows."""
+    return read_scene(open_document(source))
+
+
+def _read_gltf(source: Source) -> Mesh:
+    """Read what a file of JSON shows."""
     if _BEGINS.match(source.data) is None:
         raise source.not_a("glTF", "it does not begin with '{'")
     document = document_of(source, source.data)
@@ -26,12 +35,25 @@ def read(source: Source) -> Mesh:
     return read_scene(document)
 
 
-FORMAT = Format(
-    "glTF",
-    (".gltf",),
-    read,
-    begins=_BEGINS,
-    keeps=("vertex_colors", "vertex_uvs"),
-    is_single=True,
-    up="+y",
+FORMATS = (
+    Format(
+        "glTF",
+        (".gltf",),
+        _read_gltf,
+        begins=_BEGINS,
+        keeps=("vertex_colors", "vertex_uvs"),
+        is_single=True,
+        up="+y",
+    ),
+    Format(
+        "GLB",
+        (".glb",),
+        _read_glb,
+        write,
+        begins=re.compile(rb"glTF"),
+        keeps=("vertex_colors", "vertex_uvs", "textures"),
+        is_single=True,
+        is_linear=True,
+        up="+y",
+    ),
 )

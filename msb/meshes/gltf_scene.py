@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
-from msb.errors import shorten
+from msb.errors import MeshFileError, shorten
 from msb.meshes.colors import srgb_colors, with_alpha
 from msb.meshes.gltf import Document, placed_meshes
 from msb.meshes.gltf_materials import Look, Shown, beyond, image_key, stored_image
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
 from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
-from msb.meshes.images import Decoder, ImageError
+from msb.meshes.images import Decoder
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import joined_faces
 
@@ -146,8 +146,8 @@ def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: 
     data, pointer = stored_image(document, shown.image)
     try:
         return decoder.decode(data, alpha=masked)
-    except ImageError as error:
-        raise document.error(error.code, pointer, str(error)) from None
+    except MeshFileError as error:
+        raise document.error(error.code, pointer, error.message) from None
 
 
 def says_srgb(document: Document) -> bool:

@@ -6,6 +6,7 @@ import io
 import re
 import zipfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,16 @@ from msb.asset.texture import Sampler
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
-from msb.errors import about, shorten
+from msb.errors import MeshFileError, about, shorten
 from msb.meshes.beside import read_beside
 from msb.meshes.colors import srgb_colors
 from msb.meshes.formats import Format
 from msb.meshes.image_files import images_of
-from msb.meshes.images import MAX_FILE, Decoder, ImageError
+from msb.meshes.images import MAX_FILE, Decoder
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.usd_stage import stage_parts
-from msb.meshes.usd_write import writer
+from msb.meshes.usd_write import Kind, write
 from msb.meshes.writing import check_indices
 
 _SECONDS = 600.0
@@ -87,11 +88,11 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
     """Return `mesh` with its images; the stage names them, or the package holds them."""
     decoder, images = Decoder(), []
     for name in data["textures"]:
+        content = _image(source, name) if name else b""
         try:
-            image = decoder.decode(_image(source, name), alpha=data["cutoff"] is not None) if name else _PLAIN
-        except ImageError as error:
-            raise source.error(error.code, f"image {shorten(name, 80)!r}: {error}") from None
-        images.append(image)
+            images.append(decoder.decode(content, alpha=data["cutoff"] is not None) if name else _PLAIN)
+        except MeshFileError as error:
+            raise source.error(error.code, f"image {shorten(name, 80)!r}: {error.message}") from None
     sampler = Sampler(wrap_u=data["wraps"][0], wrap_v=data["wraps"][1], alpha_cutoff=data["cutoff"])
     return replace(mesh, textures=tuple(images), sampler=sampler)
 
@@ -113,12 +114,12 @@ def _image(source: Source, name: str) -> bytes:
     raise source.error("MESH_FILE_INVALID", text)
 
 
-def _format(title: str, suffixes: tuple[str, ...], kind: Any, begins: bytes | None) -> Format:
+def _format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | None) -> Format:
     return Format(
         title,
         suffixes,
         read,
-        writer(kind),
+        partial(write, kind),
         begins=None if begins is None else re.compile(begins),
         beside=None if kind == "usdz" else images_of,
         keeps=("vertex_colors", "face_colors", "textures", "collision"),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Literal
@@ -23,17 +21,13 @@ from msb.meshes.writing import as_float32
 Kind = Literal["usda", "usdc", "usdz"]
 
 
-def writer(kind: Kind) -> Callable[[Mesh, BinaryIO, Style], None]:
-    """Return the function that writes a kind of file: text, binary, or a package with its textures."""
-    return partial(_write, kind)
+def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
+    """Write text, binary, or a package with its textures: a stage with y up, in metres.
 
-
-def _write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write a stage with y up, in metres, whose default prim holds the mesh, its materials and its collision.
-
-    The look is unlit: the colours are what UsdPreviewSurface shines with. Colours of vertices and faces are
-    `displayColor`, in linear light; beside a texture there are none, for nothing multiplies the two. Shapes
-    to collide with are guides, which are not drawn.
+    Its default prim holds the mesh, its materials and its collision. The look is unlit: the colours are what
+    UsdPreviewSurface shines with. Colours of vertices and faces are `displayColor`, in linear light; beside a
+    texture there are none, for nothing multiplies the two. Shapes to collide with are guides, which are not
+    drawn.
     """
     need_extra("usd", "pxr", what="a file of USD")
     has_images = kind == "usdz" or style.stem is not None
@@ -118,9 +112,8 @@ def _paint(made: Any, mesh: Mesh, images: list[str]) -> None:
         of = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
         _set(made.CreateDisplayColorPrimvar(of), light, Vt.Vec3fArray)
         surface = _unlit(stage, "/asset/materials/colors")
-        reader = UsdShade.Shader.Define(stage, "/asset/materials/colors/read")
-        reader.CreateIdAttr("UsdPrimvarReader_float3")
-        reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("displayColor")
+        name = Sdf.ValueTypeNames.String, "displayColor"
+        reader = _shader(stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name)
         shown = reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
         surface.GetInput("emissiveColor").ConnectToSource(shown)
         _bind(made, "/asset/materials/colors")
@@ -161,18 +154,20 @@ def _set(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
 
 def _texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
     """Define the material of a texture."""
-    from pxr import Sdf, UsdShade
+    from pxr import Sdf
 
     surface = _unlit(stage, path)
-    reader = UsdShade.Shader.Define(stage, f"{path}/read")
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    texture = UsdShade.Shader.Define(stage, f"{path}/texture")
-    texture.CreateIdAttr("UsdUVTexture")
-    texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(f"./{image}"))
-    texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
-    for name, wrap in zip(("wrapS", "wrapT"), (mesh.sampler.wrap_u, mesh.sampler.wrap_v), strict=True):
-        texture.CreateInput(name, Sdf.ValueTypeNames.Token).Set(wrap)
+    kinds = Sdf.ValueTypeNames
+    reader = _shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
+    texture = _shader(
+        stage,
+        f"{path}/texture",
+        "UsdUVTexture",
+        file=(kinds.Asset, Sdf.AssetPath(f"./{image}")),
+        sourceColorSpace=(kinds.Token, "sRGB"),
+        wrapS=(kinds.Token, mesh.sampler.wrap_u),
+        wrapT=(kinds.Token, mesh.sampler.wrap_v),
+    )
     at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(at)
     shown = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
@@ -183,18 +178,32 @@ def _texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
         surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(mesh.sampler.alpha_cutoff)
 
 
+def _shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
+    """Return a new shader; `inputs` are the type and value of each."""
+    from pxr import UsdShade
+
+    made = UsdShade.Shader.Define(stage, path)
+    made.CreateIdAttr(name)
+    for key, (kind, value) in inputs.items():
+        made.CreateInput(key, kind).Set(value)
+    return made
+
+
 def _unlit(stage: Any, path: str) -> Any:
     """Return the surface of a new material, which reflects nothing."""
     from pxr import Sdf, UsdGeom, UsdShade
 
     UsdGeom.Scope.Define(stage, "/asset/materials")
     material = UsdShade.Material.Define(stage, path)
-    surface = UsdShade.Shader.Define(stage, f"{path}/surface")
-    surface.CreateIdAttr("UsdPreviewSurface")
-    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).Set((0, 0, 0))
-    surface.CreateInput("specularColor", Sdf.ValueTypeNames.Color3f).Set((0, 0, 0))
-    surface.CreateInput("useSpecularWorkflow", Sdf.ValueTypeNames.Int).Set(1)
-    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
+    surface = _shader(
+        stage,
+        f"{path}/surface",
+        "UsdPreviewSurface",
+        diffuseColor=(Sdf.ValueTypeNames.Color3f, (0, 0, 0)),
+        specularColor=(Sdf.ValueTypeNames.Color3f, (0, 0, 0)),
+        useSpecularWorkflow=(Sdf.ValueTypeNames.Int, 1),
+        roughness=(Sdf.ValueTypeNames.Float, 1.0),
+    )
     surface.CreateInput("emissiveColor", Sdf.ValueTypeNames.Color3f)
     out = surface.CreateOutput("surface", Sdf.ValueTypeNames.Token)
     material.CreateSurfaceOutput().ConnectToSource(out)

@@ -156,9 +156,9 @@ def test_who_needs_the_surface_alone_opens_nothing(folder: Path) -> None:
     ("old", "new", "words"),
     [
         (b"3/3/1", b"3/9/1", "a face names texture coordinate 9; the file has 4"),
-        (b"3/3/1", b"3/0/1", "line 11: an index of a texture coordinate begins with 1"),
-        (b"-4/-1", b"-4/-9", "line 12: an index of a texture coordinate begins with 1"),
-        (b"3/3/1", b"3/1.5/1", "line 11: index 1.5 of a texture coordinate is not a whole number"),
+        (b"3/3/1", b"3/0/1", "line 11: index 0 is not allowed"),
+        (b"-4/-1", b"-4/-9", "line 12: index -9 is not allowed"),
+        (b"3/3/1", b"3/1.5/1", "line 11: index 1.5 is not a whole number"),
         (b"3/3/1", b"3/x/1", "line 11: 'x' is not a number"),
         (b"vt 1 1\n", b"vt 1 1 1 1\n", "line 8: 'vt' has 4 numbers"),
     ],
