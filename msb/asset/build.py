@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.check import check_manifest
+from msb.asset.check import check_manifest, refuse
 from msb.asset.drawable import check_indices, first_bad
 from msb.asset.manifest import (
     DTYPES,
@@ -119,9 +119,7 @@ def build_asset(
         version=VERSION if textured else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
-    for item in check_manifest(manifest.to_dict()):
-        if item.severity == "error":
-            raise item.to_error(None)
+    refuse(check_manifest(manifest.to_dict()), None)
     return Asset(manifest, MappingProxyType(arrays))
 
 
@@ -134,10 +132,8 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for rows in _finite_chunks(positions):
-        low, high = (
-            np.minimum(low, _columnwise(np.minimum, rows)),
-            np.maximum(high, _columnwise(np.maximum, rows)),
-        )
+        low = np.minimum(low, _columnwise(np.minimum, rows))
+        high = np.maximum(high, _columnwise(np.maximum, rows))
     center = low + (high - low) / 2
     squared = 0.0
     for rows in _finite_chunks(positions):
@@ -195,13 +191,18 @@ def _refuse_bad_geometry(positions: NDArray[np.float32], indices: NDArray[np.uin
 
 def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:
     """Return "triangle_soup" exactly if the indices are 0, 1, 2, ... over all vertices."""
-    if len(positions) != 3 * len(indices):
-        return "indexed_mesh"
+    is_soup = len(positions) == 3 * len(indices) and first_shared(indices) is None
+    return "triangle_soup" if is_soup else "indexed_mesh"
+
+
+def first_shared(indices: NDArray[np.uint32]) -> int | None:
+    """Return the first corner of the faces (F, 3) whose index is not its own number; None of a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
-        if not np.array_equal(rows, np.arange(3 * start, 3 * start + rows.size, dtype=np.uint32)):
-            return "indexed_mesh"
-    return "triangle_soup"
+        wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
+        if wrong.any():
+            return 3 * start + int(np.argmax(wrong))
+    return None
 
 
 def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSpec:

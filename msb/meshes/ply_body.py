@@ -62,6 +62,7 @@ class Body(Protocol):
 
         Bytes have no lines.
         """
+        return None
 
 
 def open_body(source: Source, header: Header) -> Body:

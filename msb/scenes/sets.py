@@ -67,10 +67,6 @@ def split_every_8th(
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py (`llffhold`).
     """
-    train, test = [], []
-    for index, camera in enumerate(sorted(cameras, key=key)):
-        if index % HOLD:
-            train.append(replace(camera, split="train"))
-        else:
-            test.append(replace(camera, split="test"))
-    return train, test
+    ordered = sorted(cameras, key=key)
+    train = [replace(camera, split="train") for index, camera in enumerate(ordered) if index % HOLD]
+    return train, [replace(camera, split="test") for camera in ordered[::HOLD]]

@@ -78,11 +78,14 @@ def read_scene(
     by = rules_of(rules)
     place = _place(root)
     key = dataset or guess_dataset(layout, place.name, place.parent.name)
-    convention = _convention(camera_convention or by.convention)
+    convention = camera_convention or by.convention
+    if convention not in CONVENTIONS:
+        text = f"the camera convention is {shorten(repr(convention), 40)}; it must be "
+        raise SceneError("SCENE_ARGUMENT", text + " or ".join(CONVENTIONS))
     wish = None if resolution is None else check_resolution(resolution)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
-    chosen = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
+    chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
     views = [
         replace(view, image_path=files.find(str(view.name)))
@@ -90,7 +93,7 @@ def read_scene(
     ]
     native = photograph_sizes(root, views, warnings)
     masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
-    rounding = ROUNDINGS[chosen.rounding]
+    rounding = ROUNDINGS[how]
     cameras = [
         view.resized(*rounding(size, chosen.resolution)) for view, size in zip(views, native, strict=True)
     ]
@@ -151,13 +154,6 @@ def rules_of(name: str) -> Rules:
     return RULES[name]
 
 
-def _convention(name: Convention) -> Convention:
-    if name not in CONVENTIONS:
-        text = f"the camera convention is {shorten(repr(name), 40)}; it must be {' or '.join(CONVENTIONS)}"
-        raise SceneError("SCENE_ARGUMENT", text)
-    return name
-
-
 def _color(values: Sequence[float]) -> Color:
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
@@ -190,9 +186,10 @@ class SceneAt:
     background: Color
     camera_convention: Convention
 
+    @lru_cache(maxsize=8)  # noqa: B019 - a few are kept as long as they are the last
     def read(self) -> Scene:
         """Return the scene; the last few are kept."""
-        return _read(self)
+        return read_scene(**{key: value for key, value in vars(self).items() if key != "name"})
 
 
 def scene_at(
@@ -241,8 +238,3 @@ def scene_of(
         resolution=resolution,
     )
     return at.read()
-
-
-@lru_cache(maxsize=8)
-def _read(scene: SceneAt) -> Scene:
-    return read_scene(**{key: value for key, value in vars(scene).items() if key != "name"})

@@ -14,7 +14,6 @@ OURS = "ours"
 _OURS = Rules(
     "MeshSplatBench",
     "docs/datasets.md",
-    rounding="half_even",
     photographs={
         "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
         "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),
