@@ -47,7 +47,7 @@ _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 
 @dataclass(frozen=True)
 class Description:
-    """The part of the manifest that an adapter decides, because the arrays do not say it.
+    """The part of the manifest that an adapter decides, because the arrays do not say it: keys of `Manifest`.
 
     The defaults are those of a mesh with static colours.
     """
@@ -91,31 +91,24 @@ def build_asset(
     if not (len(positions) and len(indices)):
         text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset draws something"
         raise AssetError("TRIASSET_EMPTY", text)
-    _refuse_bad_geometry(positions, indices)
+    if (at := first_bad(positions)) is not None:
+        text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
+        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
+    check_indices(indices, len(positions))
     bounds, sphere = measure_bounds(positions)
     textured = description.appearance.get("kind") == KIND
     passes = {"standard": (PASS,)} if textured else lookup(description.method).passes
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
+        **vars(description),
         generator=f"meshsplatbench {__version__}",
-        method=description.method,
         topology=_topology(positions, indices),
         face_count=len(indices),
         vertex_count=len(positions),
         bounds=bounds,
         bounding_sphere=sphere,
-        sh_degree=description.sh_degree,
-        coverage=description.coverage,
-        opacity=description.opacity,
-        appearance=description.appearance,
-        compositing=description.compositing,
-        settings=description.settings,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        color_space=description.color_space,
-        coordinate_frame=description.coordinate_frame,
-        source=description.source,
-        training=description.training,
         version=VERSION if textured else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
@@ -180,13 +173,6 @@ def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
     view = np.ascontiguousarray(array, dtype).view()
     view.flags.writeable = False
     return view
-
-
-def _refuse_bad_geometry(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> None:
-    if (at := first_bad(positions)) is not None:
-        text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
-        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
-    check_indices(indices, len(positions))
 
 
 def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:

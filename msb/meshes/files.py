@@ -60,19 +60,14 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     """
     name = os.fspath(path)
     try:
-        data = read_file(name)
+        source = Source(name, read_file(name), images=images)
+        chosen = _known(name, Path(name).suffix)
+        if not source.data:
+            raise source.error("MESH_FILE_INVALID", "the file is empty")
+        return _in_short(chosen.read(source))
     except MemoryError:
         message = "this machine has not enough memory for the file"
         raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None
-    source = Source(name, data, images=images)
-    chosen = _known(name, Path(name).suffix)
-    if not data:
-        raise source.error("MESH_FILE_INVALID", "the file is empty")
-    try:
-        return _in_short(chosen.read(source))
-    except MemoryError:
-        message = f"this machine has not enough memory for a file of {len(data)} bytes"
-        raise source.error("MESH_FILE_TOO_LARGE", message) from None
 
 
 def _in_short(mesh: Mesh) -> Mesh:

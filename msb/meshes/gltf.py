@@ -76,6 +76,12 @@ class Document:
         beside = sum(map(len, self.files.values()))
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + beside) + MAX_EXTRA_BYTES
 
+    def check_total(self, what: str, total: int) -> None:
+        """Refuse arrays of `total` bytes if the file is too small for so many."""
+        if total > (limit := self.limit):
+            text = f"{what} would take {total} bytes; {limit} is the limit for a file of this size"
+            raise self.source.error("MESH_FILE_TOO_LARGE", text)
+
     def error(self, code: str, pointer: str, message: str) -> MeshFileError:
         """Return the error about the place with JSON pointer `pointer`."""
         return self.source.error(code, message, pointer=pointer)
@@ -264,9 +270,8 @@ def accessor(
     normalized = entry.get("normalized") is True
     if unpacked is not None:
         same = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
-        values = (
-            unpacked.astype(dtype) if same else unpacked[:0]
-        )  # encoders store integers wider than they are
+        # Encoders store integers wider than they are.
+        values = unpacked.astype(dtype) if same else unpacked[:0]
         if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
             text = f"{count} {kind} of {dtype} are stored as {unpacked.shape} {unpacked.dtype}, compressed"
             raise document.error("MESH_FILE_INVALID", pointer, text)

@@ -40,10 +40,8 @@ def unpack(document: Document, meshes: list[int]) -> None:
     if not jobs:
         return
     # The buffers that the jobs need have been read: they count as bytes of the file.
-    total, limit = sum(job["bytes"] for job in jobs), document.limit
-    if total > limit:
-        text = f"its compressed arrays would take {total} bytes; {limit} is the limit for a file of this size"
-        raise document.source.error("MESH_FILE_TOO_LARGE", text)
+    total = sum(job["bytes"] for job in jobs)
+    document.check_total("its compressed arrays", total)
     modules = sorted({"DracoPy" if job["mode"] == "DRACO" else "meshopt" for job in jobs})
     need_extra("compressed", *modules, what=f"the compressed mesh in {shorten(document.source.path, 200)}")
     data = [job.pop("data") for job in jobs]

@@ -60,7 +60,7 @@ def read_scene(document: Document) -> Mesh:
     unpack(document, shown)
     primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
     sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
-    _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
+    document.check_total("the arrays of its nodes", sum(sizes[mesh] for mesh, _ in placed))
     if not any(primitives.values()) and document.root.get("meshes"):
         text = "the scene shows no mesh with triangles, although the file has meshes"
         raise document.source.error("MESH_FILE_INVALID", text)
@@ -80,15 +80,6 @@ def _refuse_extensions(document: Document) -> None:
         if not str(name).startswith(_HARMLESS):
             text = f"the file requires extension {shorten(str(name))}, which is not read; export without it"
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
-
-
-def _check_total(document: Document, total: int) -> None:
-    """Refuse arrays of `total` bytes if the file is too small for so many."""
-    if total > (limit := document.limit):
-        text = (
-            f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"
-        )
-        raise document.source.error("MESH_FILE_TOO_LARGE", text)
 
 
 def _join(document: Document, parts: list[Part]) -> Mesh:

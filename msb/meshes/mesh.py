@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,20 @@ class Mesh:
         _check("face_colors", self.face_colors, faces, (3, 4), colors)
         _check("vertex_uvs", self.vertex_uvs, vertices, (2,), (np.float32,))
         _check("corner_uvs", self.corner_uvs, 3 * faces, (2,), (np.float32,))
+
+    def taken(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
+        """Return rows `vertices` and `faces` of it, each a mask or numbers of rows; corners go with faces.
+
+        `numbers` (F, 3) are the vertices of these faces among those that are taken.
+        """
+        rows: dict[str, Any] = {"faces": numbers}
+        by_face = ("face_colors", "face_textures")
+        for name in ("vertices", "vertex_colors", "vertex_uvs", *by_face):
+            if (values := getattr(self, name)) is not None:
+                rows[name] = values[faces if name in by_face else vertices]
+        if self.corner_uvs is not None:
+            rows["corner_uvs"] = self.corner_uvs.reshape(-1, 3, 2)[faces].reshape(-1, 2)
+        return replace(self, **rows)
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:

@@ -6,7 +6,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 from msb.errors import shorten
 from msb.meshes.source import Source
@@ -51,13 +50,9 @@ class Element:
     count: int
     properties: list[Property] = field(default_factory=list)
 
-    @cached_property
-    def _by_name(self) -> dict[str, Property]:
-        return {each.name: each for each in self.properties}
-
     def find(self, name: str) -> Property | None:
         """Return the property called `name`, if there is one."""
-        return self._by_name.get(name)
+        return next((each for each in self.properties if each.name == name), None)
 
     def __str__(self) -> str:
         return f"element '{shorten(self.name)}'"
