@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import chdir
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -182,23 +180,6 @@ def protocol(path: Path) -> None:
     from msb.bench.protocol import read_protocol as read
 
     read(path)
-
-
-@cache
-def commands() -> Any:
-    from msb.cli.defaults import single_commands
-    from typer.main import get_command
-
-    from msb.cli.app import app
-
-    return single_commands(get_command(app))
-
-
-def settings(path: Path) -> None:
-    from msb.cli.defaults import read_defaults as read
-
-    with chdir(path.parent):
-        read(commands())
 
 
 def gate(path: Path) -> None:

@@ -13,7 +13,6 @@ import msb
 from msb.meshes import Mesh
 from msb.repair import plan
 from msb.scenes import write_cameras
-from msb.why import why
 from tests.conftest import ROOT
 
 VIEW: dict[str, Any] = {"up": (0, 1, 0), "width": 16, "height": 12, "fov_y": 0.6}
@@ -27,10 +26,6 @@ def asset(demo_asset: Path) -> msb.Asset:
 
 
 WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
-    "why without cameras": (lambda a: why(a, []), "USAGE", "at least one"),
-    "why of a camera": (lambda a: why(a, CAMERA), "USAGE", "several msb.Camera"),
-    "why of names": (lambda a: why(a, ["a"]), "USAGE", "several msb.Camera"),
-    "settings": (lambda a: why(a, settings=3), "USAGE", "settings is of type int"),
     "steps": (lambda a: msb.repair(a, [["cut"]]), "USAGE", "there is no step"),
     "no seconds": (lambda _: msb.trial.Limits(-1), "USAGE", "limit of seconds is -1; .* positive"),
     "NaN memory": (lambda _: msb.trial.Limits(1, np.nan), "USAGE", "limit of memory is nan"),
@@ -67,8 +62,3 @@ def test_numbers_of_numpy_are_numbers() -> None:
     held = plan.Options(debris_faces=np.int64(3), pair_color=np.float32(0.5)).check()
     assert (held.debris_faces, held.pair_color) == (3, 0.5)
     assert type(held.debris_faces) is int
-
-
-def test_cameras_may_come_one_after_the_other(asset: msb.Asset) -> None:
-    tiny = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), **{**VIEW, "width": 4, "height": 3})
-    assert len(why(asset, iter([tiny, tiny]))) == len(why(asset, [tiny]))

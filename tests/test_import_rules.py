@@ -32,8 +32,8 @@ ALLOWED: dict[str, set[str]] = {
     # The verbs: from a path to what lies there, what is found of it, and back.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # What is written of an asset: a file for the web is as coarse as pictures allow.
-    "delivery": GROUND | {"meshes", "render", "views", "why"},
-    "views": GROUND | {"adapters", "render"},
+    "delivery": GROUND | {"meshes", "render", "views"},
+    "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
     "registry": {"errors", "base", "scenes"},
@@ -51,7 +51,7 @@ ALLOWED: dict[str, set[str]] = {
     "metrics": {"errors", "base", "meshes", "scenes"},
     "render": GROUND | {"cl", "api"},
     "reference": GROUND,
-    "engines": GROUND | {"render", "meshes"},
+    "engines": GROUND | {"render", "meshes", "metrics"},
     # A method's folder, by role: what draws knows no checkpoint, the reference nothing that draws.
     "methods.adapter": GROUND | {"adapters", "meshes"},
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
@@ -101,7 +101,7 @@ COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
     "delivery": {"adapters"},
-    "engines": {"views", "metrics"},
+    "engines": {"views"},
     "viewers": {"views", "delivery"},
     "report": {"viewers"},
 }

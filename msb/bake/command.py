@@ -192,7 +192,7 @@ def bake(
         _note_losses(baked, options.outputs, output)
     if output.prints_text:
         _show(report, options.outputs, output)
-        if folder is not None and not output.quiet:
+        if folder is not None and (folder / PAGE).exists() and not output.quiet:
             echo(f"{one_line(str(folder / PAGE))}: a page to look at it")
 
 

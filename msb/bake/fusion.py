@@ -37,9 +37,9 @@ _DRAWS = 5
 """Steps by which a surface is drawn in."""
 _GROUP = 64
 _AT_ONCE, _RECORD = 8, 19
-"""Views that vote at a time, and the numbers of each; the latter equals RECORD in bake_fuse.cl."""
+"""The number of views that vote at a time, and of floats in the record of each."""
 UNKNOWN = 2.0
-"""Stands for cells that nobody votes on; equals UNKNOWN in bake_fuse.cl."""
+"""The value of a cell that no view votes on."""
 _EVERY = 7
 """Of so many pixels that show something one is a point of what is seen."""
 _BLACK = (0.0, 0.0, 0.0)
@@ -70,7 +70,7 @@ class Depths(StandardRenderer):
 
     def __init__(self, soup: Mesh, device: str | Device | None = None) -> None:
         super().__init__(asset_from_mesh(soup), device=device)
-        self._fuse = self._device.program("bake_fuse")
+        self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
     def points(self, cameras: Sequence[Camera]) -> NDArray[np.float64]:
         """Return places (n, 3) of the world that cameras see."""

@@ -15,6 +15,7 @@ from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
+from msb.render.standard.triangles import RECORD_DEFINES
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -110,7 +111,7 @@ class Raster(Pupil):
         self._count = count
         wide = self._device.record.int64_atomics
         self._total = np.int64 if wide else np.int32
-        self._own = self._device.program("bake", {"WIDE": wide})
+        self._own = self._device.program("bake", {**RECORD_DEFINES, "WIDE": wide})
 
     def beside(self, lessons: Lessons) -> Raster:
         """Return one of other lessons that draws the same faces: what is put on one is on both, and they are

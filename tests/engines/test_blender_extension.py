@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 import msb
-from blender.build import build
+from integrations.blender.build import build
 from msb.asset import Asset
 from msb.asset.texture import Sampler
 from msb.engines.agreement import agreement
@@ -32,7 +32,7 @@ from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, scene
 from tests.render.textured_scenes import textured_asset
 
-FOLDER = ROOT / "blender"
+FOLDER = ROOT / "integrations" / "blender"
 
 
 def in_blender(jobs: list[tuple[Path, Camera]], folder: Path) -> list[dict[str, Any]]:
@@ -120,7 +120,7 @@ def test_models_look_as_on_the_standard_tier_and_come_back(tmp_path: Path) -> No
 
 
 def test_the_zip_is_what_blender_installs(tmp_path: Path) -> None:
-    wheel = tmp_path / "some-1.0-py3-none-any.whl"
+    wheel = tmp_path / "some.whl"
     wheel.write_bytes(b"wheel")
     build(tmp_path / "made" / "extension.zip", [wheel], "linux-x64")
     with zipfile.ZipFile(tmp_path / "made" / "extension.zip") as archive:
@@ -130,5 +130,5 @@ def test_the_zip_is_what_blender_installs(tmp_path: Path) -> None:
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
     assert manifest["platforms"] == ["linux-x64"]
     assert manifest["permissions"].keys() == {"files"}
-    assert manifest["wheels"] == ["./wheels/some-1.0-py3-none-any.whl"]
-    assert {"__init__.py", "model.py", "worker.py", "wheels/some-1.0-py3-none-any.whl"} < names
+    assert manifest["wheels"] == ["./wheels/some.whl"]
+    assert {"__init__.py", "model.py", "worker.py", "wheels/some.whl"} < names

@@ -1,0 +1,72 @@
+"""Build the extension for Blender: ``python integrations/blender/build.py``.
+
+Run it on the target system, with the Python version of the target Blender. The zip holds the sources beside
+this file, a wheel of this tree and the wheels it needs, which pip fetches. NumPy is Blender's own.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = Path(__file__).resolve().parent / "meshsplatbench"
+NUMPY = {(3, 11): "numpy<2", (3, 13): "numpy>=2"}
+"""Python of a Blender -> its NumPy: 3.11 in Blender 4.2 to 5.0, 3.13 from 5.1 on."""
+MACHINES = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}
+"""Python's name of a machine -> Blender's, if that is another."""
+
+
+def fetch_wheels(folder: Path) -> list[Path]:
+    """Return a wheel of this tree and the wheels it needs, made and fetched into `folder`."""
+    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
+    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
+    (ours,) = folder.glob("*.whl")
+    wanted = [str(ours), NUMPY[sys.version_info[:2]]]
+    subprocess.run([*pip, "download", "--only-binary=:all:", "--dest", folder, *wanted], check=True)
+    return sorted(path for path in folder.glob("*.whl") if not path.name.startswith("numpy-"))
+
+
+def system_name() -> str:
+    """Return Blender's name of this system, such as "linux-x64"."""
+    system = {"darwin": "macos", "win32": "windows"}.get(sys.platform, sys.platform)
+    machine = platform.machine().lower()
+    return f"{system}-{MACHINES.get(machine, machine)}"
+
+
+def build(target: Path, wheels: list[Path], system: str) -> None:
+    """Write the extension with `wheels` to `target`, the manifest completed."""
+    version = re.search(r'__version__ = "(.+)"', (ROOT / "msb" / "base" / "version.py").read_text("utf-8"))
+    assert version is not None
+    listed = "".join(f'  "./wheels/{path.name}",\n' for path in wheels)
+    manifest = (SOURCES / "blender_manifest.toml").read_text("utf-8")
+    head = f'version = "{version[1]}"\nplatforms = ["{system}"]\nwheels = [\n{listed}]\n'
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(
+            "blender_manifest.toml", manifest.replace("\n[permissions]", f"{head}\n[permissions]")
+        )
+        for path in sorted(SOURCES.glob("*.py")):
+            archive.write(path, path.name)
+        for path in wheels:
+            archive.write(path, f"wheels/{path.name}", zipfile.ZIP_STORED)
+
+
+def main() -> None:
+    """Build it for the system and the Python that run this."""
+    if sys.version_info[:2] not in NUMPY:
+        sys.exit("Blender has Python 3.11 (4.2 to 5.0) or 3.13 (from 5.1): run this with the one it is for")
+    name = f"meshsplatbench-blender-{system_name()}-py{sys.version_info[0]}.{sys.version_info[1]}.zip"
+    with tempfile.TemporaryDirectory() as folder:
+        target = ROOT / "build" / name
+        build(target, fetch_wheels(Path(folder)), system_name())
+    print(f"{target}: {target.stat().st_size / 1e6:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
