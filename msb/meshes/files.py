@@ -10,14 +10,14 @@ from typing import BinaryIO
 from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
-from msb.meshes import gltf_file, obj, off, ply, stl, usd
+from msb.meshes import gltf_scene, obj, off, ply, stl, usd
 from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
 
-for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_file.FORMATS, *usd.FORMATS):
+for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORMATS, *usd.FORMATS):
     FORMATS.update(dict.fromkeys(_format.suffixes, _format))
 
 MESH_SUFFIXES = FORMATS.keys()

@@ -1,7 +1,11 @@
-"""What a glTF file shows, as one mesh: its triangles, colours and textures."""
+"""glTF 2.0: what a file shows, as one mesh with its triangles, colours and textures.
+
+GLB is all in one binary file; JSON, whose buffers and images lie beside it or in its text, is only read.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -12,13 +16,16 @@ from numpy.typing import NDArray
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
 from msb.meshes.colors import srgb_colors, with_alpha
-from msb.meshes.gltf import Document, placed_meshes
+from msb.meshes.formats import Format
+from msb.meshes.glb_write import write
+from msb.meshes.gltf import Document, document_of, open_document, placed_meshes
 from msb.meshes.gltf_materials import Look, Shown, beyond, image_key, stored_image
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
 from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
 from msb.meshes.images import Decoder
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import joined_faces
+from msb.meshes.source import Source
 
 _HARMLESS = (
     "KHR_materials_",
@@ -45,6 +52,7 @@ _INSTANCES = "EXT_mesh_gpu_instancing"
 """Says that a node is drawn at several places; a file that does not require it is read as if it did not."""
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 """The texture of faces without one, where others have one."""
+_BEGINS = re.compile(rb"\s*\{")
 
 
 def read_scene(document: Document) -> Mesh:
@@ -231,3 +239,44 @@ def _objects(entries: Any) -> list[dict[str, Any]]:
 
 def _keys(entry: Any) -> list[Any]:
     return list(entry) if isinstance(entry, dict) else []
+
+
+def _read_glb(source: Source) -> Mesh:
+    """Read what a binary file shows."""
+    return read_scene(open_document(source))
+
+
+def _read_gltf(source: Source) -> Mesh:
+    """Read what a file of JSON shows."""
+    if _BEGINS.match(source.data) is None:
+        raise source.not_a("glTF", "it does not begin with '{'")
+    document = document_of(source, source.data)
+    version = str(document.object(document.root, "asset", "").get("version", "2.0"))
+    if not version.startswith("2."):
+        text = f"version {shorten(version)} is not read; 2.0 is"
+        raise document.error("MESH_FILE_UNSUPPORTED", "/asset/version", text)
+    return read_scene(document)
+
+
+FORMATS = (
+    Format(
+        "glTF",
+        (".gltf",),
+        _read_gltf,
+        begins=_BEGINS,
+        keeps=("vertex_colors", "vertex_uvs"),
+        is_single=True,
+        up="+y",
+    ),
+    Format(
+        "GLB",
+        (".glb",),
+        _read_glb,
+        write,
+        begins=re.compile(rb"glTF"),
+        keeps=("vertex_colors", "vertex_uvs", "textures"),
+        is_single=True,
+        is_linear=True,
+        up="+y",
+    ),
+)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -81,9 +81,7 @@ class Node:
             yield Node(self.source, item, f"{self.pointer}/{index}")
 
     def only(self, *keys: str) -> None:
-        """Refuse members of this object other than `keys`."""
-        if not isinstance(self.value, dict):
-            raise self.wrong_type("an object")
+        """Refuse members of this value, known to be an object, other than `keys`."""
         for key in self.value:
             if key not in keys:
                 text = f'it has the unknown key "{escape(key)}"; known are {", ".join(keys)}'
@@ -114,11 +112,9 @@ class Node:
             raise self.wrong_type(f"{' x '.join(map(str, shape))} numbers")
         return np.array(self.value, dtype=np.float64)
 
-    @contextlib.contextmanager
-    def locating(self) -> Iterator[None]:
+    def locating(self) -> AbstractContextManager[None]:
         """Add this place to errors about values read here; see `Source.locating`."""
-        with self.source.locating(self.pointer):
-            yield
+        return self.source.locating(self.pointer)
 
 
 def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:

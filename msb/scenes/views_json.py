@@ -57,8 +57,8 @@ def _color(node: Node) -> tuple[float, float, float]:
 
 
 def _camera(node: Node) -> Camera:
-    node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:], "unit")
     name, size, split, unit = map(node.get, (*_OPTIONAL, "unit"))
+    node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:], "unit")
     with node.locating():
         return Camera(
             node["width"].whole(),
