@@ -16,8 +16,8 @@ from msb.bake.colors import pixels
 from msb.bake.raster import Raster
 from msb.bake.soup import Soup, seams_of
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
+from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
-from msb.meshes.sampled import with_sampled_colors
 
 if TYPE_CHECKING:
     from msb.asset import Asset

@@ -16,7 +16,6 @@ from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
 from msb.errors import MetricError, UsageError
 from msb.scenes.around import around
-from msb.scenes.between import between
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import (
     Scene,
@@ -26,6 +25,7 @@ from msb.scenes.datasets import (
     trained_otherwise,
 )
 from msb.scenes.sets import given_cameras, split_every_8th
+from msb.scenes.walk import between
 from msb.views import Views, made_views, training_views
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import pytest
 
 from msb.base.matrices import inverse
 from msb.scenes import Camera
-from msb.scenes.between import between
 from msb.scenes.paths import turntable
 from msb.scenes.poses import look_at_pose
+from msb.scenes.walk import between
 
 
 def ring(count: int, middle: tuple[float, float, float] = (1, 2, 3)) -> list[Camera]:
