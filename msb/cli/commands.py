@@ -60,6 +60,7 @@ BUILT_IN: dict[str, dict[str, Place]] = {
 }
 """Heading -> command -> its place. The folder of a command can be missing, if its capability was removed."""
 _OTHERS = "From other packages"
+_NAME = r"^[a-z][a-z0-9-]{0,39}$"
 
 
 def listed() -> dict[str, dict[str, str]]:
@@ -108,7 +109,8 @@ def _missing(module: str) -> str:
 def _theirs() -> dict[str, str]:
     """Return the commands of other packages: name -> value of its entry point."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
-    return {name: value for name, (value, _) in installed("command", ours, lambda _, value: value).items()}
+    found = installed("command", ours, lambda _, value: value, pattern=_NAME)
+    return {name: value for name, (value, _) in found.items()}
 
 
 def _function_in(found: Any, name: str) -> Any:
