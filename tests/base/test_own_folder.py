@@ -99,7 +99,8 @@ def test_a_link_to_a_folder_stays_a_link(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"schema": "other/1", "files": ["a"]}', '{"schema": "msb.files/1"}', "[" * 99999]
+    "text",
+    ["", "[]", "{}", '{"schema": "other/1", "files": ["a"]}', '{"schema": "msb.files/1"}', "[" * 99999],
 )
 def test_a_folder_without_a_list_of_ours_is_not_written(tmp_path: Path, text: str) -> None:
     (tmp_path / "a").write_text("mine")

@@ -82,7 +82,12 @@ def test_fields_become_options_and_the_function_gets_the_object(here: Here, site
     plain = here("weigh-it", "--json", "-", "a.ply").json
     values = {"unit": "g", "factor": 1.0, "tags": [], "both": True, "hidden": 3, "left_out": 4}
     assert plain.pop("tool_version")
-    assert plain == {"schema": "weigh/1", "path": "a.ply", **values, "typed": {"json_file": "--json", "path": "FILE"}}
+    assert plain == {
+        "schema": "weigh/1",
+        "path": "a.ply",
+        **values,
+        "typed": {"json_file": "--json", "path": "FILE"},
+    }
     line = ("--unit", "kg", "--tag", "x", "--tag=y", "--no-both", "--json", "-", "a.ply")
     given = here("weigh-it", *line).json
     assert (given["unit"], given["tags"], given["both"]) == ("kg", ["x", "y"], False)

@@ -311,7 +311,9 @@ def test_the_paths_that_a_command_writes_are_marked(name: str) -> None:
 )
 def test_a_wrong_ending_is_rejected(line: str, here: Here, tmp_path: Path) -> None:
     mesh_file(tmp_path / "a.ply", *TETRAHEDRON)
-    words = [str(tmp_path / word) if word in ("a", "a.ply") or "out." in word else word for word in line.split()]
+    words = [
+        str(tmp_path / word) if word in ("a", "a.ply") or "out." in word else word for word in line.split()
+    ]
     here(*words).ends(2, "USAGE: ")
     assert [path.name for path in tmp_path.iterdir()] == ["a.ply"]
 
