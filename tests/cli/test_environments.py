@@ -16,10 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Msb
+from tests.cli.conftest import INSTALLED, Msb, of_installed
 from tests.cli.forks import SECONDS
-from tests.cli.test_commands import COMMANDS
-from tests.conftest import ROOT, SHORT
+from tests.conftest import ROOT, shortened
 from tests.tiny import link_demo
 
 ASSET = "data_stubs/splat_like.triasset"
@@ -63,10 +62,10 @@ class Ended:
 
 
 def words_of(lines: str) -> list[tuple[str, ...]]:
-    """Return the words of each line; ASSET stands for an asset, SMALL for one small picture in a folder."""
+    """Return the words of the lines of installed commands; ASSET is an asset, SMALL a small image in a folder."""
     small = "--turntable 1 --size 32x24 -o"
     lines = lines.replace("SMALL", small).replace("ASSET", ASSET)
-    return [tuple(shlex.split(line)) for line in lines.strip().splitlines()]
+    return [tuple(shlex.split(line)) for line in of_installed(*lines.strip().splitlines())]
 
 
 def run_all(
@@ -144,7 +143,7 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         assert f"meshsplatbench[{named[one.words]}]" in line
     assert {one.words: one.err for one in ended[len(named) :] if one.status} == {}
     assert dry.status == 3
-    assert b"\nEXTRA_MISSING: a run needs the extra bench" in dry.err
+    assert b"\nEXTRA_MISSING: " in dry.err
     assert not {"e", "r", "paper", "track.json", "f.mp4", "f.png", "w", "b"} & {
         p.name for p in work.iterdir()
     }
@@ -175,16 +174,16 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
     for one in ended[: len(needs)]:
         line = one.err.decode()
         assert (one.status, one.out, len(line.splitlines())) == (5, b"", 1), line
-        assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
-        assert "OCL_ICD_VENDORS names nothing that exists" in line
+        assert line.startswith("DEVICE_NOT_FOUND: ")
+        assert "OCL_ICD_VENDORS" in line
     assert {one.words[0]: one.status for one in ended[len(needs) :] if one.status} == {}
     assert dry.status == 3
-    assert b"\nDEVICE_NOT_FOUND: there is no OpenCL device" in dry.err
+    assert b"\nDEVICE_NOT_FOUND: " in dry.err
 
 
 @pytest.mark.slow
 def test_neither_home_nor_cache_is_needed(work: Path, nowhere: str) -> None:
-    commands = words_of("render SMALL r ASSET\nreport --paper -o paper --format html\nconfig show")
+    commands = words_of("render SMALL r ASSET\nreport --paper -o paper --format html")
     places = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
     ended = run_all(commands, work, POCL_CACHE_DIR=None, **dict.fromkeys(places, nowhere))
     assert [(one.status, one.err) for one in ended] == [(0, b"")] * len(commands)
@@ -296,7 +295,7 @@ def is_utf8(name: str) -> bool:
 
 
 NOT_HERE = {"compare", "devices", "view"}
-"""Two open a window; test_devices.py runs the examples of the other one."""
+"""Two open a window; tests/render/test_devices_command.py runs the examples of the other one."""
 
 
 @pytest.mark.slow
@@ -304,16 +303,17 @@ NOT_HERE = {"compare", "devices", "view"}
 @pytest.mark.parametrize("which", ["bake", "all others"])
 def test_every_help_example_runs(work: Path, which: str) -> None:
     pytest.importorskip("pymeshlab", reason="extra crosscheck is not installed")
-    examples = []
-    names = ["bake"] if which == "bake" else ["", *(name for name in COMMANDS if name != "bake")]
-    for helped in run_all([(*name.split(), "--help") for name in names], work):
+    examples: list[tuple[str, ...]] = []
+    names = [name for name in INSTALLED if (name == "bake") is (which == "bake")]
+    for helped in run_all([(name, "--help") for name in names], work):
         text = helped.out.decode().partition("Examples:")[2].partition("Exit status")[0]
         for line in filter(str.strip, text.replace("\\\n", " ").splitlines()):
             program, *words = shlex.split(line)
             if words[0] not in NOT_HERE:
-                examples.append((*(["audit"] if program == "msb-audit" else []), *words))
-    assert {one[0] for one in examples} >= {name.split()[0] for name in names if name} - NOT_HERE
-    ended = run_all(list(dict.fromkeys(examples)), work, **SHORT)
+                line_words = ["msb", *(["audit"] if program == "msb-audit" else []), *words]
+                examples.append(tuple(shortened(line_words)[1:]))
+    assert {words[0] for words in examples} >= {*names} - NOT_HERE
+    ended = run_all(list(dict.fromkeys(examples)), work)
     assert {one.words: one.err for one in ended if one.status or b"Traceback" in one.err} == {}
 
 

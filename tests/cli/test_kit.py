@@ -14,12 +14,10 @@ from msb.base.packages import PackageWarning
 from msb.cli import commands
 from msb.cli.commands import BUILT_IN, Place
 from msb.errors import UsageError
-from tests.cli.conftest import Here, Msb, Refused
+from tests.cli.conftest import INSTALLED, Here, Msb, Refused
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
-NAMES = [name for places in BUILT_IN.values() for name in places]
-INSTALLED = [name for entries in commands.listed().values() for name in entries]
 ASSET = "data_stubs/splat_like.triasset"
 
 WEIGH = '''
@@ -129,6 +127,14 @@ def test_a_similar_name_and_the_usage_are_shown(refused: Refused, site: Path, li
 def test_flags_and_lists_may_be_given_again(here: Here) -> None:
     result = here("audit", "-q", "-q", "-f", "-f", "--fail-on", "faces<1", "--fail-on", "faces<2", ASSET)
     assert (result.status, result.err) == (0, "")
+
+
+def test_an_error_is_one_line_and_debug_shows_the_traceback(here: Here, tmp_path: Path) -> None:
+    name = tmp_path / "a\x1b[31m\nb.ply"
+    result = here("audit", name)
+    result.ends(3, "FILE_NOT_FOUND: ")
+    assert "\x1b" not in result.err
+    assert "Traceback" in here("info", "--debug", name).err
 
 
 def test_empty_words_of_another_program_are_passed_on(here: Here, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""To what `--log-file` adds lines, and to what it does not."""
+"""Files that `--log-file` appends to, and files that it leaves alone."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ def test_a_file_that_is_no_log_is_not_added_to(
     (tmp_path / "a.glb").write_bytes(text)
     (tmp_path / "link").symlink_to("a.glb")
     for name in ("a.glb", "link"):
-        said = refused(["audit", *force, "--log-file", str(tmp_path / name), str(ASSET)])
-        reason = "it is no log of msb's, and a log is only added to one; name another file"
-        assert said == f"OUTPUT_EXISTS: {tmp_path / name}: --log-file: {reason}"
+        line = refused(["audit", *force, "--log-file", str(tmp_path / name), str(ASSET)])
+        assert line.startswith(f"OUTPUT_EXISTS: {tmp_path / name}: --log-file: ")
     assert (tmp_path / "a.glb").read_bytes() == text
 
 

@@ -20,17 +20,11 @@ from msb.base.own_folder import LIST, listed_files
 from msb.cli import commands
 from msb.cli.output import Output
 from msb.errors import MsbError
-from tests.cli.conftest import Here, Msb, Refused, mesh_file
+from tests.cli.conftest import INSTALLED, Here, Msb, Refused, mesh_file, of_installed
 from tests.conftest import ROOT, TETRAHEDRON
 
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 POSIX = pytest.mark.skipif(os.name == "nt", reason="devices and pipes with names are POSIX")
-INSTALLED = [name for entries in commands.listed().values() for name in entries]
-
-
-def of_installed(*lines: str) -> list[str]:
-    """Return the lines of commands whose capability is installed."""
-    return [line for line in lines if line.split()[0] in INSTALLED]
 
 
 # --- devices and pipes ---------------------------------------------------------------------------------
@@ -189,6 +183,13 @@ def test_an_existing_file_needs_force_and_a_folder_is_no_file(here: Here, tmp_pa
     for force in ((), ("-f",)):
         here("info", *force, "--json", tmp_path, ASSET).ends(3, "OUTPUT_UNWRITABLE: ")
         here("convert", *force, ASSET, tmp_path).ends(2, "USAGE: ")
+
+
+@pytest.mark.parametrize("line", of_installed("run -o {0} data_stubs/protocol.toml", "scenes {0}"))
+def test_a_file_is_no_folder(here: Here, tmp_path: Path, line: str) -> None:
+    (tmp_path / "file").write_text("mine")
+    assert here(line.format(tmp_path / "file")).status == 3
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_a_link_is_replaced_and_its_target_stays(here: Here, tmp_path: Path) -> None:

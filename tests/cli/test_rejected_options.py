@@ -6,10 +6,8 @@ import shlex
 
 import pytest
 
-from msb.cli.commands import listed
-from tests.cli.conftest import Refused
+from tests.cli.conftest import INSTALLED, Refused
 
-INSTALLED = {name for entries in listed().values() for name in entries}
 REJECTED = """
     audit                                                        Missing
     audit --version y                                            --version
