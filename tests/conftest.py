@@ -40,6 +40,20 @@ def shortened(words: Sequence[str]) -> list[str]:
     return [*words[:2], *added, *words[2:]] if "--help" not in words else list(words)
 
 
+CAPABILITIES = {
+    "bake": ("msb/bake", "tests/bake"),
+    "trial": ("msb/trial", "tests/trial"),
+    "why": ("msb/why", "tests/why"),
+    "bench": ("msb/bench", "msb/report", "tests/bench", "tests/report", "tests/benchmarks", "benchmarks"),
+    "engines": ("msb/engines", "tests/engines"),
+    "viewers": ("viewers", "tests/viewers"),
+}
+"""Capability -> the folders that can be deleted together (tests/test_deletable.py)."""
+WHOLE = all((ROOT / folder).is_dir() for folders in CAPABILITIES.values() for folder in folders[:1])
+of_the_whole = pytest.mark.skipif(not WHOLE, reason="a capability was removed")
+"""Mark of a test that compares something with all capabilities."""
+
+
 KERNELS = pytest.StashKey[tuple[Path, int]]()
 """PoCL's cache of this session, and the number of files that it began with."""
 

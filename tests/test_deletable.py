@@ -1,6 +1,7 @@
-"""Each capability can be deleted: without its folders the rest imports, lists its commands and passes its tests.
+"""Each capability can be deleted: the rest then imports, lists its commands and passes its tests.
 
-This is tried on a copy of the tree. ``python -m tests.test_deletable bake`` runs all remaining quick tests, too.
+This is tried on a copy of the tree. ``python -m tests.test_deletable bake`` also runs all quick tests that
+remain.
 """
 
 from __future__ import annotations
@@ -15,17 +16,8 @@ from pathlib import Path
 import pytest
 
 from msb.cli.commands import BUILT_IN
-from tests.conftest import ROOT
+from tests.conftest import CAPABILITIES, ROOT, of_the_whole
 
-CAPABILITIES = {
-    "bake": ("msb/bake", "tests/bake"),
-    "trial": ("msb/trial", "tests/trial"),
-    "why": ("msb/why", "tests/why"),
-    "bench": ("msb/bench", "msb/report", "tests/bench", "tests/report", "tests/benchmarks", "benchmarks"),
-    "engines": ("msb/engines", "tests/engines"),
-    "viewers": ("viewers", "tests/viewers"),
-}
-"""Capability -> the folders that are deleted with it."""
 IMPORT_ALL = """
 import importlib, pkgutil, msb
 packages = [msb]
@@ -34,7 +26,8 @@ try:
     packages.append(msb_viewers)
 except ModuleNotFoundError:
     pass
-names = [module.name for each in packages for module in pkgutil.walk_packages(each.__path__, each.__name__ + ".")]
+modules = [pkgutil.walk_packages(each.__path__, each.__name__ + ".") for each in packages]
+names = [module.name for found in modules for module in found]
 for name in names:
     if not name.endswith("__main__"):
         importlib.import_module(name)
@@ -43,7 +36,8 @@ print(len(names), *(each.__path__[0] for each in packages))
 # An editable installation puts the viewers of another checkout into the search path.
 SITE = """
 import os, sys
-sys.path[:] = [place for place in sys.path if place in {places!r} or not os.path.isdir(place + "/msb_viewers")]
+others = [place for place in sys.path if place not in {places!r} and os.path.isdir(place + "/msb_viewers")]
+sys.path[:] = [place for place in sys.path if place not in others]
 """
 
 
@@ -106,16 +100,16 @@ def check(capability: str, copy: Path) -> None:
 
 
 @pytest.mark.slow
+@of_the_whole
 @pytest.mark.parametrize("capability", CAPABILITIES)
 def test_the_rest_works_without(capability: str, copy: Path) -> None:
     check(capability, copy)
 
 
-def test_folders_of_capabilities_exist_and_have_commands() -> None:
-    for capability, folders in CAPABILITIES.items():
-        there = [(ROOT / folder).is_dir() for folder in folders]
-        assert all(there) or not any(there), capability
-        assert commands_of(capability)
+@pytest.mark.parametrize("capability", CAPABILITIES)
+def test_a_capability_has_commands_and_is_removed_with_all_its_folders(capability: str) -> None:
+    assert commands_of(capability)
+    assert len({(ROOT / folder).is_dir() for folder in CAPABILITIES[capability]}) == 1
 
 
 def main() -> None:

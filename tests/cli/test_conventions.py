@@ -70,7 +70,7 @@ def test_steps_are_told_with_vv_and_logged_in_any_case(msb: Msb, tmp_path: Path)
     first = log.read_text(encoding="utf-8").splitlines()
     assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d[+-]\d{4} (INFO|DEBUG) ", line) for line in first)
     assert f"-q --log-file {log} {ASSET}" in first[0]
-    assert any(re.search(r"DEBUG reading splat_like\.triasset: [\d.]+ ms$", line) for line in first)
+    assert any(re.search(r"DEBUG reading .*: [\d.]+ ms$", line) for line in first)
     result = msb("audit", "--log-file", log, "missing.ply", status=3)
     lines = log.read_text(encoding="utf-8").splitlines()
     assert lines[: len(first)] == first

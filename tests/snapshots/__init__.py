@@ -89,9 +89,12 @@ def help_text(command: str) -> str:
 
     words = ["msb", *command.split(), "--help"]
     text = io.StringIO()
-    with mock.patch.dict(os.environ, COLUMNS="80"), mock.patch.object(sys, "argv", words):
-        with contextlib.redirect_stdout(text):
-            assert run(app, "msb") == 0
+    with (
+        mock.patch.dict(os.environ, COLUMNS="80"),
+        mock.patch.object(sys, "argv", words),
+        contextlib.redirect_stdout(text),
+    ):
+        assert run(app, "msb") == 0
     return f"$ {shlex.join(words)}\n{text.getvalue()}"
 
 

@@ -16,7 +16,7 @@ def main() -> None:
             if usual := usual_text(command, Path(folder)):
                 text += SEPARATOR + usual
         file_of(command).write_text(text, encoding="utf-8", newline="\n")
-        print(file_of(command).name)  # noqa: T201 - a program for developers
+        print(file_of(command).name)
 
 
 if __name__ == "__main__":
