@@ -41,7 +41,7 @@ class _Root(TyperGroup):
                 function = None  # a command that cannot be loaded is no completion
             if function is None:
                 # The library looks for similar names here.
-                self.commands |= dict.fromkeys(self.list_commands(ctx))  # type: ignore[arg-type]
+                self.commands.update(dict.fromkeys(self.list_commands(ctx)))  # type: ignore[arg-type]
                 return None
             self.commands[cmd_name] = get_command(_alone(function, cmd_name))
         return self.commands[cmd_name]

@@ -125,7 +125,8 @@ def test_codes_are_explained_by_name_or_all(here: Here) -> None:
 
 def test_stopping_at_the_first_failure(here: Here, tmp_path: Path, demo_asset: Path) -> None:
     (tmp_path / "bad.ply").write_text("no mesh")
-    for command, bad, lines in (("audit", "bad.ply", 0), ("validate", "none.ply", 0), ("validate", "bad.ply", 1)):
+    for line, lines in (("audit bad.ply", 0), ("validate none.ply", 0), ("validate bad.ply", 1)):
+        command, bad = line.split()
         result = here(command, "--fail-fast", "--jsonl", "-", tmp_path / bad, demo_asset)
         assert (result.status, len(result.out.splitlines())) == (1 if lines else 3, lines)
     result = here("validate", "--jsonl", "-", tmp_path / "none.ply", demo_asset)
