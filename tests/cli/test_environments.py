@@ -23,7 +23,6 @@ from tests.tiny import link_demo
 
 ASSET = "data_stubs/splat_like.triasset"
 CHECKPOINT = "data_stubs/checkpoint"
-SCENE = "tests/tiny/scenes/nerf_synthetic/pebble"
 GOLDEN = "tests/golden/metrics"
 DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
@@ -62,7 +61,7 @@ class Ended:
 
 
 def words_of(lines: str) -> list[tuple[str, ...]]:
-    """Return the words of the lines of installed commands; ASSET is an asset, SMALL a small image in a folder."""
+    """Return the words of lines of installed commands; ASSET is an asset, SMALL a small image."""
     small = "--turntable 1 --size 32x24 -o"
     lines = lines.replace("SMALL", small).replace("ASSET", ASSET)
     return [tuple(shlex.split(line)) for line in of_installed(*lines.strip().splitlines())]
@@ -214,19 +213,14 @@ def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) ->
     ids=["ascii", "C", "latin-1"],
 )
 def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None], shown: str) -> None:
-    (work / "Vögel").symlink_to(ROOT / SCENE)
     (work / "Vögel 网.triasset").symlink_to(ROOT / ASSET)
     commands: list[tuple[str, ...]] = [
         ("audit", "Vögel 网.triasset"),
-        ("audit", "--explain", "lcc_area_ratio"),
+        ("audit", "--paper", ASSET),
         ("audit", "网.ply"),
         ("info", "Vögel 网.triasset"),
-        ("methods",),
-        ("methods", "--format", "markdown"),
-        ("report", "--paper", "--table", "mesh_connectivity"),
-        ("scenes", "Vögel"),
-        ("view", "--html", "网.html", ASSET),
-        *((name, "--help") for name in ("audit", "render", "report", "run")),
+        ("convert", "Vögel 网.triasset", "网.ply"),
+        ("audit", "--help"),
     ]
     ended = run_all(commands, work, **env)
     assert {one.words: one.status for one in ended if one.status} == {("audit", "网.ply"): 3}
@@ -234,8 +228,7 @@ def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None],
     text = {one.words: (one.out + one.err).decode(encoding) for one in ended}
     assert text["audit", "Vögel 网.triasset"].startswith(f"{shown}.triasset: BAD")
     assert f"{shown}.triasset" in text["info", "Vögel 网.triasset"]
-    assert "LCC face (up)" in text["report", "--paper", "--table", "mesh_connectivity"]
-    assert (work / "网.html").exists()
+    assert (work / "网.ply").exists()
 
 
 NAMES = (
@@ -250,48 +243,25 @@ NAMES = (
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse some of these names")
 def test_any_file_name_will_do(tmp_path: Path) -> None:
     commands: list[tuple[str, ...]] = []
-    for number, name in enumerate(NAMES):
-        work = tmp_path / name
-        work.mkdir()
-        shutil.copy(ROOT / ASSET, work / f"{name}.triasset")
-        shutil.copytree(ROOT / SCENE, work / f"{name}s")
-        (tmp_path / f"link{number}").symlink_to(work)
-        here = f"./{name}/{name}"
+    for name in NAMES:
+        (tmp_path / name).mkdir()
+        shutil.copy(ROOT / ASSET, tmp_path / name / f"{name}.triasset")
+        place = f"./{name}/{name}"
         commands += [
-            ("audit", f"--json={here}.json", f"--csv={here}.csv", f"--log-file={here}.log", f"./{name}"),
-            ("audit", "--elements", f"{here}.vtp", f"./{name}/../link{number}/"),
-            ("validate", f"{here}.triasset"),
-            ("info", str(work / f"{name}.triasset")),
-            ("convert", f"{here}.triasset", f"{here}.obj"),
-            ("convert", f"{here}.obj", f"{here}2.triasset"),
-            ("view", "--html", f"{here}v.html", f"{here}.triasset"),
-            ("web", "--out", f"{here}w.html", f"{here}.triasset"),
-            ("scenes", f"{here}s"),
-            ("run", "--dry-run", "--scene", f"{here}s", "-o", f"{here}r", f"{here}2.triasset"),
+            ("audit", f"--json={place}.json", f"--csv={place}.csv", f"--log-file={place}.log", f"./{name}"),
+            ("validate", f"{place}.triasset"),
+            ("convert", f"{place}.triasset", f"{place}.obj"),
+            *([("view", "--html", f"{place}v.html", f"{place}.triasset")] if "view" in INSTALLED else []),
         ]
     for one in run_all(commands, tmp_path):
-        refused = one.words[0] == "run" and not is_utf8(one.words[-1])
-        assert one.status == (2 if refused else 0), one.err
-        assert b"USAGE: " in one.err or not refused
+        assert one.status == 0, one.err
         text = one.out.decode()
-        # What was written is named as it is, for the next program; what was read, as a terminal can show it.
-        assert one.words[0] in ("convert", "view", "web", "run") or all(
-            c.isprintable() or c == "\n" for c in text
-        )
+        # An output is named as it is, for the next program; an input as a terminal can show it.
+        assert one.words[0] in ("convert", "view") or all(c.isprintable() or c == "\n" for c in text)
     for name in NAMES:
-        assert json.loads((tmp_path / name / f"{name}.json").read_bytes())["path"].endswith(
-            f"{name}.triasset"
-        )
+        document = json.loads((tmp_path / name / f"{name}.json").read_bytes())
+        assert document["path"].endswith(f"{name}.triasset")
         assert (tmp_path / name / f"{name}.log").exists()
-
-
-def is_utf8(name: str) -> bool:
-    """Return whether the file system's bytes of `name` are UTF-8."""
-    try:
-        os.fsencode(name).decode()
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 NOT_HERE = {"compare", "devices", "view"}
@@ -317,32 +287,15 @@ def test_every_help_example_runs(work: Path, which: str) -> None:
     assert {one.words: one.err for one in ended if one.status or b"Traceback" in one.err} == {}
 
 
-@pytest.mark.slow
-def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
-    commands = words_of(f"""
-        audit ASSET
-        info ASSET
-        methods
-        scenes tests/tiny/scenes
-        eval {GOLDEN}/pred {GOLDEN}/gt
-        run --dry-run --only pebble tests/tiny/protocol.toml""")
-    plain = {"NO_COLOR": None, "FORCE_COLOR": None, "TERM": "xterm"}
-    wide = run_all(commands, work, COLUMNS="80", **plain)
-    for one in wide:
-        assert one.status == 0
-        lines = one.out.decode().splitlines()
-        # A verdict is one line in a pipe, and a path is never broken.
-        prose = [line for line in lines if line.startswith((ASSET, str(work)))]
-        assert max(len(line) for line in lines if line not in prose) <= 80
-        assert all(c.isprintable() or c == "\n" for c in one.out.decode())
-    narrow = run_all(commands[:1], work, COLUMNS="40", **plain)
-    row = next(line for line in narrow[0].out.decode().splitlines() if line.startswith("this mesh"))
+def test_numbers_stay_whole_in_40_columns(msb: Msb) -> None:
+    lines = msb("audit", ASSET, COLUMNS="40", TERM="xterm").out.splitlines()
+    row = next(line for line in lines if line.startswith("this mesh"))
     assert row.split() == ["this", "mesh", "0.52", "6.46", "0.47", "0.17", "0.74", "0.72", "0.72", "5,799"]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pipes are closed otherwise there")
-@pytest.mark.parametrize("line", ["methods", f"audit --json - {ASSET}"])
+@pytest.mark.parametrize("line", ["audit --help", f"audit --json - {ASSET}"])
 def test_a_reader_that_left_is_no_error(line: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)

@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 
 from msb.scenes import turntable, write_cameras
-from tests.cli.conftest import INSTALLED, Msb
+from tests.cli.conftest import INSTALLED, Msb, msb
 from tests.conftest import ROOT
+
+__all__ = ["msb"]
 
 MODEL = ROOT / "tests" / "tiny" / "models" / "walled" / "triangle_splatting"
 SCENE = ROOT / "tests" / "tiny" / "scenes" / "mipnerf360" / "pebble"
