@@ -121,7 +121,7 @@ def report(
     from msb.report.pages import report_files
 
     require(folders or options.paper, "give folders of results, or --paper")
-    if folders:
+    if folders and options.paper:
         typed.reject(["paper"], "replaces folders of results, and both are given")
     if options.paper:
         typed.reject(["views", "published", "against", "allow_mixed"], "needs results and excludes --paper")
