@@ -34,7 +34,9 @@ class Views:
     ] = None
     camera: Annotated[
         tuple[str, ...],
-        Option("Cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"),
+        Option(
+            "Which of the given cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"
+        ),
     ] = ()
     size: Annotated[
         str | None,
