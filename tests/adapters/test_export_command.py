@@ -43,7 +43,7 @@ def test_the_output_is_named_like_the_input(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert here("export", "-q", ROOT / "data_stubs" / "models" / "pebble" / "two_dts").status == 0
-    assert os.listdir() == ["two_dts.triasset"]
+    assert [path.name for path in tmp_path.iterdir()] == ["two_dts.triasset"]
     here("export", ROOT / "data_stubs" / "models" / "pebble" / "two_dts").ends(2, "OUTPUT_EXISTS: ")
 
 
@@ -51,7 +51,8 @@ def test_set_overrides_settings_and_is_recorded(here: Here, tmp_path: Path) -> N
     target = tmp_path / "a.triasset"
     line = ("--set", "ste_threshold=none", "--set", "gamma=20", "--set", "back_culling=yes", RING, target)
     assert here("export", *line).status == 0
-    stored = {name: (each.value, each.source) for name, each in library.load(target).manifest.settings.items()}
+    settings = library.load(target).manifest.settings
+    stored = {name: (setting.value, setting.source) for name, setting in settings.items()}
     assert stored["ste_threshold"] == (None, "flag")
     assert stored["gamma"] == (20.0, "flag")
     assert stored["back_culling"] == (True, "flag")

@@ -25,7 +25,6 @@ from msb.meshes import Mesh, write_mesh
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 
-
 INSTALLED = [name for entries in listed().values() for name in entries]
 """The commands whose capability is installed, in the order of the help."""
 

@@ -1,4 +1,4 @@
-"""Options that contradict each other, or that would change nothing, are errors of usage that name the option."""
+"""Options that contradict each other or would change nothing are errors of usage that name the option."""
 
 from __future__ import annotations
 
