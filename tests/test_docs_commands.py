@@ -27,7 +27,7 @@ import typer.main
 import msb
 from msb.cli.app import app
 from msb.render.backend import what_is_missing
-from tests.conftest import ROOT, SHORT
+from tests.conftest import ROOT, shortened
 from tests.tiny import link_demo
 
 pytestmark = pytest.mark.slow
@@ -176,13 +176,12 @@ def test_every_command_runs(shown: str, lines: list[str], stand_ins: Path, tmp_p
         subprocess.run([sys.executable, site / "make_facets.py"], cwd=tmp_path, check=True)
     done = subprocess.run(
         [sys.executable, "-c", DRIVER],
-        input=json.dumps([shlex.split(line) for line in lines]),
+        input=json.dumps([shortened(shlex.split(line)) for line in lines]),
         capture_output=True,
         text=True,
         cwd=tmp_path,
         env={
             **os.environ,
-            **SHORT,
             "PYTHONPATH": os.pathsep.join(paths),
             "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
         },

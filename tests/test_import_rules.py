@@ -16,9 +16,10 @@ from typing import Literal
 
 import pytest
 
+from tests.conftest import ROOT, of_the_whole
+
 pytestmark = pytest.mark.slow  # `make lint` runs them
 
-ROOT = Path(__file__).parent.parent
 GROUND = {"errors", "base", "registry", "asset", "scenes"}
 """NumPy and the standard library only; scenes reads the headers of photographs with Pillow."""
 ALLOWED: dict[str, set[str]] = {
@@ -298,6 +299,7 @@ def test_the_core_installs_nothing_that_only_runs_reports_and_viewers_use() -> N
     assert CORE - used == {"pocl-binary-distribution", "pydantic"}
 
 
+@of_the_whole
 def test_an_error_about_an_extra_names_the_one_that_installs_the_module() -> None:
     asked = set()
     for path in MODULES:
@@ -385,7 +387,7 @@ PEERS_AND_MORE = {"torch", "trimesh", "igl", "pymeshlab", "networkx", "pyopencl"
     [
         ("import msb", HEAVY | {"typer"}),
         (HELP.format("audit"), HEAVY),
-        (HELP.format("view"), HEAVY | {"pyvista", "vtkmodules"}),
+        pytest.param(HELP.format("view"), HEAVY | {"pyvista", "vtkmodules"}, marks=of_the_whole),
         ("import msb; msb.audit(msb.load('data_stubs/splat_like.triasset'))", PEERS_AND_MORE),
     ],
     ids=["import", "help", "help of view", "audit"],

@@ -1,7 +1,7 @@
-"""What a command line says of a field of an options object, which itself knows no command line.
+"""Marks that turn the fields of an options object into options of a command.
 
 Write ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes the object has an
-option for each of its fields.
+option for each such field.
 """
 
 from __future__ import annotations
@@ -15,25 +15,26 @@ from msb.errors import UsageError, shorten
 
 @dataclass(frozen=True)
 class Option:
-    """The help of an option, and what else its field's name and type do not tell.
+    """The help of an option, and what the name and the type of its field do not show.
 
     Attributes
     ----------
     help : str
-        What the option does, one or two sentences.
+        What the option does, in one or two sentences.
     flags : tuple of str
-        How it is typed; by default as the field is called: ``--image-folder``.
+        Its spellings. The default follows the name of the field: ``--image-folder``.
     metavar : str, optional
-        What stands for its value in the help.
+        The word for its value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
-        Whether its value is how often it is typed.
+        Whether its value is the number of times that it is given.
     output : "file", "own" or "folder", optional
-        Whether it names something that is written: a file, which may not be there without ``--force``;
-        something at which the command itself looks; or a folder for files, which may be an input as well.
+        Set if the path is written. "file": the kit checks that it is new, or that ``--force`` is given.
+        "own": the command checks it. "folder": the command checks the files in it; the folder itself can be
+        an input.
     endings : tuple of str
-        How the name of a file that is written must end.
+        Allowed endings of the name of an output file.
     """
 
     help: str
@@ -47,7 +48,7 @@ class Option:
 
 
 class Argument(Option):
-    """The same of what is typed without a name, which its `metavar` shows."""
+    """The same for an argument, which has no flag. Its name is `metavar`."""
 
 
 def label_of(options: Any, name: str) -> str:

@@ -58,7 +58,9 @@ class WebOptions:
     ] = None
     renders: Annotated[
         Path | None,
-        Option("Official images, by names of cameras, to measure the page by.", metavar="DIR"),
+        Option(
+            "With --cameras: official images, by names of cameras, to measure the page by.", metavar="DIR"
+        ),
     ] = None
     baked: Annotated[
         Path | None,

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Msb, msb
 from tests.meshes.checks import make, written
 from tests.validator import Validator, missing
+
+__all__ = ["msb"]
 
 
 def test_what_is_written_is_judged_and_a_fault_is_seen(

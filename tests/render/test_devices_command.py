@@ -5,31 +5,21 @@ from __future__ import annotations
 import pytest
 
 from msb.base.version import __version__
-from tests.cli.conftest import Here, Msb
+from tests.cli.conftest import Here, Msb, devices, here, msb, tried
+
+__all__ = ["devices", "here", "msb", "tried"]
 
 
 @pytest.mark.slow
-def test_the_table_says_what_to_type_and_what_is_taken(devices: Here) -> None:
+def test_the_table_marks_the_device_that_is_used(devices: Here) -> None:
     result = devices()
-    assert result.status == 0
-    assert result.err == ""
+    assert (result.status, result.err) == (0, "")
     lines = result.out.splitlines()
-    names = ["--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device"]
-    assert lines[0].split() == names
-    taken = next(line for line in lines if line.startswith("pocl:0 *"))
-    assert {"yes", "mended"} & {*taken.split()}
-    assert any(line.startswith("* is taken unless") for line in lines)
-    assert max(map(len, lines)) <= 80
-
-
-@pytest.mark.slow
-def test_verbose_shows_every_capability_and_quiet_leaves_hints_out(devices: Here) -> None:
-    result = devices("-v", "--device", "cpu")
-    for text in ("max work group", "int64 atomics", "alignment", "opencl c", "host unified"):
-        assert text in result.out
-    assert max(map(len, result.out.splitlines())) <= 80
-    assert "because of --device cpu" in result.out
-    assert not [line for line in devices("-q").out.splitlines() if line.startswith("- ")]
+    assert lines[0].split() == ["--device", "Kind", "Units", "Memory", "Driver", "Builds", "Device"]
+    (taken,) = (line.split() for line in lines if line.startswith("pocl:0 *"))
+    assert {"yes", "mended"} & {*taken}
+    assert max(map(len, (*lines, *devices("-v").out.splitlines()))) <= 80
+    assert len(devices("-q").out) < len(result.out) < len(devices("-v").out)
 
 
 @pytest.mark.slow
@@ -53,31 +43,30 @@ def test_a_device_that_does_not_build_is_shown_with_why_and_what_to_do(
     off = {**unknown, "MSB_MEND_POCL": "0"}
     result = msb("devices", "--device", "pocl", **off, status=5)
     assert "pocl:0 " in result.out
-    assert " NO" in result.out
-    assert "does not build kernels: unknown target CPU 'generic'" in " ".join(result.out.split())
-    assert "apt-get install pocl-opencl-icd" in " ".join(result.out.split())
+    assert "apt-get" in result.out
     assert result.err.startswith("DEVICE_BUILD: pocl:0 ")
     assert result.err.count("\n") == 1
     data = msb("devices", "--json", "-", "--device", "pocl", **off).json
     broken = next(device for device in data["devices"] if device["selector"] == "pocl:0")
     assert not broken["builds"]
-    assert broken["why"].startswith("unknown target CPU 'generic'")
+    assert "'generic'" in broken["why"]
     drawing = {renderer["name"]: renderer["missing"] for renderer in data["renderers"]}
-    assert drawing["dedicated"] == drawing["standard"] == "no OpenCL device that builds kernels"
+    assert drawing["dedicated"] == drawing["standard"] != ""
     assert drawing["reference"] is None
 
 
 @pytest.mark.slow
 def test_a_mended_device_is_shown_as_such(msb: Msb, unknown: dict[str, str]) -> None:
     result = msb("devices", "-v", "--device", "pocl", **unknown, status=0)
-    assert "told that it is a haswell" in " ".join(result.out.split())
+    assert "haswell" in result.out
     assert "mended" in next(line for line in result.out.splitlines() if line.startswith("pocl:0")).split()
 
 
 @pytest.mark.slow
 def test_a_variable_that_decides_is_told(devices: Here, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MSB_DEVICE", "pocl")
-    assert "because of MSB_DEVICE pocl" in devices().out
+    assert "MSB_DEVICE pocl" in devices().out
+    assert devices("--json", "-").json["chosen_by"] != "default"
 
 
 @pytest.mark.slow
@@ -85,15 +74,8 @@ def test_a_variable_that_decides_is_told(devices: Here, monkeypatch: pytest.Monk
 def test_a_device_that_is_not_there_ends_with_5_after_the_list(devices: Here, json_wanted: bool) -> None:
     result = devices("--device", "nosuch:3", *(["--json", "-"] if json_wanted else []))
     assert result.status == 5
-    assert result.err.startswith("DEVICE_NOT_FOUND: device 'nosuch:3'")
+    assert result.err.startswith("DEVICE_NOT_FOUND: ")
     assert result.err.count("\n") == 1
     assert "pocl:0" in result.out
     if json_wanted:
         assert result.json["chosen"] is None
-
-
-@pytest.mark.slow
-def test_wrong_text_ends_with_2(devices: Here) -> None:
-    result = devices("--device", "a:b:c")
-    assert result.status == 2
-    assert result.err.startswith("DEVICE_SELECTOR: ")

@@ -12,8 +12,10 @@ from msb import Asset, MsbError, save
 from msb import open as open_any
 from msb.meshes import Mesh, read_mesh
 from msb.meshes.assets import asset_from_mesh
-from tests.cli.conftest import Msb
+from tests.cli.conftest import Msb, msb
 from tests.conftest import ROOT
+
+__all__ = ["msb"]
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
 FACES = np.array([[0, 1, 2]])
@@ -52,17 +54,18 @@ def test_for_the_web_as_the_command(msb: Msb, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "options", "says"),
+    ("name", "options"),
     [
-        ("a.glb", {"color": "blue"}, 'no color "blue"; there are linear, srgb'),
-        ("a.glb", {"texture": "gif"}, 'no texture "gif"; there are png, jpeg, webp'),
-        ("a.glb", {"engine": "quake"}, 'no engine "quake"; there are unreal'),
-        ("a.glb", {"engine": "web", "texture": "png"}, "do not go with an engine"),
-        ("a.ply", {"engine": "web"}, "the output is a.ply"),
-        ("a.triasset", {"color": "srgb"}, "are for mesh files"),
+        ("a.glb", {"color": "blue"}),
+        ("a.glb", {"texture": "gif"}),
+        ("a.glb", {"engine": "quake"}),
+        ("a.glb", {"engine": "web", "texture": "png"}),
+        ("a.ply", {"engine": "web"}),
+        ("a.triasset", {"color": "srgb"}),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path: Path, name: str, options: Any, says: str) -> None:
-    with pytest.raises(MsbError, match=says):
+def test_what_makes_no_sense_is_wrong_usage(tmp_path: Path, name: str, options: Any) -> None:
+    with pytest.raises(MsbError) as caught:
         save(colored(), tmp_path / name, **options)
+    assert caught.value.code in ("USAGE", "NAME_UNKNOWN")
     assert not list(tmp_path.iterdir())
