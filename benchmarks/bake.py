@@ -30,7 +30,7 @@ from PIL import Image as Pillow
 import msb
 from benchmarks.measure import keep, machine
 from msb.asset.tiers import why_not
-from msb.bake.lods import shares_of
+from msb.bake.options import parse_shares
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import Scene, dataset_of, scene_at
 
@@ -152,7 +152,7 @@ def main() -> int:
     add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models and their scenes, by turns")
     add("--geometry", nargs="+", default=GEOMETRIES, choices=(*GEOMETRIES, "auto"))
     add("--only", nargs="+", choices=DEMO, default=DEMO, metavar="NAME", help=f"of {', '.join(DEMO)}")
-    add("--lods", type=shares_of, default=())
+    add("--lods", type=parse_shares, default=())
     add("--collision", metavar="KIND")
     add("--seconds", type=float, default=60)
     add("--seed", type=int, default=0)

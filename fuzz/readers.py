@@ -107,13 +107,9 @@ def materials(path: Path) -> None:
 def texture(path: Path) -> None:
     """Decode an image; what was declared is what there is, and no more than is allowed."""
     from msb.asset.texture import MAX_SIDE
-    from msb.errors import MeshFileError
-    from msb.meshes.images import Decoder, ImageError
+    from msb.meshes.images import Decoder
 
-    try:
-        image = Decoder().decode(path.read_bytes(), alpha=True)
-    except ImageError as error:
-        raise MeshFileError(error.code, str(error)) from error
+    image = Decoder().decode(path.read_bytes(), alpha=True)
     assert image.dtype == np.uint8
     assert image.ndim == 3
     assert image.shape[2] in (3, 4)

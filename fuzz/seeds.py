@@ -18,8 +18,6 @@ import numpy as np
 
 from data_stubs.torch_file import write_torch
 from data_stubs.training.state import write_state
-from msb.bench.records import RendererTiming
-from msb.engines.dedicated_page.stored import store
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import written_suffixes
 from tests.adapters import assemble, models
@@ -254,7 +252,9 @@ def around_record(record: bytes) -> bytes:
     return archive_of({ABOUT: about.to_json(), name: record})
 
 
-def timing() -> RendererTiming:
+def timing() -> Any:
+    from msb.bench.records import RendererTiming
+
     return RendererTiming(frames=300, seconds=2.5, device="GPU", timed="render()")
 
 
@@ -265,6 +265,8 @@ def renderer_timings() -> list[bytes]:
 @cache
 def pages() -> list[bytes]:
     """Return what of a page is read again: its scene and its test views, of each way to store an array."""
+    from msb.engines.dedicated_page.stored import store
+
     view = {"width": 5, "height": 3}
     image = np.arange(45, dtype=np.uint8).reshape(15, 3)
     stored = store(image)

@@ -1,24 +1,33 @@
-"""The views that judge a model where none are given: those of its training, else round it or inside it."""
+"""The views that judge a model where none are given, and how images of them differ.
+
+They are those of its training, else round it or inside it.
+"""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.tiers import why_not
 from msb.errors import DeviceError, UsageError
+from msb.meshes.assets import asset_from_mesh
+from msb.metrics.images import psnr_of_mse
 from msb.render import Renderer
 from msb.render.backend import lean_options
+from msb.render.images import to_bytes
+from msb.render.standard.renderer import StandardRenderer
 from msb.scenes.around import around, bulk_of, inside, surrounded
 from msb.scenes.sets import given_cameras
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.meshes.mesh import Mesh
     from msb.registry import Tier
     from msb.scenes import Camera
 
@@ -211,3 +220,41 @@ def _seen(
         back |= seen & ~facing
         sides = [sides[0] + int((seen & facing).sum()), sides[1] + int((seen & ~facing).sum())]
     return front, back, sides[1] / max(1, sum(sides))
+
+
+def images_of(
+    mesh: Mesh,
+    cameras: Iterable[Camera],
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    device: str | None = None,
+    supersample: int = 1,
+) -> list[NDArray[np.float32]]:
+    """Return images (H, W, 3) of any mesh on the standard tier."""
+    renderer = StandardRenderer(asset_from_mesh(mesh), device=device, supersample=supersample)
+    with contextlib.closing(renderer):
+        return [renderer.render_image(camera.in_units(), background) for camera in cameras]
+
+
+def squared_errors(ones: Sequence[Any], others: Sequence[Any]) -> NDArray[np.float64]:
+    """Return for each view (n, 2) the sum of squared differences and the number of values.
+
+    Views are images or frames; differences are in levels of 8 bits.
+    """
+    sums = []
+    for one, other in zip(ones, others, strict=True):
+        levels = [to_bytes(np.asarray(getattr(drawn, "image", drawn))) for drawn in (one, other)]
+        change = np.subtract(*levels, dtype=np.int32)
+        # Not a product of matrices, whose threads would then spin beside the kernels.
+        sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
+    return np.array(sums, np.float64)
+
+
+def difference(ones: Sequence[Any], others: Sequence[Any]) -> float:
+    """Return the PSNR in dB of all views at once: a mean is infinite as soon as two images are equal."""
+    return pooled_psnr(squared_errors(ones, others))
+
+
+def pooled_psnr(errors: NDArray[np.float64]) -> float:
+    """Return the PSNR in dB of all views of which `squared_errors` returned `errors`."""
+    squares, count = errors.sum(axis=0)
+    return psnr_of_mse(squares / (255**2 * count))

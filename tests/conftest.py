@@ -6,7 +6,7 @@ import gc
 import os
 import signal
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -24,13 +24,34 @@ SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
 """In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
 SHORT = {
-    "MSB_BAKE_SECONDS": "1",
-    "MSB_BENCH_REPEAT": "2",
-    "MSB_BENCH_SECONDS": "0",
-    "MSB_REPORT_TOPOLOGY": "none",
-    "MSB_VIEW_SIZE": "320x240",
+    "bake": {"--seconds": "1"},
+    "bench": {"--repeat": "2", "--seconds": "0"},
+    "report": {"--topology": "none"},
+    "view": {"--size": "320x240"},
 }
-"""Variables with which commands that are only to succeed end sooner."""
+"""Command -> options with which it ends sooner, for tests that only see whether it succeeds."""
+
+
+def shortened(words: Sequence[str]) -> list[str]:
+    """Return the words of a command line, its program first, with the options of `SHORT` that it lacks."""
+    typed = {word.partition("=")[0] for word in words}
+    options = SHORT.get(words[1], {}) if words[0] == "msb" and len(words) > 1 else {}
+    added = [word for flag, value in options.items() if flag not in typed for word in (flag, value)]
+    return [*words[:2], *added, *words[2:]] if "--help" not in words else list(words)
+
+
+CAPABILITIES = {
+    "bake": ("msb/bake", "tests/bake"),
+    "trial": ("msb/trial", "tests/trial"),
+    "why": ("msb/why", "tests/why"),
+    "bench": ("msb/bench", "msb/report", "tests/bench", "tests/report", "tests/benchmarks", "benchmarks"),
+    "engines": ("msb/engines", "tests/engines"),
+    "viewers": ("viewers", "tests/viewers"),
+}
+"""Capability -> the folders that can be deleted together (tests/test_deletable.py)."""
+WHOLE = all((ROOT / folder).is_dir() for folders in CAPABILITIES.values() for folder in folders[:1])
+of_the_whole = pytest.mark.skipif(not WHOLE, reason="a capability was removed")
+"""Mark of a test that compares something with all capabilities."""
 
 
 KERNELS = pytest.StashKey[tuple[Path, int]]()

@@ -1,4 +1,4 @@
-"""Wrong use of public functions is an error of ours that says what is wrong; numbers of NumPy are numbers."""
+"""Wrong arguments of public functions have codes; numbers of NumPy are numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import msb
 from msb.meshes import Mesh
 from msb.repair import plan
 from msb.scenes import write_cameras
-from msb.why import why
 from tests.conftest import ROOT
 
 VIEW: dict[str, Any] = {"up": (0, 1, 0), "width": 16, "height": 12, "fov_y": 0.6}
@@ -26,27 +25,20 @@ def asset(demo_asset: Path) -> msb.Asset:
     return msb.open(demo_asset)
 
 
-WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str, str]] = {
-    "why without cameras": (lambda a: why(a, []), "USAGE", "at least one"),
-    "why of a camera": (lambda a: why(a, CAMERA), "USAGE", "several msb.Camera"),
-    "why of names": (lambda a: why(a, ["a"]), "USAGE", "several msb.Camera"),
-    "settings": (lambda a: why(a, settings=3), "USAGE", "settings is of type int"),
-    "steps": (lambda a: msb.repair(a, [["cut"]]), "USAGE", "there is no step"),
-    "no seconds": (lambda _: msb.trial.Limits(-1), "USAGE", "limit of seconds is -1; .* positive"),
-    "NaN memory": (lambda _: msb.trial.Limits(1, np.nan), "USAGE", "limit of memory is nan"),
-    "half a face": (lambda a: msb.repair(a, debris_faces=1.5), "USAGE", "is 1.5; .* a whole number"),
-    "true edges": (lambda a: msb.repair(a, close_edges=np.True_), "USAGE", "close_edges is .*True"),
-    "NaN weights": (lambda a: msb.repair(a, "drop", weights=weights(a, np.nan)), "USAGE", "a finite number"),
-    "negative weights": (lambda a: msb.repair(a, "drop", weights=weights(a, -1)), "USAGE", "0 or more"),
-    "a background": (lambda a: msb.render(a, CAMERA, background=object()), "USAGE", "background is"),
-    "export settings": (lambda _: msb.export(MODEL, settings=3), "USAGE", "settings is of type int"),
-    "export method": (lambda _: msb.export(MODEL, method=3), "USAGE", 'no method "3"'),
-    "export config": (lambda _: msb.export(MODEL, config=3), "USAGE", "the path is of type int"),
-    "trial cameras": (lambda a: msb.trial(a, ["uv"], cameras=3), "USAGE", "several msb.Camera"),
-    "lists": (lambda _: Mesh([[0, 0, 0]], [[0, 0, 0]]), "MESH_ARRAY", "vertices is of type list"),
-    "swapped": (lambda _: write_cameras("c.json", [CAMERA]), "USAGE", "cameras is 'c.json'"),
-    "no path": (lambda _: write_cameras([CAMERA], [CAMERA]), "USAGE", "the path is of type list"),
-    "far": (lambda _: msb.Camera.look_at((1e30, 0, 0), (0, 0, 0), **VIEW), "CAMERA_PATH", r"1e\+18"),
+WRONG: dict[str, tuple[Callable[[msb.Asset], Any], str]] = {
+    "steps": (lambda a: msb.repair(a, [["cut"]]), "USAGE"),
+    "half a face": (lambda a: msb.repair(a, debris_faces=1.5), "USAGE"),
+    "true edges": (lambda a: msb.repair(a, close_edges=np.True_), "USAGE"),
+    "NaN weights": (lambda a: msb.repair(a, "drop", weights=weights(a, np.nan)), "USAGE"),
+    "negative weights": (lambda a: msb.repair(a, "drop", weights=weights(a, -1)), "USAGE"),
+    "a background": (lambda a: msb.render(a, CAMERA, background=object()), "USAGE"),
+    "export settings": (lambda _: msb.export(MODEL, settings=3), "USAGE"),
+    "export method": (lambda _: msb.export(MODEL, method=3), "USAGE"),
+    "export config": (lambda _: msb.export(MODEL, config=3), "USAGE"),
+    "lists": (lambda _: Mesh([[0, 0, 0]], [[0, 0, 0]]), "MESH_ARRAY"),
+    "swapped": (lambda _: write_cameras("c.json", [CAMERA]), "USAGE"),
+    "no path": (lambda _: write_cameras([CAMERA], [CAMERA]), "USAGE"),
+    "far": (lambda _: msb.Camera.look_at((1e30, 0, 0), (0, 0, 0), **VIEW), "CAMERA_PATH"),
 }
 
 
@@ -54,11 +46,11 @@ def weights(asset: msb.Asset, value: float) -> np.ndarray:
     return np.full(asset.manifest.face_count, value)
 
 
-@pytest.mark.parametrize(("call", "code", "words"), WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize(("call", "code"), WRONG.values(), ids=WRONG)
 def test_wrong_arguments_are_our_errors(
-    asset: msb.Asset, call: Callable[[msb.Asset], Any], code: str, words: str
+    asset: msb.Asset, call: Callable[[msb.Asset], Any], code: str
 ) -> None:
-    with pytest.raises(msb.MsbError, match=words) as caught:
+    with pytest.raises(msb.MsbError) as caught:
         call(asset)
     assert caught.value.code == code
 
@@ -67,8 +59,3 @@ def test_numbers_of_numpy_are_numbers() -> None:
     held = plan.Options(debris_faces=np.int64(3), pair_color=np.float32(0.5)).check()
     assert (held.debris_faces, held.pair_color) == (3, 0.5)
     assert type(held.debris_faces) is int
-
-
-def test_cameras_may_come_one_after_the_other(asset: msb.Asset) -> None:
-    tiny = msb.Camera.look_at((0.5, 0.5, 3), (0.5, 0.5, 0.5), **{**VIEW, "width": 4, "height": 3})
-    assert len(why(asset, iter([tiny, tiny]))) == len(why(asset, [tiny]))

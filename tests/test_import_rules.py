@@ -16,9 +16,10 @@ from typing import Literal
 
 import pytest
 
+from tests.conftest import ROOT, of_the_whole
+
 pytestmark = pytest.mark.slow  # `make lint` runs them
 
-ROOT = Path(__file__).parent.parent
 GROUND = {"errors", "base", "registry", "asset", "scenes"}
 """NumPy and the standard library only; scenes reads the headers of photographs with Pillow."""
 ALLOWED: dict[str, set[str]] = {
@@ -32,8 +33,8 @@ ALLOWED: dict[str, set[str]] = {
     # The verbs: from a path to what lies there, what is found of it, and back.
     "api": GROUND | {"meshes", "adapters", "topology"},
     # What is written of an asset: a file for the web is as coarse as pictures allow.
-    "delivery": GROUND | {"meshes", "render", "views", "why"},
-    "views": GROUND | {"adapters", "render"},
+    "delivery": GROUND | {"meshes", "render", "views"},
+    "views": GROUND | {"adapters", "meshes", "metrics", "render"},
     "errors": set(),
     # The registry and what methods declare: how their code reads datasets is said with `scenes`.
     "registry": {"errors", "base", "scenes"},
@@ -51,7 +52,7 @@ ALLOWED: dict[str, set[str]] = {
     "metrics": {"errors", "base", "meshes", "scenes"},
     "render": GROUND | {"cl", "api"},
     "reference": GROUND,
-    "engines": GROUND | {"render", "meshes"},
+    "engines": GROUND | {"render", "meshes", "metrics"},
     # A method's folder, by role: what draws knows no checkpoint, the reference nothing that draws.
     "methods.adapter": GROUND | {"adapters", "meshes"},
     "methods.official": GROUND | {"adapters", "meshes", "methods.adapter"},
@@ -89,7 +90,6 @@ ALLOWED: dict[str, set[str]] = {
         "render",
         "repair",
         "topology",
-        "trial",
         "views",
     },
     # What shows is below the commands that open it.
@@ -101,7 +101,7 @@ COMMANDS: dict[str, set[str]] = {
     "repair": {"trial", "views", "delivery", "adapters"},
     "api": {"report", "viewers", "delivery"},
     "delivery": {"adapters"},
-    "engines": {"views", "metrics"},
+    "engines": {"views"},
     "viewers": {"views", "delivery"},
     "report": {"viewers"},
 }
@@ -299,6 +299,7 @@ def test_the_core_installs_nothing_that_only_runs_reports_and_viewers_use() -> N
     assert CORE - used == {"pocl-binary-distribution", "pydantic"}
 
 
+@of_the_whole
 def test_an_error_about_an_extra_names_the_one_that_installs_the_module() -> None:
     asked = set()
     for path in MODULES:
@@ -386,7 +387,7 @@ PEERS_AND_MORE = {"torch", "trimesh", "igl", "pymeshlab", "networkx", "pyopencl"
     [
         ("import msb", HEAVY | {"typer"}),
         (HELP.format("audit"), HEAVY),
-        (HELP.format("view"), HEAVY | {"pyvista", "vtkmodules"}),
+        pytest.param(HELP.format("view"), HEAVY | {"pyvista", "vtkmodules"}, marks=of_the_whole),
         ("import msb; msb.audit(msb.load('data_stubs/splat_like.triasset'))", PEERS_AND_MORE),
     ],
     ids=["import", "help", "help of view", "audit"],

@@ -25,11 +25,11 @@ import msb
 from benchmarks.measure import keep, machine
 from benchmarks.opened_in.engines import ENTRIES, NOT_RUN
 from benchmarks.opened_in.scenes import SCENES
-from msb.engines.agreement import interior
 from msb.errors import MsbError, shorten
 from msb.meshes import write_mesh
 from msb.meshes.assets import mesh_from_asset
 from msb.meshes.formats import Style, Web
+from msb.render.frame import interior
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Files of commands: inputs are opened one after the other, and meshes are written with what they need."""
+"""Functions for commands that open input after input, or write a mesh with the files beside it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def open_asset(path: Path, output: Output) -> Asset:
-    """Return the asset that `msb.open` gives, and print its warnings."""
+    """Open an asset and print its warnings."""
     from msb.api.opening import open
 
     with output.progress(f"reading {path.name}"):
@@ -32,13 +32,13 @@ def open_asset(path: Path, output: Output) -> Asset:
 
 
 def note_taken(path: Path, taken: Path | None, output: Output) -> None:
-    """Say which checkpoint was taken for the folder at `path`, if it is not that one itself."""
+    """Print which checkpoint in the folder at `path` was opened, if it is not the folder itself."""
     if taken is not None and taken != path:
         output.note(f"{path}: the checkpoint in it is taken, {taken}")
 
 
 def open_baked(path: Path, asset: Asset, output: Output) -> Asset:
-    """Return what was baked of an asset, turned back if its file is upright and the asset is not."""
+    """Open a baked mesh of `asset`, and turn it into the asset's frame if its file is upright."""
     from msb.asset.look import written_up
     from msb.meshes.assets import asset_from_mesh, mesh_from_asset
     from msb.meshes.transform import turned
@@ -56,11 +56,27 @@ def for_each(
     work: Callable[[Path, bool], tuple[dict[str, Any], int]],
     single: Iterable[str] = (),
 ) -> tuple[int, list[dict[str, Any]]]:
-    """Call `work` with each input; write the documents that it returns, return the highest status and them.
+    """Process all inputs one after the other, and write a document for each.
 
-    An input that is named twice, in two spellings or as a file and by its folder, is one. `work` is told
-    whether the input is alone. An input that fails is a line on standard error, and a document with its error
-    beside those of others. `single` are the options that take one input.
+    An input that fails is a line on standard error, and with several inputs a document with its error.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        Files, folders and patterns from the command line. An input that is named twice is processed once.
+    schema : str
+        Schema of the document of an input that fails.
+    output : Output
+    work : callable
+        ``(path, is_only_input) -> (document, exit status)``.
+    single : iterable of str
+        Labels of the given options that allow one input only.
+
+    Returns
+    -------
+    status : int
+        The highest exit status.
+    documents : list of dict
     """
     status = 0
     documents: list[dict[str, Any]] = []
@@ -71,7 +87,7 @@ def for_each(
         documents.append({"schema": schema, "path": str(path), "error": wrong})
         return max(status, report_error(error))
 
-    def found(step: Callable[[Path], list[Path]], path: Path) -> list[Path]:
+    def expand(path: Path, step: Callable[[Path], list[Path]]) -> list[Path]:
         nonlocal status
         if status and output.fail_fast:
             return []
@@ -81,29 +97,29 @@ def for_each(
             status = fail(path, error)
             return []
 
-    named = [each for path in _each_once(paths) for each in found(matches, path)]
-    # A pattern may match a folder and the files in it, too.
-    inputs = _each_once(each for path in _each_once(named) for each in found(inputs_at, path))
+    # First patterns, then folders: a pattern can match a folder and the files in it.
+    named = [match for path in _without_repeats(paths) for match in expand(path, matches)]
+    inputs = _without_repeats(each for path in _without_repeats(named) for each in expand(path, inputs_at))
     output.add_inputs(inputs)
-    for option in single if len(inputs) > 1 else ():
-        raise UsageError("USAGE", f"{option} takes one mesh; there are {len(inputs)}")
+    if len(inputs) > 1 and (labels := list(single)):
+        raise UsageError("USAGE", f"{labels[0]} takes one mesh; there are {len(inputs)}")
     for path in inputs:
         if status and output.fail_fast:
             break
         try:
-            document, own = work(path, len(inputs) == 1)
+            document, its_status = work(path, len(inputs) == 1)
         except MsbError as error:
             status = fail(path, error)
             continue
         documents.append(document)
-        status = max(status, own)
+        status = max(status, its_status)
     if len(documents) > 1 or (documents and "error" not in documents[0]):
         output.write_documents(documents)
     return status, documents
 
 
-def _each_once(paths: Iterable[Path]) -> list[Path]:
-    """Return the first path of all that lead to one place; two names of one file (hard links) are two."""
+def _without_repeats(paths: Iterable[Path]) -> list[Path]:
+    """Return the first path of each place. Hard links of a file count as different places."""
     first: dict[str, Path] = {}
     for path in paths:
         first.setdefault(os.path.realpath(path) if "\0" not in str(path) else str(path), path)
@@ -111,13 +127,13 @@ def _each_once(paths: Iterable[Path]) -> list[Path]:
 
 
 def note_warnings(warnings: Iterable[Finding], path: Path, output: Output) -> None:
-    """Print what the reader of `path` warned of."""
+    """Print the warnings of the reader of `path`."""
     for warning in warnings:
         output.note(warning.to_line(path))
 
 
 def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | None = None) -> None:
-    """Write a mesh with the files that it needs beside it; none of them may exist without --force."""
+    """Write a mesh and the files beside it. Without --force none of them may exist."""
     from msb.meshes.files import beside, write_whole
     from msb.meshes.formats import Style
 
@@ -127,7 +143,7 @@ def write_mesh_files(mesh: Mesh, target: Path, output: Output, style: Style | No
 
 
 def check_asset_place(target: Path, form: str | None, output: Output) -> None:
-    """Reject a place for a `.triasset` of this form; of an existing folder only an asset is replaced."""
+    """Check the path of a `.triasset` to write. An existing folder is only replaced if it is an asset."""
     from msb.asset.writer import check_asset_folder
 
     output.check_free(target, folder=form == "folder")

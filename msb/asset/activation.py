@@ -5,13 +5,10 @@ The reference renderers have arithmetic of their own; tests compare it with this
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
+from msb.asset.asset import Asset
 
 
 def sigmoid(logits: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -18,12 +18,12 @@ def check_type(name: str, value: object, kind: type, wanted: str) -> None:
         raise UsageError("USAGE", f"{name} is of type {type(value).__name__}; it must be {wanted}")
 
 
-def checked_number(name: str, value: object, *, whole: bool = False, positive: bool = False) -> float:
-    """Return a number of Python's or NumPy's as Python's, 0 or more, or above 0 if `positive`."""
+def checked_number(name: str, value: object, *, whole: bool = False) -> float:
+    """Return a number of Python's or NumPy's as Python's, 0 or more."""
     kind = Integral if whole else Real
     if isinstance(value, kind) and not isinstance(value, bool | np.bool_):
         number = int(value) if isinstance(value, Integral) else float(value)
-        if 0 <= number < np.inf and (number or not positive):
+        if 0 <= number < np.inf:
             return number
-    wanted = "a whole number, 0 or more" if whole else "a positive number" if positive else "0 or more"
+    wanted = "a whole number, 0 or more" if whole else "0 or more"
     raise UsageError("USAGE", f"{name} is {shorten(repr(value), 40)}; it must be {wanted}")

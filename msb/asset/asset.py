@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
+from msb.asset.manifest import Manifest
 from msb.errors import Finding, one_line
-from msb.registry import lookup
+from msb.registry import Tier, lookup
 
 if TYPE_CHECKING:
     import msb
-    from msb.asset.manifest import Manifest
-    from msb.registry import Tier
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -127,15 +126,9 @@ class Asset:
         }
 
 
-def _restored(
-    manifest: Manifest,
-    buffers: dict[str, NDArray[Any]],
-    path: Path | None,
-    warnings: tuple[Finding, ...],
-    opened_from: Path | None,
-) -> Asset:
+def _restored(manifest: Manifest, buffers: dict[str, NDArray[Any]], *others: Any) -> Asset:
     """Return the asset of these parts, its buffers read-only."""
     views = {name: array.view() for name, array in buffers.items()}
     for view in views.values():
         view.flags.writeable = False
-    return Asset(manifest, MappingProxyType(views), path, warnings, opened_from)
+    return Asset(manifest, MappingProxyType(views), *others)

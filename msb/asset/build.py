@@ -6,13 +6,13 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.check import check_manifest
+from msb.asset.check import check_manifest, refuse
 from msb.asset.drawable import check_indices, first_bad
 from msb.asset.manifest import (
     DTYPES,
@@ -29,14 +29,11 @@ from msb.asset.manifest import (
     StoredSetting,
     Topology,
 )
-from msb.asset.progress import Meter
+from msb.asset.progress import Meter, Progress
 from msb.asset.texture import KIND, PASS
 from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
-
-if TYPE_CHECKING:
-    from msb.asset.progress import Progress
 
 CHUNK_ROWS = 1 << 20
 """Number of rows looked at together when a whole buffer is read. This bounds memory and costs no speed."""
@@ -50,7 +47,7 @@ _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}
 
 @dataclass(frozen=True)
 class Description:
-    """The part of the manifest that an adapter decides, because the arrays do not say it.
+    """The part of the manifest that an adapter decides, because the arrays do not say it: keys of `Manifest`.
 
     The defaults are those of a mesh with static colours.
     """
@@ -94,37 +91,28 @@ def build_asset(
     if not (len(positions) and len(indices)):
         text = f"the mesh has {len(positions)} vertices and {len(indices)} faces; an asset draws something"
         raise AssetError("TRIASSET_EMPTY", text)
-    _refuse_bad_geometry(positions, indices)
+    if (at := first_bad(positions)) is not None:
+        text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
+        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
+    check_indices(indices, len(positions))
     bounds, sphere = measure_bounds(positions)
     textured = description.appearance.get("kind") == KIND
     passes = {"standard": (PASS,)} if textured else lookup(description.method).passes
     meter = Meter("hashing buffers", sum(array.nbytes for array in arrays.values()), progress)
     all_domains: dict[str, Any] = {"positions": "vertex", "indices": "face", **domains}
     manifest = Manifest(
+        **vars(description),
         generator=f"meshsplatbench {__version__}",
-        method=description.method,
         topology=_topology(positions, indices),
         face_count=len(indices),
         vertex_count=len(positions),
         bounds=bounds,
         bounding_sphere=sphere,
-        sh_degree=description.sh_degree,
-        coverage=description.coverage,
-        opacity=description.opacity,
-        appearance=description.appearance,
-        compositing=description.compositing,
-        settings=description.settings,
         required_passes={tier: passes[tier] for tier in TIERS if tier in passes},
-        color_space=description.color_space,
-        coordinate_frame=description.coordinate_frame,
-        source=description.source,
-        training=description.training,
         version=VERSION if textured else PLAIN_VERSION,
         buffers={name: _spec(name, array, all_domains.get(name), meter) for name, array in arrays.items()},
     )
-    for item in check_manifest(manifest.to_dict()):
-        if item.severity == "error":
-            raise item.to_error(None)
+    refuse(check_manifest(manifest.to_dict()), None)
     return Asset(manifest, MappingProxyType(arrays))
 
 
@@ -137,10 +125,8 @@ def measure_bounds(positions: NDArray[np.float32]) -> tuple[Bounds, BoundingSphe
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for rows in _finite_chunks(positions):
-        low, high = (
-            np.minimum(low, _columnwise(np.minimum, rows)),
-            np.maximum(high, _columnwise(np.maximum, rows)),
-        )
+        low = np.minimum(low, _columnwise(np.minimum, rows))
+        high = np.maximum(high, _columnwise(np.maximum, rows))
     center = low + (high - low) / 2
     squared = 0.0
     for rows in _finite_chunks(positions):
@@ -189,22 +175,20 @@ def _canonical(name: str, array: NDArray[Any]) -> NDArray[Any]:
     return view
 
 
-def _refuse_bad_geometry(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> None:
-    if (at := first_bad(positions)) is not None:
-        text = f"vertex {at[0]} is {positions[at[0]].tolist()}; coordinates must be finite"
-        raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{at[0]}]")
-    check_indices(indices, len(positions))
-
-
 def _topology(positions: NDArray[np.float32], indices: NDArray[np.uint32]) -> Topology:
     """Return "triangle_soup" exactly if the indices are 0, 1, 2, ... over all vertices."""
-    if len(positions) != 3 * len(indices):
-        return "indexed_mesh"
+    is_soup = len(positions) == 3 * len(indices) and first_shared(indices) is None
+    return "triangle_soup" if is_soup else "indexed_mesh"
+
+
+def first_shared(indices: NDArray[np.uint32]) -> int | None:
+    """Return the first corner of the faces (F, 3) whose index is not its own number; None of a soup."""
     for start in range(0, len(indices), CHUNK_ROWS):
         rows = indices[start : start + CHUNK_ROWS].ravel()
-        if not np.array_equal(rows, np.arange(3 * start, 3 * start + rows.size, dtype=np.uint32)):
-            return "indexed_mesh"
-    return "triangle_soup"
+        wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
+        if wrong.any():
+            return 3 * start + int(np.argmax(wrong))
+    return None
 
 
 def _spec(name: str, array: NDArray[Any], domain: Any, meter: Meter) -> BufferSpec:

@@ -61,6 +61,13 @@ def check_manifest(data: Any) -> list[Finding]:
     return _newer_minor(data) + findings
 
 
+def refuse(findings: list[Finding], file: object) -> None:
+    """Raise the first finding that is an error."""
+    for item in findings:
+        if item.severity == "error":
+            raise item.to_error(file)
+
+
 def _check_version(data: Json) -> list[Finding]:
     schema = manifest_schema()["properties"]
     findings: list[Finding] = []
@@ -147,7 +154,8 @@ def _check_settings(data: Json) -> Iterator[Finding]:
 
 def _check_buffer(name: str, spec: Json, data: Json) -> Iterator[Finding]:
     pointer, file, offset, length = f"/buffers/{name}", spec["file"], spec["offset"], spec["byte_length"]
-    if _stem(file) in _RESERVED or ".." in file:
+    stem = file.removeprefix("buffers/").split(".", 1)[0].casefold()
+    if stem in _RESERVED or ".." in file:
         text = f'buffer {name} names the file "{file}"; use "buffers/{name}.bin"'
         yield finding("TRIASSET_PATH", text, pointer=f"{pointer}/file", value=file)
     at = f"{pointer}/offset"
@@ -297,7 +305,3 @@ def _check_layout(buffers: dict[str, Json]) -> Iterator[Finding]:
                 text = f"bytes {end} to {offset} of {file} belong to no buffer; {name} must start at {start}"
                 yield finding("TRIASSET_DAMAGED", text, **where, limit=start)
             end, before = max(end, offset + length), name
-
-
-def _stem(file: str) -> str:
-    return file.removeprefix("buffers/").split(".", 1)[0].casefold()

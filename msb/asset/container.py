@@ -13,7 +13,7 @@ import re
 import stat
 import zlib
 from pathlib import Path
-from typing import NoReturn, Protocol
+from typing import NoReturn
 
 from msb.asset.manifest import ALIGNMENT, ASSET_SUFFIX, MANIFEST_NAME
 from msb.asset.strict_json import MAX_BYTES
@@ -38,28 +38,6 @@ _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 
 
-class Container(Protocol):
-    """What a reader needs of either form. The methods of both classes are documented here."""
-
-    path: Path
-    form: str
-
-    def manifest_bytes(self) -> bytes:
-        """Return the bytes of manifest.json, of which at most one byte more than the size limit is read."""
-
-    def file_size(self, file: str) -> int:
-        """Return the size in bytes of the buffer file `file`."""
-
-    def map(self, file: str) -> tuple[memoryview, int]:
-        """Return mapped bytes and the offset in them at which `file` starts."""
-
-    def undeclared(self, declared: set[str]) -> list[Finding]:
-        """Return a finding for each file in the asset that is not `declared`."""
-
-    def check_bytes(self) -> list[Finding]:
-        """Return findings about the container's own checksums; this reads the whole asset."""
-
-
 class _Packed(Policy):
     """What a packed asset may hold; `file` is named in errors."""
 
@@ -75,7 +53,8 @@ class _Packed(Policy):
 
     def name(self, raw: bytes, flags: int, at: int) -> str:
         text = raw.decode("utf-8" if flags & UTF8 else "cp437", "replace")
-        if not _is_member_name(text) or text.encode() != raw:
+        is_member = text == MANIFEST_NAME or _BUFFER_FILE.match(text)
+        if not is_member or text.encode() != raw:
             message = f'the member "{shorten(text)}" is neither {MANIFEST_NAME} nor buffers/NAME.bin'
             self.refuse("FORM", message, at)
         return text
@@ -102,15 +81,8 @@ class _Packed(Policy):
             self.refuse("FORM", text, start)
 
 
-def _is_member_name(name: str) -> bool:
-    """Return whether `name` is one a member of an asset may have."""
-    return name == MANIFEST_NAME or _BUFFER_FILE.match(name) is not None
-
-
 class PackedContainer:
-    """A single file."""
-
-    form = "packed"
+    """A single file. What the methods of both forms do is said here."""
 
     def __init__(self, path: Path, data: mmap.mmap | bytes) -> None:
         self.path = path
@@ -124,17 +96,21 @@ class PackedContainer:
         raise AssetError(code, f"there is no {name} in it", file=self.path, pointer=name)
 
     def manifest_bytes(self) -> bytes:
+        """Return the bytes of manifest.json, of which at most one byte more than the size limit is read."""
         member = self._member(MANIFEST_NAME)
         start = member.offset
         return bytes(self._view[start : start + min(member.size, MAX_BYTES + 1)])
 
     def file_size(self, file: str) -> int:
+        """Return the size in bytes of the buffer file `file`."""
         return self._member(file).size
 
     def map(self, file: str) -> tuple[memoryview, int]:
+        """Return mapped bytes and the offset in them at which `file` starts."""
         return self._view, self._member(file).offset
 
     def undeclared(self, declared: set[str]) -> list[Finding]:
+        """Return a finding for each file in the asset that is not `declared`."""
         return [
             finding("TRIASSET_FILE_UNDECLARED", f"{name} is in the ZIP but no buffer declares it", file=name)
             for name in self._members
@@ -142,6 +118,7 @@ class PackedContainer:
         ]
 
     def check_bytes(self) -> list[Finding]:
+        """Return findings about the container's own checksums; this reads the whole asset."""
         findings = []
         for member in self._members.values():
             crc = 0
@@ -158,8 +135,6 @@ class PackedContainer:
 
 class FolderContainer:
     """A folder `NAME.triasset` with manifest.json and buffers/*.bin."""
-
-    form = "folder"
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -270,6 +245,9 @@ def _mode(path: Path) -> int:
         return path.lstat().st_mode
     except OSError:
         return 0
+
+
+Container = PackedContainer | FolderContainer
 
 
 def is_asset(path: Path) -> bool:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.asset import Asset
 from msb.errors import AssetError
-
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
 
 _CHUNK = 1 << 23
 """Values looked at together."""

@@ -7,18 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.activation import sigmoid
+from msb.asset.asset import Asset
 from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0
 from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
-
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
 
 GREY = 0.8
 """The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""
@@ -59,11 +57,9 @@ def static_colors(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str
 def colors_of(asset: Asset) -> StaticColors | None:
     """Return the `static_colors` of an asset; of one with textures what they show at its corners."""
     textured = textures_of(asset)
-    return (
-        tint_of(asset)
-        if textured is None
-        else corner_colors(textured, tint_of(asset), asset.buffers["indices"])
-    )
+    if textured is None:
+        return tint_of(asset)
+    return corner_colors(textured, tint_of(asset), asset.buffers["indices"])
 
 
 def tint_of(asset: Asset) -> StaticColors | None:
@@ -103,9 +99,8 @@ def drawn_colors(asset: Asset) -> StaticColors:
     colors = colors_of(asset)
     if colors is not None:
         return colors
-    return StaticColors(
-        lit_grey(asset.buffers["positions"], asset.buffers["indices"], up_axis(asset)), "face"
-    )
+    grey = lit_grey(asset.buffers["positions"], asset.buffers["indices"], up_axis(asset))
+    return StaticColors(grey, "face")
 
 
 def lit_grey(vertices: NDArray[Any], faces: NDArray[Any], axis: str) -> NDArray[np.float32]:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from msb.registry import TIERS
-
-if TYPE_CHECKING:
-    from msb.registry import SettingSource, SettingValue
+from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
 VERSION = "1.1"

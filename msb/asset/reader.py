@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.check import check_manifest
+from msb.asset.check import check_manifest, refuse
 from msb.asset.container import Container, is_asset, open_container
 from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
@@ -50,17 +50,25 @@ def load(path: str | os.PathLike[str]) -> Asset:
             raise
         text = "it is no .triasset; msb.open takes checkpoints and mesh files, too"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path) from error
-    data = parse_strict_json(manifest_bytes, file=container.path)
-    findings = check_manifest(data)
-    _raise_first(findings, container)
-    manifest = Manifest.from_dict(data)
-    findings += check_files(manifest, container)
-    _raise_first(findings, container)
+    findings, manifest = read_manifest(manifest_bytes, container)
+    refuse(findings, container.path)
+    assert manifest is not None
     buffers = map_buffers(manifest, container)
     return Asset(manifest, buffers, container.path, tuple(findings), container.path)
 
 
-def check_files(manifest: Manifest, container: Container) -> list[Finding]:
+def read_manifest(data: bytes, container: Container) -> tuple[list[Finding], Manifest | None]:
+    """Return all findings about a manifest and the files that it declares, and itself if none is an error."""
+    parsed = parse_strict_json(data, file=container.path)
+    findings = check_manifest(parsed)
+    if any(item.severity == "error" for item in findings):
+        return findings, None
+    manifest = Manifest.from_dict(parsed)
+    findings += _check_files(manifest, container)
+    return findings, None if any(item.severity == "error" for item in findings) else manifest
+
+
+def _check_files(manifest: Manifest, container: Container) -> list[Finding]:
     """Return findings about files behind the buffers that are missing, of another size, or not declared."""
     declared: dict[str, int] = {}
     for spec in manifest.buffers.values():
@@ -102,9 +110,3 @@ def map_buffers(manifest: Manifest, container: Container) -> Mapping[str, NDArra
 def _pointer(manifest: Manifest, file: str) -> str:
     name = next(name for name, spec in manifest.buffers.items() if spec.file == file)
     return f"/buffers/{name}/file"
-
-
-def _raise_first(findings: list[Finding], container: Container) -> None:
-    for item in findings:
-        if item.severity == "error":
-            raise item.to_error(container.path)

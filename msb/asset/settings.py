@@ -5,16 +5,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from msb.asset.manifest import StoredSetting
+from msb.asset.asset import Asset
+from msb.asset.manifest import Manifest, StoredSetting
 from msb.errors import UsageError, shorten
-from msb.registry import ORDERS, SAMPLINGS, lookup
-
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
-    from msb.asset.manifest import Manifest
-    from msb.registry import SettingValue
+from msb.registry import ORDERS, SAMPLINGS, SettingValue, lookup
 
 _BOOLS = {"true": True, "yes": True, "on": True, "1": True}
 _BOOLS |= {"false": False, "no": False, "off": False, "0": False}

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    Reals = NDArray[np.floating[Any]]
+Reals = NDArray[np.floating[Any]]
 
 SH_C0 = 0.28209479177387814
 """Zeroth real spherical harmonic, 1 / (2 sqrt(pi)); the paper rounds it to 0.28209."""

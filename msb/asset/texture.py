@@ -6,16 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.asset import Asset
 from msb.asset.drawable import first_bad
 from msb.errors import AssetError
-
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
 
 Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]

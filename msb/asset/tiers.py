@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from msb.registry import METHODS, lookup
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Manifest
-    from msb.registry import Tier
+from msb.asset.manifest import Manifest
+from msb.registry import METHODS, Tier, lookup
 
 
 def why_not(manifest: Manifest, tier: Tier) -> str | None:

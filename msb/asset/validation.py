@@ -15,12 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.asset import Asset
-from msb.asset.build import CHUNK_ROWS, as_bytes, measure_bounds
-from msb.asset.check import check_manifest
+from msb.asset.build import CHUNK_ROWS, as_bytes, first_shared, measure_bounds
 from msb.asset.container import Container, open_container
-from msb.asset.manifest import Manifest
-from msb.asset.reader import check_files, map_buffers
-from msb.asset.strict_json import parse_strict_json
+from msb.asset.reader import map_buffers, read_manifest
 from msb.asset.texture import is_textured, texture_images
 from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
 
@@ -75,17 +72,12 @@ def validate(path: str | os.PathLike[str]) -> Validation:
     """
     try:
         container = open_container(path)
-        data = parse_strict_json(container.manifest_bytes(), file=container.path)
+        findings, manifest = read_manifest(container.manifest_bytes(), container)
     except InputError:
         raise
     except AssetError as error:
         return Validation(Path(path), (error_finding(error),), None)
-    findings = check_manifest(data)
-    if any(item.severity == "error" for item in findings):
-        return Validation(container.path, tuple(findings), None)
-    manifest = Manifest.from_dict(data)
-    findings += check_files(manifest, container)
-    if any(item.severity == "error" for item in findings):
+    if manifest is None:
         return Validation(container.path, tuple(findings), None)
     asset = Asset(manifest, map_buffers(manifest, container), container.path, opened_from=container.path)
     findings += _check_bytes(asset, container)
@@ -121,7 +113,7 @@ def check_values(asset: Asset) -> list[Finding]:
 
 def _check_finite(name: str, array: NDArray[np.float32]) -> Iterator[Finding]:
     # An infinite logit is an opacity of exactly 0 or 1; official loaders write it (mesh_splatting: 1.2).
-    bad = np.isnan if name == "opacity" else _not_finite
+    bad = np.isnan if name == "opacity" else lambda values: ~np.isfinite(values)
     count, first = _count(array.reshape(-1), bad)  # flat: a row may be as long as the file
     if count:
         text = f"buffer {name} holds {count} values that are not finite, "
@@ -174,17 +166,11 @@ def _check_indices(asset: Asset) -> Iterator[Finding]:
         text += f"there are {vertices} vertices"
         where: dict[str, Any] = {"pointer": f"indices[{face}, {corner}]", "value": value}
         yield finding("TRIASSET_INDEX_OUT_OF_RANGE", text, **where, limit=vertices - 1)
-    if asset.manifest.topology == "triangle_soup":
-        for start in range(0, len(indices), CHUNK_ROWS):
-            rows = indices[start : start + CHUNK_ROWS].reshape(-1)
-            wrong = rows != np.arange(3 * start, 3 * start + rows.size, dtype=np.uint64)
-            if wrong.any():
-                at = 3 * start + int(np.argmax(wrong))
-                value = int(indices.reshape(-1)[at])
-                text = f"index {at} of the soup is {value}; it must be {at}"
-                where = {"pointer": f"indices[{at // 3}, {at % 3}]", "value": value, "limit": at}
-                yield finding("TRIASSET_VALUE_RANGE", text, **where)
-                return
+    if asset.manifest.topology == "triangle_soup" and (at := first_shared(indices)) is not None:
+        value = int(indices.reshape(-1)[at])
+        text = f"index {at} of the soup is {value}; it must be {at}"
+        where = {"pointer": f"indices[{at // 3}, {at % 3}]", "value": value, "limit": at}
+        yield finding("TRIASSET_VALUE_RANGE", text, **where)
 
 
 def _check_texturing(asset: Asset) -> Iterator[Finding]:
@@ -224,7 +210,3 @@ def _count(array: NDArray[Any], test: Any) -> tuple[int, int]:
             first = start * per_row + int(np.argmax(bad.reshape(-1)))
         total += hits
     return total, first
-
-
-def _not_finite(rows: NDArray[np.float32]) -> NDArray[np.bool_]:
-    return ~np.isfinite(rows)

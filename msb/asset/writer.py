@@ -7,21 +7,18 @@ import struct
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, Literal, get_args
+from typing import IO, Any, Literal, get_args
 
+from msb.asset.asset import Asset
 from msb.asset.build import CHUNK_BYTES, as_bytes
-from msb.asset.check import check_manifest
+from msb.asset.check import check_manifest, refuse
 from msb.asset.manifest import ALIGNMENT, DTYPES, MANIFEST_NAME
-from msb.asset.progress import Meter
+from msb.asset.progress import Meter, Progress
 from msb.asset.reader import load
 from msb.asset.strict_json import MAX_BYTES
 from msb.base.atomic import folder_is_taken, new_file, new_folder
 from msb.base.files import is_folder
 from msb.errors import AssetError, MsbError, UsageError, shorten
-
-if TYPE_CHECKING:
-    from msb.asset.asset import Asset
-    from msb.asset.progress import Progress
 
 Form = Literal["packed", "folder"]
 FORMS: tuple[str, ...] = get_args(Form)
@@ -88,9 +85,7 @@ def write_packed(asset: Asset, file: IO[bytes]) -> None:
 
 def _refuse_unreadable(asset: Asset, path: object) -> None:
     """Raise the error that `load` would raise of this manifest, or of buffers it does not describe."""
-    for item in check_manifest(asset.manifest.to_dict()):
-        if item.severity == "error":
-            raise item.to_error(path)
+    refuse(check_manifest(asset.manifest.to_dict()), path)
     size = len(asset.manifest.to_bytes())
     if size > MAX_BYTES:
         text = f"the manifest takes {size} bytes as written; {MAX_BYTES} are allowed"

@@ -10,12 +10,9 @@ from msb.topology.faces import face_areas
 Reals = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
-POINTS = 20_000
-"""Points by which a surface is judged."""
-_MARKS = 40_000
-"""Points by which faces are found, besides the middle of each."""
-_CANDIDATES = 12
-"""Marks nearest to a point, to whose faces the distance is taken."""
+POINTS = 20_000  # sample points on a surface that is compared
+_MARKS = 40_000  # marks on the other surface that find the nearest faces, besides each face's centre
+_CANDIDATES = 12  # nearest marks of a point; the exact distance is taken to the faces of these
 
 
 def spread(points: Reals, faces: Faces, count: int = POINTS) -> tuple[Reals, Faces]:

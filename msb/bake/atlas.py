@@ -18,24 +18,18 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
+# Mip levels that must not mix two faces of a soup: the first entry that leaves each face `_ENOUGH` of the
+# texels it needs, along a side, else the last.
 LEVELS = (2, 1)
-"""How many times a texture of a soup can be halved before its faces run into each other: the first of these
-that leaves a face `_ENOUGH` of the texels that it needs, along a side, and the last where none does."""
 _ENOUGH = 0.7
-_SLACK = 1 / 64
-"""Texels that a face is smaller than its cell allows, more than a float32 of texture coordinates rounds."""
+_SLACK = 1 / 64  # texels by which a face is smaller than its cell; more than rounding of float32 coordinates
 _STEPS = 16
-_SLIMMEST = 4.0
-"""The most that a leg may be longer than the other."""
+_SLIMMEST = 4.0  # largest ratio of the two legs of a face
 _CHILD = Limits(seconds=900.0, memory=None)
-_PADDING = 4
-"""Texels between charts."""
-_PARTS = 65535
-"""Charts lie at so many places along a side, which files hold in two bytes."""
-_LEAST = 1 / 4
-"""How much finer or coarser than usual a chart may be."""
-_AT_ONCE = 8192
-"""Faces that xatlas cuts into charts at a time: of twice as many it needs four times as long."""
+_PADDING = 4  # texels between charts
+_PARTS = 65535  # positions of a chart's corner along a side; files store them in two bytes
+_LEAST = 1 / 4  # smallest scale of a chart relative to the median; its inverse is the largest
+_AT_ONCE = 8192  # faces per call of xatlas, whose time grows with the square of their number
 
 
 class _Cells(NamedTuple):

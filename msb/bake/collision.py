@@ -8,7 +8,7 @@ seen; where nothing is closed, hulls of patches. There is always something, and 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,55 +16,48 @@ from numpy.typing import NDArray
 from msb.bake.apart import POINTS, distances, spread
 from msb.bake.fusion import seen_points
 from msb.bake.hulls import PATCH_CORNERS, hull_of, patches_of, smallest_box
+from msb.bake.needs import need_enclosure
+from msb.bake.options import parse_collision
 from msb.bake.simpler import closed, simpler
-from msb.bake.solid import FEWEST_FACES, compacted, mended, parted
+from msb.bake.solid import compacted, mended, parted
 from msb.bake.space import Space
 from msb.bake.surface import enclosed
 from msb.base.children import run_apart
-from msb.base.extras import need_extra
 from msb.base.limits import Limits
-from msb.errors import AssetError, MeshError, UsageError, shorten
+from msb.errors import AssetError, MeshError
 from msb.meshes.mesh import Mesh
-from msb.topology import audit_arrays
+from msb.topology.faces import signed_volume
+from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
-from msb.trial.geometry import signed_volume
-from msb.trial.tasks.collision import CORNERS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from msb.bake.hulls import Faces, Part, Reals
+    from msb.bake.options import ShapeKind
     from msb.base.children import Arrays
     from msb.cl import Device
     from msb.scenes import Camera
 
 
-Kind = Literal["mesh", "hulls", "box"]
 SECONDS = 20.0
+# Distance from the visible surface, relative to its diagonal, above which a shape protrudes.
 MID_AIR = 0.02
-"""Distance from what is seen, of its diagonal, from which on a shape is in mid-air."""
-_NEARER = MID_AIR / 2
-"""How near sides that nobody sees are brought to what is seen, unless they are far."""
+_NEARER = MID_AIR / 2  # sides that no camera sees are moved this close, unless they are far
+# Pixels of the largest depth map that encloses an open mesh; finer ones look into every crack.
 PIXELS = 1 << 16
-"""Of the largest picture by whose depths an open mesh is enclosed: finer ones look into every crack."""
+# Cells along the longest side of the enclosing grid, for an object and for a scene; cells around an
+# object.
 _CELLS, _MARGIN = (96, 224), 1.0
-"""Cells along the longest side of what is enclosed, an object or a scene, and around an object."""
-_SKY = 1.9
-"""How far out, inside a scene's space, everything is sky: ten times as far as what is near."""
+_SKY = 1.9  # radius inside a scene's space beyond which all is sky: ten times the near radius
+# Of a scene: the share of the faces on the visible side, and the thickness in near radii.
 _FRONT, _BEHIND = 0.45, 0.02
-"""Of a scene, the share of the faces that are seen, and how thick it is, in radii of what is near."""
-_AT_FIRST = 8
-"""How many times the faces asked for a surface is given first."""
-_MOST = 1 << 20
-"""Faces of a mesh."""
+_AT_FIRST = 8  # a surface is simplified to this multiple of its face budget first
 _MOST_HULLS = 256
-_TOUCHING = 1e-3
-"""Of the diagonal, how far from a part a point is that this covers."""
-_SOLID_FACES = 2000
-"""Faces of a closed surface that are given to CoACD: what it costs grows with them."""
+_TOUCHING = 1e-3  # distance from a part, relative to the diagonal, below which it covers a point
+_SOLID_FACES = 2000  # faces of a closed surface given to CoACD, whose cost grows with them
+# CoACD's samples on a surface and its tries of a cut; below its defaults, so that it ends in time.
 _SAMPLES, _TRIES = 1000, 60
-"""CoACD's points on a surface, and its tries of a cut: fewer than unasked, so that it ends."""
-_NEEDS_NOTHING = "box needs nothing"
 _LEAST = np.finfo(np.float64).tiny
 
 
@@ -91,52 +84,11 @@ class Collision:
     """
 
     mesh: Mesh
-    kind: Kind
+    kind: ShapeKind
     parts: int
     mean_distance: float
     mid_air_share: float
     why: str = ""
-
-
-def kind_of(text: str) -> tuple[Kind, int]:
-    """Return the kind that a text such as "mesh:1000", "hulls:16" or "box" names, and the most of these.
-
-    Raises
-    ------
-    UsageError
-        USAGE: it names none.
-    """
-    name, _, number = text.partition(":")
-    if text == "box":
-        return "box", 1
-    least = {"mesh": FEWEST_FACES, "hulls": 1}.get(name)
-    count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
-    if least is None or not least <= count <= _MOST:
-        wanted = f"mesh:N (N faces, {FEWEST_FACES} or more), hulls:N (N convex parts) or box"
-        raise UsageError("USAGE", f'a collision mesh is "{shorten(text, 40)}"; it must be {wanted}')
-    return name, count  # type: ignore[return-value]
-
-
-def need_libraries(kind: str, kept: tuple[NDArray[Any], NDArray[Any]] | None) -> None:
-    """Refuse a kind whose libraries are not installed, before there is a mesh: of `kept` triangles, if it is
-    made of these, is known whether they have a boundary, which no repair closes.
-
-    Raises
-    ------
-    UsageError
-        USAGE, as `kind_of`, or EXTRA_MISSING.
-    """
-    name, _ = kind_of(kind)
-    if name == "box":
-        return
-    modules = ("fast_simplification", "coacd") if name == "hulls" else ("fast_simplification",)
-    need_extra("trial", *modules, what=f"a collision mesh {kind}", instead=_NEEDS_NOTHING)
-    if kept is None or audit_arrays(*weld_vertices(*kept, "exact"))[0].counts.boundary_edges:
-        _need_skimage()
-
-
-def _need_skimage() -> None:
-    need_extra("bench", "skimage", what="what encloses an open mesh", instead=_NEEDS_NOTHING)
 
 
 def collision(
@@ -169,55 +121,70 @@ def collision(
     Raises
     ------
     UsageError
-        USAGE: there is no such kind. EXTRA_MISSING: fast-simplification, scikit-image or CoACD is not
-        installed, which this kind needs.
+        USAGE: there is no such kind. EXTRA_MISSING: an open mesh needs scikit-image, which is not installed.
     MeshError
         MESH_ARRAY: there is no face. MESH_NONFINITE: a corner is not finite.
     DeviceError
     """
-    name, count = kind_of(kind)
+    wanted, count = parse_collision(kind)
     shown, space = _shown(mesh, cameras, device)
     seen, faces, middle, size = _in_unit(mesh, shown)
-    places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(seen, faces)[0]
-    solid = (seen, faces) if closed(seen, faces) else None
-    if solid is None and len(shown) and name != "box":
+    surface = seen, faces
+    if space is not None:
+        space = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
+    # Sample points of the visible surface: from the cameras' pixels, else all over the mesh.
+    places = (shown[:: -(-len(shown) // POINTS)] - middle) / size if len(shown) else spread(*surface)[0]
+    solid = surface if closed(*surface) else None
+    if solid is None and len(shown) and wanted != "box":
         points, around = _enclosed(mesh, cameras, device)
         points = (points - middle) / size
         if space is not None and not space.contracted:
-            points = _nearer(points, seen, faces)
-        # Of a thin sheet what is enclosed is far thicker.
+            points = _nearer(points, *surface)
+        # The enclosure of a thin sheet is far thicker, and is not used.
         if len(around) and distances(places, points, around).mean() < MID_AIR / 2:
             solid = points, around
-    made, why, patched = name, "", (seen, faces)
-    parts: list[Part] = []
-    if made == "box":
-        parts = [smallest_box(seen)]
-    elif solid is None:
-        why = "the mesh is not closed" + (", and what is seen of it encloses nothing" if len(shown) else "")
-        if made == "mesh":
-            made, count = "hulls", max(1, count // PATCH_CORNERS)
-    elif space is not None and space.contracted:
-        inside = replace(space, center=(space.center - middle) / size, radius=space.radius / size)
-        patched = _near(solid, (seen, faces), inside)
-        if made == "mesh":
-            parts = [_sheet(patched, count, inside)]
-        else:
-            why = "of a scene these are hulls of patches of it"
-    elif made == "mesh":
-        parts = [_fewer(solid, count)]
-    elif signed_volume(*solid) > 0:
-        parts, why = _cut_by_coacd(*solid, count, seconds)
-    else:
-        why = "the surface looks inward: these are hulls of patches of it"
-    if not parts:
-        parts = [hull_of(patch) for patch in patches_of(*patched, min(count, _MOST_HULLS))]
+    made, parts, why = _shape(wanted, count, surface, solid, space, seconds)
+    # One mesh of all parts, back in the asset's unit.
     starts = np.cumsum([0, *(len(points) for points, _ in parts)])
     points = np.concatenate([points for points, _ in parts])
     joined = np.concatenate([own + start for (_, own), start in zip(parts, starts[:-1], strict=True)])
     shape = Mesh((middle + size * points).astype(np.float32), joined, up=mesh.up)
     near = float(distances(places, points, joined).mean())
-    mid_air = _mid_air(parts, (points, joined), (seen, faces))
+    mid_air = _mid_air(parts, (points, joined), surface)
     return Collision(parted(shape) if made == "mesh" else shape, made, len(parts), near, mid_air, why)
+
+
+def _shape(
+    wanted: ShapeKind, count: int, surface: Part, solid: Part | None, space: Space | None, seconds: float
+) -> tuple[ShapeKind, list[Part], str]:
+    """Return the kind and the parts of a shape, and the reason if it is not the wanted one.
+
+    `solid` is the closed surface, if there is one; `space` is None if no camera sees the mesh.
+    """
+    if wanted == "box":
+        return "box", [smallest_box(surface[0])], ""
+    if solid is None:
+        hulls = count if wanted == "hulls" else max(1, count // PATCH_CORNERS)
+        why = "the mesh is not closed" + (
+            "" if space is None else ", and what is seen of it encloses nothing"
+        )
+        return "hulls", _patch_hulls(surface, hulls), why
+    if space is not None and space.contracted:
+        patch = _near(solid, surface, space)
+        if wanted == "mesh":
+            return "mesh", [_sheet(patch, count, space)], ""
+        return "hulls", _patch_hulls(patch, count), "of a scene these are hulls of patches of it"
+    if wanted == "mesh":
+        return "mesh", [_fewer(solid, count)], ""
+    if signed_volume(*solid) <= 0:
+        why = "the surface looks inward: these are hulls of patches of it"
+        return "hulls", _patch_hulls(surface, count), why
+    parts, why = _cut_by_coacd(*solid, count, seconds)
+    return "hulls", parts or _patch_hulls(surface, count), why
+
+
+def _patch_hulls(surface: Part, count: int) -> list[Part]:
+    return [hull_of(patch) for patch in patches_of(*surface, min(count, _MOST_HULLS))]
 
 
 def _shown(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> tuple[Reals, Space | None]:
@@ -258,7 +225,7 @@ def _in_unit(mesh: Mesh, shown: Reals) -> tuple[Reals, Faces, Reals, float]:
 def _enclosed(mesh: Mesh, cameras: Sequence[Camera], device: str | Device | None) -> Part:
     """Return the closed surface of what cameras see of a mesh, in the world; without a face if they enclose
     nothing."""
-    _need_skimage()
+    need_enclosure()
     try:
         points, faces, space = enclosed(mesh, cameras, _CELLS, _MARGIN, device=device)
     except AssetError:
@@ -313,11 +280,13 @@ def _sheet(patch: Part, count: int, space: Space) -> Part:
     """Return a surface of about so many faces, a little thick: with a back side and rims, so that it is
     closed."""
     points, faces = _fewer_far(patch, max(1, int(_FRONT * count)), space)
+    # Vertex normals (V, 3), weighted by area, and the back side at a distance along them.
     corners = points[faces]
     normals = np.zeros_like(points)
     np.add.at(normals, faces, np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), _LEAST)
     back = points - _BEHIND * space.radius * normals
+    # Edges (n, 2) that no other face runs along the other way: the rims, which get two faces each.
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     lone = sides[~np.isin(sides[:, 0] * len(points) + sides[:, 1], sides[:, 1] * len(points) + sides[:, 0])]
     a, b = lone.T
@@ -334,7 +303,6 @@ def _beyond(away: Reals) -> Reals:
 
 def _cut_by_coacd(points: Reals, faces: Faces, most: int, seconds: float) -> tuple[list[Part], str]:
     """Return at most so many convex parts of a closed surface, and why there are none."""
-    need_extra("trial", "coacd", what="a closed mesh cut into hulls", instead=_NEEDS_NOTHING)
     points, faces = simpler(points, faces, _SOLID_FACES)
     reply = run_apart(convex_parts, str(most), {"points": points, "faces": faces}, Limits(seconds))
     if reply.why:
@@ -358,7 +326,7 @@ def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
         max_convex_hull=int(word),
         resolution=_SAMPLES,
         mcts_iterations=_TRIES,
-        max_ch_vertex=CORNERS,
+        max_ch_vertex=HULL_CORNERS,
     )
     if not parts:
         raise ValueError("it gives no part")
@@ -373,9 +341,11 @@ def convex_parts(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
 
 def _mid_air(parts: list[Part], shape: Part, seen: Part) -> float:
     """Return the share of a shape's area that is far from what is `seen`, of what no other part covers."""
+    # Points all over the shape, and the part of each.
     places, face = spread(*shape)
     of = np.repeat(np.arange(len(parts)), [len(faces) for _, faces in parts])[face]
     free = np.ones(len(places), bool)
+    # A point counts only if it is outside of all other parts, which are convex: above one of their planes.
     for number, (points, faces) in enumerate(parts if len(parts) > 1 else ()):
         corners = points[faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

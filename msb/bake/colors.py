@@ -18,22 +18,16 @@ if TYPE_CHECKING:
 
     from msb.bake.raster import Seen
 
-SMOOTH = 0.3
-"""The weight of differences along edges, in pixels."""
-PRIOR = 0.05
-"""The weight of the colours there are, in pixels."""
+SMOOTH = 0.3  # weight of differences along edges, in pixels
+PRIOR = 0.05  # weight of the previous colours, in pixels
+# Corner colours stay within mean +- 8 sigma + 0.05 of the face's pixels. Corners of fully visible faces
+# reach three sigma; limits below eight cost dB.
 _REACH, _LEAST = 8.0, 0.05
-"""How far from the mean of a face's pixels its corners may be: so often what these differ by, and so much
-more. Corners of a face of which all is seen are up to three times as far; limits below eight cost dB."""
-_STRIP = 3
-"""Rings of faces beside what no pixel shows."""
-_FAINT = 1e-6
-"""The weight of the colours there are where nothing near is seen."""
-_ROUNDS = 4
-"""How often colours that leave the bounds are held there and the others solved again."""
+_STRIP = 3  # rings of faces around unseen ones that are solved again
+_FAINT = 1e-6  # weight of the previous colours where no neighbour is seen
+_ROUNDS = 4  # times that colours beyond the bounds are clamped and the others solved again
 _STEPS, _TOLERANCE = 400, 1e-6
-_AT_ONCE = 1 << 16
-"""Faces that are solved together: memory is that of so many, however many there are."""
+_AT_ONCE = 1 << 16  # faces solved together; bounds the memory
 
 
 def products(sums: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

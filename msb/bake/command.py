@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
+from msb.bake.options import BakeOptions
 from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, is_stdout
 from msb.errors import one_line
-from msb.render.options import NO_CAMERAS, Drawing, Source, Up, Views
+from msb.render.options import NO_CAMERAS, Drawing, Source, Views
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -27,8 +28,8 @@ _UNSEEN = {
 
 
 @dataclass(frozen=True)
-class BakeOptions:
-    """What is made, what teaches it, and where it goes."""
+class BakeFiles:
+    """Where the mesh is written, and the scene it is made for."""
 
     outputs: Annotated[
         tuple[Path, ...],
@@ -51,67 +52,6 @@ class BakeOptions:
     image_folder: Annotated[
         str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
     ] = None
-    geometry: Annotated[
-        str,
-        Option(
-            "kept: the model's triangles; fitted: moved until the picture is right; auto: the better of "
-            "these; surface: closed, for tools that need a solid.",
-            metavar="auto|kept|fitted|surface",
-        ),
-    ] = "auto"
-    for_solid: Annotated[
-        bool,
-        Option(
-            "Of auto: make fitted and surface; take the surface, unless its verdict is BAD. A plain mesh "
-            "that is OK is kept."
-        ),
-    ] = False
-    color: Annotated[
-        Literal["texture", "vertex"] | None,
-        Option("Default: vertex for kept, if the model has static colours there; else texture."),
-    ] = None
-    teacher: Annotated[
-        Literal["dedicated", "photographs"],
-        Option("What teaches: the method's own look, or the scene's photographs."),
-    ] = "dedicated"
-    faces: Annotated[int | None, Option("At most N fitted triangles, or about N of a surface.", least=1)] = (
-        None
-    )
-    texture: Annotated[
-        int | None,
-        Option(
-            "Texels along a side of the texture. Default: as many as pictures show.", least=16, most=16384
-        ),
-    ] = None
-    lods: Annotated[
-        str | None,
-        Option(
-            "Levels of detail beside OUT (NAME_lod1, ...): shares of its faces, as 0.5,0.25,0.1.",
-            metavar="SHARES",
-        ),
-    ] = None
-    collision: Annotated[
-        str | None,
-        Option("A shape to bump into beside OUT (NAME_collision).", metavar="mesh:N|hulls:N|box"),
-    ] = None
-    seconds: Annotated[
-        float,
-        Option(
-            "About how long fitted triangles, and a surface of them, may move; 0: a single step.", least=0
-        ),
-    ] = 60.0
-    seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
-    up: Annotated[
-        Up | None, Option("Axis round which views are made where there are no cameras. Default: the asset's.")
-    ] = None
-    keep_best: Annotated[bool, Option("At Ctrl-C write the best so far, not nothing.")] = False
-    cache: Annotated[
-        Path | None,
-        Option(
-            "A folder that keeps the pictures that the model's own renderer draws: a second bake takes them.",
-            metavar="DIR",
-        ),
-    ] = None
 
 
 @command(
@@ -125,6 +65,7 @@ class BakeOptions:
 )
 def bake(
     path: Source,
+    files: BakeFiles,
     options: BakeOptions,
     views: Annotated[Views, ("cameras", "size", "background")],
     drawing: Annotated[Drawing, ("device",)],
@@ -141,70 +82,56 @@ def bake(
     --json writes), preview.png, and index.html, a page to look at all of it. Of a folder that is there only
     what a bake wrote is replaced.
     """
-    require(options.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
-    _check_options(options, views, typed)
+    require(files.outputs, "Missing output. Pass -o with the file to write, for example -o model.glb")
+    _check_files(files, views, typed)
     from msb.api.command_files import open_asset
     from msb.bake import bake as make
     from msb.bake.folder import PAGE, only_folder
-    from msb.bake.lods import shares_of
     from msb.bake.written import endings, places
     from msb.scenes.datasets import scene_of
 
-    lods = () if options.lods is None else shares_of(options.lods)
     folder = None
-    if only_folder(options.outputs) and not is_stdout(options.outputs[0]):
-        folder = options.outputs[0]
+    if only_folder(files.outputs) and not is_stdout(files.outputs[0]):
+        folder = files.outputs[0]
         output.check_folder(folder)
     else:
-        names = endings(len(lods), has_collision=options.collision is not None)
-        for place in places(options.outputs, names):
+        names = endings(len(options.shares), has_collision=options.collision is not None)
+        for place in places(files.outputs, names):
             output.check_free(place)
     asset = open_asset(path, output)
     cameras = None if views.cameras is None else views.read(output.note)
-    scene: Scene | Path | None = options.scene
-    if options.scene is not None and options.image_folder is not None:
-        scene = scene_of(asset.manifest, options.scene, image_folder=options.image_folder)
+    scene: Scene | Path | None = files.scene
+    if files.scene is not None and files.image_folder is not None:
+        scene = scene_of(asset.manifest, files.scene, image_folder=files.image_folder)
     with output.bars("steps") as progress:
         baked = make(
             asset,
             scene=scene,
             cameras=cameras,
-            geometry=options.geometry,  # type: ignore[arg-type]
-            for_solid=options.for_solid,
-            color=options.color,
-            teacher=options.teacher,
-            faces=options.faces,
-            texture=options.texture,
-            lods=lods,
-            collision=options.collision,
-            seconds=options.seconds,
-            seed=options.seed,
-            up=options.up,
             background=None if views.background is None else views.color(asset),
             device=drawing.device,
             progress=progress,
-            keep_best=options.keep_best,
-            cache=options.cache,
+            **vars(options),
         )
-    report = baked.save(*options.outputs, overwrite=output.force)
+    report = baked.save(*files.outputs, overwrite=output.force)
     output.write_json({**report.to_dict(), "path": str(path)})
     if folder is None:
-        _note_losses(baked, options.outputs, output)
+        _note_losses(baked, files.outputs, output)
     if output.prints_text:
-        _show(report, options.outputs, output)
-        if folder is not None and not output.quiet:
+        _show(report, files.outputs, output)
+        if folder is not None and (folder / PAGE).exists() and not output.quiet:
             echo(f"{one_line(str(folder / PAGE))}: a page to look at it")
 
 
-def _check_options(options: BakeOptions, views: Views, typed: Typed) -> None:
+def _check_files(files: BakeFiles, views: Views, typed: Typed) -> None:
     """Reject options that contradict each other."""
-    if options.scene is not None:
+    if files.scene is not None:
         typed.reject(["cameras"], "does not go with --scene, which has its own cameras")
     else:
         typed.reject(["image_folder"], "needs --scene DIR")
     if views.cameras is None:
         typed.reject(["size"], NO_CAMERAS)
-    if options.scene is not None or views.cameras is not None:
+    if files.scene is not None or views.cameras is not None:
         typed.reject(["up"], "is for generated views, without --scene and --cameras")
 
 

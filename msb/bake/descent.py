@@ -25,16 +25,12 @@ if TYPE_CHECKING:
 
 _MOMENTUM, _SCALE = 0.9, 0.99
 _TINY = 1e-30
-MEMORY = 0.9
-"""What a step leaves of the sums of the steps before it."""
+MEMORY = 0.9  # decay per step of the colour sums of earlier steps
+# Steps between solving colours, and between hiding and showing faces.
 RECOLOR, _TRY = 5, 40
-"""Steps after which colours are solved, and after which faces are hidden and shown."""
-LOOK = 20
-"""Steps after which it is looked at by what judges."""
-_FARTHEST = 3.0
-"""How many times the rate a corner moves at most in a step."""
-_PACE = 10
-"""Steps after which it is known what one takes."""
+LOOK = 20  # steps between validations
+_FARTHEST = 3.0  # largest move of a corner in a step, in rates
+_PACE = 10  # steps after which the time of a step is known
 
 
 class Schedule:

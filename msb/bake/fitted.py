@@ -21,21 +21,17 @@ if TYPE_CHECKING:
     from msb.bake.shares import Shares
     from msb.meshes.mesh import Mesh
 
-_HIDDEN_FIRST = 12
-"""Rounds in which faces are hidden before any moves."""
+_HIDDEN_FIRST = 12  # rounds that hide faces before any face moves
 _STEPS = 400
-_RATES = 0.015, 0.0005
-"""In sizes of a face, how far a step moves its corners: at first, and at last."""
-PIXELS_TO_MOVE = 1 << 18
-"""Of the largest picture by which faces are moved."""
+_RATES = 0.015, 0.0005  # step length in face sizes, at the start and at the end
+PIXELS_TO_MOVE = 1 << 18  # pixels of the largest image that moves faces
+# Models without static colours vary within each face. With up to this many faces they are cut in four, if
+# the face budget allows.
 _COARSE = 20_000
-"""Faces up to which those of a method without static colours, which has its look within each face, are cut
-in four, if so many may move."""
+# Covered pixels of a view per moving face, as smaller ones follow the pixel grid; and per face where the
+# largest are halved.
 _PIXELS_A_FACE, _PIXELS_A_PIECE = 2.5, 5.5
-"""Pixels of a view that show the model for each face that moves, as smaller ones follow where pixels happen
-to lie; and pixels of a view for each face where the largest are halved."""
-_COARSER = 2 ** (1 / 8)
-"""How much larger pieces of faces are made at a time, until there are not too many."""
+_COARSER = 2 ** (1 / 8)  # growth of the pieces of faces per try, until their number is within the budget
 
 
 def fitted(

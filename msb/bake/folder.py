@@ -15,8 +15,6 @@ from msb.bake.report import SCHEMA
 from msb.bake.written import write_all
 from msb.base.own_folder import own_folder
 from msb.base.version import __version__
-from msb.engines.engine import engine_mesh
-from msb.engines.webpage import filled, scene_data
 from msb.errors import UsageError
 from msb.meshes.formats import written_suffixes
 from msb.render.images import write_image
@@ -30,8 +28,7 @@ ASSET = "asset.glb"
 PAGE = "index.html"
 _DOCUMENT, _PICTURE = "bake.json", "preview.png"
 _SCRIPTS = "camera.js", "page.js", "hands.js", "baked.js", "start.js"
-_LEAST_SIDE = 1024
-"""Pixels of the longer side of a view on the page: a mesh has no size of its own."""
+_LEAST_SIDE = 1024  # pixels of the longer side of a view on the page; a mesh has no size of its own
 
 
 def is_folder(path: Path) -> bool:
@@ -66,12 +63,19 @@ def write_folder(baked: Baked, parts: Sequence[Part], folder: Path, overwrite: b
         (made / _DOCUMENT).write_bytes(text.encode(errors="backslashreplace"))
         write_image(made / _PICTURE, baked.preview.picture, "png")
         picture = (made / _PICTURE).read_bytes()
-        (made / PAGE).write_bytes(_page(baked, parts, report, folder.name, picture))
+        page = _page(baked, parts, report, folder.name, picture)
+        if page is not None:
+            (made / PAGE).write_bytes(page)
     return baked.report.written([(folder / path.name, size) for path, size in files])
 
 
-def _page(baked: Baked, parts: Sequence[Part], report: Report, name: str, picture: bytes) -> bytes:
-    """Return the page: each part as engines draw it, and what the report says."""
+def _page(baked: Baked, parts: Sequence[Part], report: Report, name: str, picture: bytes) -> bytes | None:
+    """Return the page: each part as engines draw it, and what the report says; None without msb.engines."""
+    try:
+        from msb.engines.engine import engine_mesh
+        from msb.engines.webpage import filled, scene_data
+    except ModuleNotFoundError:
+        return None
     preview = baked.preview
     views = [
         camera.scaled(max(1.0, _LEAST_SIDE / max(camera.width, camera.height))) for camera in preview.cameras

@@ -24,22 +24,19 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
+# Cells in front of and behind a surface in which a view votes. Fewer behind, where views of the other
+# side of a sheet vote the opposite.
 REACH, BEHIND = 3.0, 1.5
-"""How far before and behind a surface a view says how far, in cells. Less far behind, since there views of
-the other side of a sheet say the opposite."""
+# Cells by which the surface lies outside, so that sheets and stems become solids that cells resolve.
 THICK = 1.0
-"""How far out from what is seen the surface is made, in cells, so that a sheet of no thickness and a stem
-become solids that cells can hold."""
+# Minimum ratio of seeing to occluded views of a cell; below it, what they see is a hole in the soup.
 DOUBT = 0.05
-"""Of the views from which a cell is hidden as many as this share must see it, or what they see is taken for
-a hole in the soup."""
-_DRAWS = 5
-"""Steps by which a surface is drawn in."""
+_DRAWS = 5  # steps that draw the surface in
 _GROUP = 64
 _AT_ONCE, _RECORD = 8, 19
-"""Views that vote at a time, and the numbers of each; the latter equals RECORD in bake_fuse.cl."""
+"""The number of views that vote at a time, and of floats in the record of each."""
 UNKNOWN = 2.0
-"""Stands for cells that nobody votes on; equals UNKNOWN in bake_fuse.cl."""
+"""The value of a cell that no view votes on."""
 _EVERY = 7
 """Of so many pixels that show something one is a point of what is seen."""
 _BLACK = (0.0, 0.0, 0.0)
@@ -70,7 +67,7 @@ class Depths(StandardRenderer):
 
     def __init__(self, soup: Mesh, device: str | Device | None = None) -> None:
         super().__init__(asset_from_mesh(soup), device=device)
-        self._fuse = self._device.program("bake_fuse")
+        self._fuse = self._device.program("bake_fuse", {"RECORD": _RECORD, "UNKNOWN": UNKNOWN})
 
     def points(self, cameras: Sequence[Camera]) -> NDArray[np.float64]:
         """Return places (n, 3) of the world that cameras see."""

@@ -7,30 +7,25 @@ from numpy.typing import NDArray
 
 from msb.bake.apart import spread
 from msb.topology.faces import face_areas
-from msb.trial.tasks.collision import directions
+from msb.topology.hulls import hull_directions
 
 Reals = NDArray[np.float64]
 Faces = NDArray[np.int64]
 Part = tuple[Reals, Faces]
 """Points (V, 3) and the faces (F, 3) on them."""
 
-PATCH_CORNERS = 32
-"""Most corners of the hull of a patch, about as many faces as it has."""
-_THIN = 1e-3
-"""Of the diagonal, how thick a box is, or the hull of what is flat."""
-_FLAT = 1e-6
-"""Of the diagonal's cube, the volume below which a hull is a flat one."""
-_OVERLAP = 4e-3
-"""Of the diagonal, how far points of either patch reach beyond a cut, so that nothing falls through it."""
+PATCH_CORNERS = 32  # most corners of the hull of a patch, and about its number of faces
+_THIN = 1e-3  # thickness of a box, or of the hull of a flat patch, relative to the diagonal
+_FLAT = 1e-6  # volume below which a hull counts as flat, relative to the diagonal's cube
+_OVERLAP = 4e-3  # reach of either patch beyond a cut, relative to the diagonal, so that nothing falls through
+# Shares of a patch's points on one side of a tried cut, along each of its axes.
 _CUTS = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-"""Shares of a patch's points on one side of the cuts that are tried, along each of its axes."""
-_SPREAD = 5000
-"""Points all over the faces, besides their corners, of which patches are made."""
-_BASES = 500
-"""Faces of a hull, the largest, on which a box is tried to lie."""
+_SPREAD = 5000  # sample points on the faces, besides their corners, that make up patches
+_BASES = 500  # the largest faces of a hull on which a box is tried
 _LEAST = np.finfo(np.float64).tiny
+# The lower and upper ends of three axes.
 _ENDS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
-"""The lower and upper ends of three axes."""
+# The faces of a box with its corners in the order of `_ENDS`.
 _BOX = np.array(
     [
         [[0, 1, 3], [0, 3, 2]],
@@ -41,7 +36,6 @@ _BOX = np.array(
         [[1, 5, 7], [1, 7, 3]],
     ]
 ).reshape(-1, 3)
-"""The faces of a box with its corners in the order of `_ENDS`."""
 
 
 def patches_of(points: Reals, faces: Faces, count: int) -> list[Reals]:
@@ -118,7 +112,7 @@ def hull_of(points: Reals) -> Part:
     axes = _principal_axes(points)
     along = (points - points.mean(axis=0)) @ axes.T
     along /= np.maximum(np.abs(along).max(axis=0), _LEAST)
-    corners = points[np.unique((along @ directions(PATCH_CORNERS).T).argmax(axis=0))]
+    corners = points[np.unique((along @ hull_directions(PATCH_CORNERS).T).argmax(axis=0))]
     if _exact_volume(corners) < _FLAT:
         corners = _thicker(corners)
     hull = ConvexHull(corners)

@@ -18,15 +18,11 @@ if TYPE_CHECKING:
     from msb.bake.shares import Shares
     from msb.meshes.mesh import Mesh
 
+# Rounds that hide and show faces, rounds between validations, and validations without a gain that end it.
 _ROUNDS, _REFIT, _PATIENCE = 60, 5, 6
-"""Rounds in which faces are hidden and shown, after how many colours are fitted and views aside looked at,
-and how many looks without a gain end it."""
-_PIXELS = 1 << 17
-"""Of the largest picture by which faces are chosen; colours are fitted to larger ones."""
-FINE = 4.0
-"""Pixels of a face in a view, in the mean, below which faces are chosen by pictures of four times as many."""
-FEWEST = 2.0
-"""Pixels of a face in a view, in the mean, below which a search would follow noise."""
+_PIXELS = 1 << 17  # pixels of the largest image that selects faces; colours are fitted to larger ones
+FINE = 4.0  # mean pixels of a face in a view, below which images of four times the size select faces
+FEWEST = 2.0  # mean pixels of a face in a view, below which a search would follow noise
 
 
 def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:

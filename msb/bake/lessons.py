@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 Draw = Callable[["Camera"], NDArray[np.float32] | NDArray[np.uint16]]
 """From a camera to what it should see: (H, W, 3) RGB in the asset's colour space, or that in whole numbers of
 `STEPS`."""
-STEPS = 65535
-"""Pictures are kept in 16 bits a channel: 50 times finer than what is measured of them."""
-_MANY = 32
-"""Views of which each need not show all that lies between its pixels."""
+STEPS = 65535  # images are stored with 16 bits a channel, 50 times finer than what is measured
+_MANY = 32  # from this many views on, one half-pixel shift per image suffices
 
 
 class Lessons:

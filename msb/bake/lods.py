@@ -19,62 +19,16 @@ from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup, is_uncut_soup, without_seams
 from msb.bake.space import Space
 from msb.bake.surface import Solid, taught, with_colors_of
-from msb.base.extras import need_extra
-from msb.errors import UsageError, shorten
 from msb.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
     from msb.bake.start import Guide
 
-ROWS = 1080
-"""Of the image in which an error of a level must be below a pixel."""
-_MOST_POINTS = 95.0
-"""Percent of the points whose error counts."""
-_STAGE = 0.5
-"""Share of the faces of a soup that stay at a time, before the others are moved to make up for those that
-went."""
-_STEPS = 300
-"""In which faces move to make up for those that went."""
-_RATES = 0.03, 0.0003
-"""In sizes of a face, how far a step moves its corners: at first, and at last."""
-
-
-def shares_of(text: str) -> tuple[float, ...]:
-    """Return the shares that a text such as "0.5,0.25,0.1" names.
-
-    Raises
-    ------
-    UsageError
-        USAGE, as `checked_shares`, or where it names none.
-    """
-    try:
-        return checked_shares([float(part) for part in text.split(",")])
-    except ValueError:
-        raise _no_shares(shorten(text, 40)) from None
-
-
-def checked_shares(shares: Sequence[float]) -> tuple[float, ...]:
-    """Return shares of all faces that are between 0 and 1, each smaller than the one before it.
-
-    Raises
-    ------
-    UsageError
-        USAGE: they are not.
-    """
-    falls = all(after < before for before, after in zip((1.0, *shares), shares, strict=False))
-    if not falls or not all(0 < share < 1 for share in shares):
-        raise _no_shares(",".join(f"{share:g}" for share in shares))
-    return tuple(shares)
-
-
-def _no_shares(given: str) -> UsageError:
-    text = f"levels of detail are {given}; they must be falling shares of the faces, such as 0.5,0.25,0.1"
-    return UsageError("USAGE", text)
-
-
-def need_simplification() -> None:
-    """Refuse levels of detail of a mesh whose faces share vertices where what makes them is not installed."""
-    need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
+ROWS = 1080  # height of the image in which the error of a level must be below a pixel
+_MOST_POINTS = 95.0  # percentile of the sample points whose error counts
+_STAGE = 0.5  # share of a soup's faces that stay in a stage, before the others are moved
+_STEPS = 300  # steps that move the remaining faces of a stage
+_RATES = 0.03, 0.0003  # step length in face sizes, at the start and at the end
 
 
 def lods(
@@ -91,18 +45,14 @@ def lods(
 
     Raises
     ------
-    UsageError
-        USAGE: the shares are none. EXTRA_MISSING: fast-simplification is not installed, which a mesh needs
-        whose faces share vertices.
     AssetError
         TRIASSET_EMPTY, by the iterator: nothing closed is left of so few faces.
     DeviceError
     """
-    counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
+    counts = [max(1, round(share * len(mesh.faces))) for share in shares]
     levels = _Levels(mesh, guide, counts, seconds)
     if is_uncut_soup(mesh.vertices, mesh.faces):
         return levels.of_soup()
-    need_simplification()
     whole = without_seams(mesh)
     levels = replace(levels, mesh=whole)
     return levels.of_surface() if closed(whole.vertices, whole.faces) else levels.of_mesh()

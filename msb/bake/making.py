@@ -17,7 +17,8 @@ from msb.bake.fitted import PIXELS_TO_MOVE, fitted
 from msb.bake.kept import FEWEST, FINE, choosing, kept, rejoined
 from msb.bake.lods import lods, screen_share
 from msb.bake.measured import mean_psnr, measured
-from msb.bake.report import Geometry, Level, Look, Psnr, Verdict, compared
+from msb.bake.needs import choose_look
+from msb.bake.report import Level, Psnr, Verdict, compared
 from msb.bake.shares import blending_shares
 from msb.bake.start import Guide, colored
 from msb.bake.surface import surface
@@ -31,23 +32,21 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.collision import Collision
     from msb.bake.lessons import Lessons
-    from msb.bake.options import Options
+    from msb.bake.options import BakeOptions, Geometry, Look
     from msb.bake.shares import Shares
     from msb.bake.start import Watch
     from msb.bake.teacher import Teacher
     from msb.bake.views import BakeViews
     from msb.meshes.mesh import Mesh
 
-LEAST_SEEN = 0.8
-"""Of the area of a model that nobody has cameras for, what made views must see."""
+LEAST_SEEN = 0.8  # least share of the area that generated views must see
+# Shares of `seconds`: for fitted triangles and for each level of detail; for each of a surface's two
+# searches, of the soup that its depth maps show and of its vertices.
 _SEARCH, _SURFACE = 2 / 3, 0.4
-"""Of the time that a bake has, what the search of fitted triangles has, and that of each level of detail; and
-each of a surface's two searches: of a soup, whose depths it is made of, and of its vertices."""
 _NO_TIME = 1e-3
 _FOR_SOLID: tuple[Geometry, ...] = ("fitted", "surface")
 _OPAQUE = "its triangles are opaque: where alpha cut them off they have the colour of what lies behind"
-_TEXTURED = 2
-"""How many times as large as the views the pictures are whose pixels a texture has texels for."""
+_TEXTURED = 2  # scale of the training images relative to the views whose pixels a texture resolves
 
 
 def _is_solid(asset: Asset) -> bool:
@@ -72,26 +71,23 @@ class Bake:
         asset: Asset,
         views: BakeViews,
         master: Teacher,
-        options: Options,
+        options: BakeOptions,
         device: str | None,
         watch: Watch,
-        *,
-        levels: bool = False,
     ) -> None:
         self._asset, self._views, self._master, self._options = asset, views, master, options
         self._device, self._watch = device, watch
         self._pixels = max(camera.width * camera.height for camera in views.taught)
-        self._taught = master.lessons(views.taught, self._scale(levels))
+        self._taught = master.lessons(views.taught, self._scale())
         first = range(len(views.taught) - len(views.aside))
         self._teaching = self._taught.part(first)
         self._aside = self._taught.part(range(len(first), len(views.taught)) or first)
         is_plain = why_not(asset.manifest, "dedicated") is not None and options.teacher == "dedicated"
         self._guide = Guide(self._teaching, self._aside, options.seed, device, watch, is_plain)
         self._soups: dict[int | None, tuple[Mesh, list[str]]] = {}
-        self._has_levels = levels
         self._rough: Mesh | None = None
 
-    def _scale(self, levels: bool) -> int:
+    def _scale(self) -> int:
         """Return how many times as large as the views the pictures are that teach.
 
         The larger they are, the finer borders of faces are found. Where nothing moves, without a texture,
@@ -99,9 +95,10 @@ class Bake:
         """
         if (2 * _TEXTURED) ** 2 * self._pixels <= PIXELS_TO_MOVE:
             return 2 * _TEXTURED
-        is_kept = self._options.geometry == "kept" and self._options.look("kept", self._asset) == "vertex"
+        options = self._options
+        is_kept = options.geometry == "kept" and choose_look(options, "kept", self._asset) == "vertex"
         has_pixels = self._pixels >= FINE * self._asset.manifest.face_count
-        return 1 if is_kept and has_pixels and not levels else _TEXTURED
+        return 1 if is_kept and has_pixels and not options.shares else _TEXTURED
 
     def close(self) -> None:
         """Give the pictures back."""
@@ -151,7 +148,7 @@ class Bake:
                 tried[name] = mean_psnr(asset_from_mesh(judged), truths, SAMPLES, self._device)[0]
         chosen, why = self._chosen(made, tried)
         notes += said[chosen]
-        if self._has_levels:  # a texture takes the place of its colours, which levels begin with
+        if self._options.shares:  # a texture takes the place of its colours, which levels begin with
             self._rough = made[chosen]
         if stopped():
             notes.append("interrupted: this is the best so far")
@@ -227,7 +224,7 @@ class Bake:
         is_free = options.color is None and options.texture is None
         if name == "fitted" and is_free and self._are_small(len(mesh.faces)):
             return "vertex"
-        return options.look(name, self._asset)
+        return choose_look(options, name, self._asset)
 
     def _made(self, name: Geometry, shares: Shares | None) -> tuple[Mesh, list[str]]:
         """Return the mesh of a geometry, in rough colours, and what should be known of it."""
@@ -274,7 +271,7 @@ class Bake:
                 break
             look: Look = "vertex" if size is None else "texture"
             level = self._colored(name, one, look, self._taught, size)
-            own = self.measured(level)[0]
+            own = self.measure(level)[0]
             facts = len(level.faces), None if own is None else own.after_16, screen_share(mesh, level)
             found.append((Level(share, *facts), level))
             said += [f"of the level with {share:g} of the faces: {note}" for note in notes]
@@ -316,6 +313,6 @@ class Bake:
             mesh = replace(mesh, vertex_colors=colors.astype(np.uint8))
         return replace(mesh, up=written_up(self._asset))
 
-    def measured(self, mesh: Mesh) -> tuple[Psnr | None, Psnr | None]:
+    def measure(self, mesh: Mesh) -> tuple[Psnr | None, Psnr | None]:
         """Return the numbers of the views held back: against the own look, and against photographs."""
         return measured(self._asset, asset_from_mesh(mesh), self._views, self._master, self._device)

@@ -1,109 +1,190 @@
-"""What is asked of a bake, refused before anything is read where it is none."""
+"""The options of a bake: of `msb.bake`, of the command and of a protocol's `[[bakes]]`.
+
+Nothing here imports NumPy, so that the help of the command stays fast.
+"""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from pathlib import Path
+from typing import Annotated, Literal, TypedDict
 
-from msb.asset.look import tint_of
-from msb.asset.texture import MAX_SIDE, textures_of
-from msb.asset.tiers import why_not
-from msb.bake.atlas import need_xatlas
-from msb.bake.lods import need_simplification
-from msb.bake.report import Geometry, Look
-from msb.bake.soup import is_uncut_soup
-from msb.bake.teacher import Source
-from msb.base.extras import is_installed, need_extra
-from msb.base.soup import is_soup
+from msb.base.extras import need_extra
+from msb.base.option import Option, check_values, label_of
 from msb.errors import UsageError, shorten
+from msb.render.options import Up
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
+Geometry = Literal["kept", "fitted", "surface"]
+GeometryChoice = Literal["auto", "kept", "fitted", "surface"]
+Look = Literal["texture", "vertex"]
+Supervision = Literal["dedicated", "photographs"]
+ShapeKind = Literal["mesh", "hulls", "box"]
 
-Wanted = Literal["auto", "kept", "fitted", "surface"]
-LEAST_TEXTURE, MOST_TEXTURE = 16, MAX_SIDE
+FEWEST_FACES = 4  # faces of the smallest closed mesh, a tetrahedron
+_MOST_SHAPE = 1 << 20  # most faces or convex parts of a collision shape
 
 
 @dataclass(frozen=True)
-class Options:
-    """What is asked for of the faces and their colours, and what teaches: `msb.bake` says what each means.
+class BakeOptions:
+    """What a bake makes, from which images, and for how long; `msb.bake` describes each option.
 
     Raises
     ------
     UsageError
-        USAGE: one is none, or they do not go together.
+        USAGE: an option has an invalid value, or two options contradict each other.
     """
 
-    geometry: Wanted = "auto"
-    for_solid: bool = False
-    color: Look | None = None
-    teacher: Source = "dedicated"
-    faces: int | None = None
-    texture: int | None = None
-    seconds: float = 60.0
-    seed: int = 0
+    geometry: Annotated[
+        GeometryChoice,
+        Option(
+            "kept: the model's triangles; fitted: moved until the picture is right; auto: the better of "
+            "these; surface: closed, for tools that need a solid.",
+            metavar="auto|kept|fitted|surface",
+        ),
+    ] = "auto"
+    for_solid: Annotated[
+        bool,
+        Option(
+            "Of auto: make fitted and surface; take the surface, unless its verdict is BAD. A plain mesh "
+            "that is OK is kept."
+        ),
+    ] = False
+    color: Annotated[
+        Look | None,
+        Option("Default: vertex for kept, if the model has static colours there; else texture."),
+    ] = None
+    teacher: Annotated[
+        Supervision,
+        Option("What teaches: the method's own look, or the scene's photographs."),
+    ] = "dedicated"
+    faces: Annotated[int | None, Option("At most N fitted triangles, or about N of a surface.", least=1)] = (
+        None
+    )
+    texture: Annotated[
+        int | None,
+        Option(
+            "Texels along a side of the texture. Default: as many as pictures show.", least=16, most=16384
+        ),
+    ] = None
+    lods: Annotated[
+        str | Sequence[float] | None,
+        Option(
+            "Levels of detail beside OUT (NAME_lod1, ...): shares of its faces, as 0.5,0.25,0.1.",
+            metavar="SHARES",
+        ),
+    ] = None
+    collision: Annotated[
+        str | None,
+        Option("A shape to bump into beside OUT (NAME_collision).", metavar="mesh:N|hulls:N|box"),
+    ] = None
+    seconds: Annotated[
+        float,
+        Option(
+            "About how long fitted triangles, and a surface of them, may move; 0: a single step.", least=0
+        ),
+    ] = 60.0
+    seed: Annotated[int, Option("Where the search begins.", least=0)] = 0
+    up: Annotated[
+        Up | None, Option("Axis round which views are made where there are no cameras. Default: the asset's.")
+    ] = None
+    keep_best: Annotated[bool, Option("At Ctrl-C write the best so far, not nothing.")] = False
+    cache: Annotated[
+        Path | str | os.PathLike[str] | None,
+        Option(
+            "A folder that keeps the pictures that the model's own renderer draws: a second bake takes them.",
+            metavar="DIR",
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
-        for name, value, words in (
-            ("geometry", self.geometry, get_args(Wanted)),
-            ("color", self.color, (None, *get_args(Look))),
-            ("teacher", self.teacher, get_args(Source)),
-        ):
-            if value not in words:
-                one_of = ", ".join(word for word in words if word)
-                raise _refused(f'{name} is "{shorten(str(value), 40)}"; it must be one of {one_of}')
-        if self.for_solid and self.geometry != "auto":
-            text = f'for_solid chooses among what geometry "auto" makes; "{self.geometry}" is chosen already'
-            raise _refused(text)
-        if self.texture is not None:
-            if not LEAST_TEXTURE <= self.texture <= MOST_TEXTURE:
-                sides = f"{LEAST_TEXTURE} to {MOST_TEXTURE} texels a side"
-                raise _refused(f"texture is {self.texture}; it must be {sides}")
-            if self.color == "vertex":
-                raise _refused("texture is the size of a texture, which color vertex has none of")
-        if self.faces is not None and self.faces < 1:
-            raise _refused(f"faces is {self.faces}; it must be 1 or more")
-        if self.faces is not None and self.geometry == "kept":
-            raise _refused("faces limits fitted ones; kept ones are the model's own")
-        if not 0 <= self.seconds < float("inf"):
-            raise _refused(f"seconds is {self.seconds}; it must be a finite number, 0 or more")
-        if self.seed < 0:
-            raise _refused(f"seed is {self.seed}; it must be 0 or more")
+        check_values(self)
+        contradictions = {
+            ("for_solid", "geometry"): self.for_solid and self.geometry != "auto",
+            ("faces", "geometry"): self.faces is not None and self.geometry == "kept",
+            ("texture", "color"): self.texture is not None and self.color == "vertex",
+        }
+        for (name, other), holds in contradictions.items():
+            if holds:
+                value = getattr(self, other)
+                text = f"{label_of(self, name)} does not go with {label_of(self, other)} {value}"
+                raise UsageError("USAGE", text)
+        if self.collision is not None:
+            parse_collision(self.collision)
+        _ = self.shares
 
-    def look(self, name: Geometry, asset: Asset) -> Look:
-        """Return where the colours of a geometry go."""
-        is_vertex = name == "kept" and self.texture is None and _fits_vertices(asset)
-        return self.color or ("vertex" if is_vertex else "texture")
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """The levels of detail, as falling shares of the faces; none by default."""
+        return () if self.lods is None else parse_shares(self.lods)
 
-    def check_model(self, asset: Asset, *, has_levels: bool = False) -> None:
-        """Refuse what would be found to be missing when most of the work is done."""
-        is_auto = self.geometry == "auto" and self.faces is None and not self.for_solid
-        if not (is_auto or self.geometry == "kept"):
-            return
-        faces = asset.buffers["indices"]
-        if self.look("kept", asset) == "texture" and not is_soup(faces):
-            need_xatlas()
-        if has_levels and not is_uncut_soup(asset.buffers["positions"], faces):
-            need_simplification()
+    @property
+    def has_closed_surface(self) -> bool:
+        """Whether a closed surface is among what is made."""
+        return self.for_solid or self.geometry == "surface"
 
 
-def _fits_vertices(asset: Asset) -> bool:
-    """Return whether colours at the corners can be what is seen: not of what has its look within each face;
-    nor of a mesh whose faces have colours of their own, if there is what makes a texture."""
-    if why_not(asset.manifest, "standard") is not None:
-        return False
-    tint = tint_of(asset)
-    is_unshared = is_soup(asset.buffers["indices"])
-    is_smooth = tint is not None and (is_unshared or tint.domain == "vertex")
-    return (is_smooth and textures_of(asset) is None) or not (is_unshared or is_installed("xatlas"))
+class BakeKeywords(TypedDict, total=False):
+    """The fields of `BakeOptions` as keywords of `msb.bake`, for tools that check types."""
+
+    geometry: GeometryChoice
+    for_solid: bool
+    color: Look | None
+    teacher: Supervision
+    faces: int | None
+    texture: int | None
+    lods: str | Sequence[float] | None
+    collision: str | None
+    seconds: float
+    seed: int
+    up: Up | None
+    keep_best: bool
+    cache: str | os.PathLike[str] | None
 
 
-def need_libraries(geometry: str) -> None:
-    """Refuse a geometry whose libraries are not installed."""
-    if geometry == "surface":
+def parse_shares(lods: str | Sequence[float]) -> tuple[float, ...]:
+    """Return the shares of all faces in "0.5,0.25,0.1", or in a sequence: each below 1 and the one before.
+
+    Raises
+    ------
+    UsageError
+        USAGE: they are not.
+    """
+    words = lods.split(",") if isinstance(lods, str) else lods
+    try:
+        shares = tuple(float(word) for word in words)
+    except (TypeError, ValueError):
+        shares = (0.0,)
+    if any(not 0 < share < before for before, share in zip((1.0, *shares), shares, strict=False)):
+        given = shorten(lods if isinstance(lods, str) else ",".join(map(str, lods)), 40)
+        text = f"--lods is {given}; it must be falling shares of the faces, such as 0.5,0.25,0.1"
+        raise UsageError("USAGE", text)
+    return shares
+
+
+def parse_collision(text: str) -> tuple[ShapeKind, int]:
+    """Return the kind and the largest number of faces or parts in "mesh:1000", "hulls:16" or "box".
+
+    Raises
+    ------
+    UsageError
+        USAGE: the text is none of these.
+    """
+    name, _, number = text.partition(":")
+    if text == "box":
+        return "box", 1
+    count = int(number) if number.isascii() and number.isdigit() and len(number) < 9 else 0
+    if name == "mesh" and FEWEST_FACES <= count <= _MOST_SHAPE:
+        return "mesh", count
+    if name == "hulls" and 1 <= count <= _MOST_SHAPE:
+        return "hulls", count
+    wanted = f"mesh:N (N faces, {FEWEST_FACES} or more), hulls:N (N convex parts) or box"
+    raise UsageError("USAGE", f'--collision is "{shorten(text, 40)}"; it must be {wanted}')
+
+
+def need_libraries(options: BakeOptions) -> None:
+    """Reject a closed surface if its libraries are not installed."""
+    if options.has_closed_surface:
         need_extra("bench", "skimage", what="a closed surface")
         need_extra("trial", "fast_simplification", "xatlas", what="a closed surface")
-
-
-def _refused(text: str) -> UsageError:
-    return UsageError("USAGE", text)

@@ -18,10 +18,8 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
     from msb.meshes.mesh import Mesh
 
-_GROUP, _ROWS = 64, 8
-"""Sizes of work-groups: of pixels, and of rows of texels."""
-_WAYS = 16
-"""Words that the kernels keep of each face."""
+_GROUP, _ROWS = 64, 8  # work-group sizes: pixels, and rows of texels
+_WAYS = 16  # words per face that the kernels keep
 
 
 class Painting(Pupil):

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 _VIEWS = 2
-_PIXELS = 1 << 18
-"""Of the largest of its pictures."""
+_PIXELS = 1 << 18  # pixels of the largest image
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -15,21 +15,19 @@ from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
+from msb.render.standard.triangles import RECORD_DEFINES
 
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.bake.lessons import Lessons
     from msb.cl import Buffer, Device
 
+# Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
 SUMS = 15
-"""Sums a face: six of products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and
-c."""
 _GROUP = 64
-_BLOCK = 2
-"""Pixels along each side of what `Raster.error` compares."""
+_BLOCK = 2  # pixels along each side of the blocks that `Raster.error` compares
+# Bytes of training images that stay on the device; beyond that each is sent when it is needed.
 _KEPT = 1 << 28
-"""Bytes of the teacher's pictures that stay on the device; where there are more, each is sent when it
-counts."""
 
 
 class Seen(NamedTuple):
@@ -110,7 +108,7 @@ class Raster(Pupil):
         self._count = count
         wide = self._device.record.int64_atomics
         self._total = np.int64 if wide else np.int32
-        self._own = self._device.program("bake", {"WIDE": wide})
+        self._own = self._device.program("bake", {**RECORD_DEFINES, "WIDE": wide})
 
     def beside(self, lessons: Lessons) -> Raster:
         """Return one of other lessons that draws the same faces: what is put on one is on both, and they are

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
 
 from msb.topology.verdict import judge
 
@@ -12,13 +12,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.bake.collision import Collision
+    from msb.bake.options import Geometry, Look
     from msb.scenes.colors import Color
     from msb.topology import Audit
 
 SCHEMA = "msb.bake/1"
 WORSE = "the plain mesh was nearer to its own look: give more views, or larger ones"
-Geometry = Literal["kept", "fitted", "surface"]
-Look = Literal["texture", "vertex"]
 
 
 @dataclass(frozen=True)
@@ -263,39 +262,24 @@ class Report:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON data (schema msb.bake/1)."""
-        psnr = {
-            "own": None if self.own is None else self.own.to_dict(own=True),
-            "photographs": None if self.photographs is None else self.photographs.to_dict(own=False),
-        }
+        data = {each.name: getattr(self, each.name) for each in fields(self)}
+        views = {name: data.pop(name) for name in ("taught", "between", "held_back")}
+        own, photographs = data.pop("own"), data.pop("photographs")
+        before, after = data.pop("before"), data.pop("after")
         return {
             "schema": SCHEMA,
-            "path": self.path,
-            "output": self.output,
-            "geometry": self.geometry,
-            "color": self.color,
-            "vertices": self.vertices,
-            "faces": self.faces,
-            "texture": None if self.texture is None else list(self.texture),
-            "bytes": self.bytes,
-            "seconds": self.seconds,
-            "views": {
-                "taught": self.taught,
-                "between": self.between,
-                "held_back": self.held_back,
-                "from": self.views,
+            **data,
+            "views": {**views, "from": self.views},
+            "psnr": {
+                "own": None if own is None else own.to_dict(own=True),
+                "photographs": None if photographs is None else photographs.to_dict(own=False),
             },
-            "unseen_area": self.unseen_area,
-            "psnr": psnr,
-            "verdict_before": self.before.to_dict(),
-            "verdict_after": self.after.to_dict(),
+            "verdict_before": before.to_dict(),
+            "verdict_after": after.to_dict(),
+            "texture": None if self.texture is None else list(self.texture),
             "lods": [asdict(one) for one in self.lods],
             "collision": None if self.collision is None else asdict(self.collision),
-            "teacher": self.teacher,
-            "model_faces": self.model_faces,
             "background": list(self.background),
-            "seed": self.seed,
-            "device": self.device,
-            "tried": self.tried,
             "notes": list(self.notes),
             "sentence": self.sentence,
         }

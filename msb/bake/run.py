@@ -1,4 +1,4 @@
-"""A bake from end to end: views, teacher, what is made of the faces, and what is measured of it."""
+"""A bake from end to end: options, views, training images, meshes, measurements and report."""
 
 from __future__ import annotations
 
@@ -10,20 +10,18 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Unpack
 
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
 from msb.bake.cache import SUFFIX
-from msb.bake.collision import kind_of
-from msb.bake.collision import need_libraries as need_for_shape
 from msb.bake.folder import only_folder, write_folder
-from msb.bake.lods import checked_shares
 from msb.bake.making import Bake
-from msb.bake.options import Options, Wanted, need_libraries
+from msb.bake.needs import check_model
+from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
 from msb.bake.preview import Preview, preview
-from msb.bake.report import WORSE, Look, Report, Shape, Verdict
-from msb.bake.teacher import Source, Teacher
+from msb.bake.report import WORSE, Report, Shape, Verdict
+from msb.bake.teacher import Teacher
 from msb.bake.views import bake_views
 from msb.bake.written import Part, endings, write_all
 from msb.base.atomic import check_place, room_for_temporaries
@@ -34,6 +32,12 @@ from msb.meshes.assets import asset_from_mesh
 
 if TYPE_CHECKING:
     from msb.asset import Asset
+    from msb.bake.collision import Collision
+    from msb.bake.making import Facts
+    from msb.bake.report import Level, Psnr
+    from msb.bake.start import Watch
+    from msb.bake.views import BakeViews
+    from msb.meshes.mesh import Mesh
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
@@ -92,83 +96,74 @@ def bake(
     *,
     scene: Scene | str | os.PathLike[str] | None = None,
     cameras: Iterable[Camera] | None = None,
-    geometry: Wanted = "auto",
-    for_solid: bool = False,
-    color: Look | None = None,
-    teacher: Source = "dedicated",
-    faces: int | None = None,
-    texture: int | None = None,
-    lods: Sequence[float] = (),
-    collision: str | None = None,
-    seconds: float = 60.0,
-    seed: int = 0,
-    up: str | None = None,
     background: Sequence[float] | str | None = None,
     device: str | None = None,
     progress: Progress | None = None,
-    keep_best: bool = False,
-    cache: str | os.PathLike[str] | None = None,
+    **options: Unpack[BakeKeywords],
 ) -> Baked:
-    """Make a plain, opaque asset that looks like a model, taught by the model's own renderer.
+    """Make an opaque mesh, with a texture or vertex colours, that looks like the native rendering of a model.
 
     Parameters
     ----------
     asset : Asset or path-like
         The model, or the path of anything that `msb.open` takes. It is not changed.
     scene : Scene or path-like, optional
-        The scene it was trained on: its training views teach, its test views are for the report alone.
+        The scene the model was trained on. Its training views supervise; its test views are only used for
+        the report.
     cameras : iterable of Camera, optional
-        Views instead of a scene's; every 8th is for the report alone. Default: those of the training where
-        they lie beside the model, else 40 views round it or inside it. Where fewer than 40 teach, the model
-        is drawn between them as well.
-    geometry : {"auto", "kept", "fitted", "surface"}
-        The model's own triangles, triangles that were moved until the opaque picture is right, or one closed
-        surface, which tools for solids can use. "auto" makes the first two, and takes what looks better in
-        views that taught neither.
-    for_solid : bool
-        With "auto": make fitted triangles and a surface, and take the surface, unless its verdict is bad. A
-        plain mesh of which the verdict is OK keeps its own triangles, unless `faces` is given.
-    color : {"texture", "vertex"}, optional
-        Default: colours of vertices for kept triangles of a model whose static colours are of vertices, else
-        a texture.
-    teacher : {"dedicated", "photographs"}
-        What teaches: the look of the method, or the photographs of the scene.
-    faces : int, optional
-        The most fitted triangles, or about how many a surface has.
-    texture : int, optional
-        Texels along a side of the texture, 16 to 16384. Default: as many as pictures show.
-    lods : sequence of float
-        Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1).
-    collision : str, optional
-        A shape to bump into: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
-    seconds : float
-        About how long fitted triangles may take; a surface takes half as long again, and beside these twice
-        as long, and each level of detail as long again. With 0 they move a single step; which are shown is
-        chosen all the same. Collision is not counted.
-    seed : int
-        Where the search begins: the same gives the same on one device, if the time suffices.
-    up : str, optional
-        The axis, such as "+z", round which views are made where there are no cameras.
+        Views instead of a scene's; every 8th is held out for the report. Default: the training cameras, if
+        they lie beside the model, else 40 generated views around it or inside it. Fewer than 40 supervising
+        views are completed by interpolated views.
     background : (3,) floats, or str, optional
-        As for `msb.render`; that of the scene, else the asset's own.
+        As for `msb.render`. Default: the scene's background, else the asset's.
     device : str, optional
         The OpenCL device.
     progress : callable, optional
         Called as ``progress(stage, done, total)``.
-    keep_best : bool
-        End with the best so far when interrupted (Ctrl-C); else nothing is made.
-    cache : path-like, optional
-        A folder in which the pictures that the model's own renderer draws are kept, and looked for first: a
-        bake that was interrupted, or has other options, begins with those that are there.
+    **options
+        The fields of `msb.bake.options.BakeOptions`, which "Other Parameters" describes.
 
     Returns
     -------
     Baked
 
+    Other Parameters
+    ----------------
+    geometry : {"auto", "kept", "fitted", "surface"}, default "auto"
+        The model's own triangles, triangles moved until the opaque image is right, or one closed surface for
+        tools that need a solid. "auto" makes the first two and takes the better by its validation views.
+    for_solid : bool, default False
+        With "auto": make fitted triangles and a surface, and take the surface unless its verdict is bad. A
+        plain mesh with the verdict OK keeps its triangles, unless `faces` is given.
+    color : {"texture", "vertex"}, optional
+        Default: vertex colours for kept triangles of a model with static vertex colours, else a texture.
+    teacher : {"dedicated", "photographs"}, default "dedicated"
+        The training images: the method's native renderings, or the photographs of the scene.
+    faces : int, optional
+        The largest number of fitted triangles, or the approximate number of a surface.
+    texture : int, optional
+        Texels along a side of the texture, 16 to 16384. Default: as many as the images resolve.
+    lods : sequence of float, or str, optional
+        Levels of detail: falling shares of the faces, such as (0.5, 0.25, 0.1) or "0.5,0.25,0.1".
+    collision : str, optional
+        A collision shape: "mesh:N", "hulls:N" or "box" (`msb.bake.collision`).
+    seconds : float, default 60
+        Approximate time to move fitted triangles. A surface takes half as long again, both together twice
+        as long, and each level of detail as long again. With 0 they move a single step, and the face
+        selection still runs. The time for `collision` is not included.
+    seed : int, default 0
+        Seed of the search. One seed gives one result on one device, if the time suffices.
+    up : str, optional
+        The axis, such as "+z", around which views are generated if there are no cameras.
+    keep_best : bool, default False
+        Return the best result so far after an interrupt (Ctrl-C) instead of raising.
+    cache : path-like, optional
+        A folder of native renderings. They are written there and reused by later bakes.
+
     Raises
     ------
     UsageError
-        An argument is none, or views that were made see less than 80 % of the asset's area.
+        An argument is invalid, or the generated views see less than 80 % of the asset's area.
     MetricError
         `METRIC_NOTHING_SHOWN`: no view sees the asset.
     Unsupported
@@ -184,21 +179,15 @@ def bake(
     >>> baked.report.geometry, baked.asset.manifest.method
     ('kept', 'mesh')
     """
-    options = Options(geometry, for_solid, color, teacher, faces, texture, seconds, seed)
-    need_libraries("surface" if for_solid else geometry)
-    wanted = checked_shares(lods) if lods else ()
-    if collision is not None:
-        kind_of(collision)
-    place = None if cache is None else given_path(cache)
-    if place is not None:
-        check_place(place / SUFFIX)
+    wanted = BakeOptions(**options)
+    need_libraries(wanted)
+    cache = None if wanted.cache is None else given_path(wanted.cache)
+    if cache is not None:
+        check_place(cache / SUFFIX)
     began = time.perf_counter()
-    asset = as_asset(asset)
-    options.check_model(asset, has_levels=bool(wanted))
-    if collision is not None:
-        triangles = asset.buffers["positions"], asset.buffers["indices"]
-        need_for_shape(collision, triangles if geometry == "kept" else None)
-    with about(asset.opened_from), room_for_temporaries(), _stopping(keep_best) as stopped:
+    model = as_asset(asset)
+    check_model(wanted, model)
+    with about(model.opened_from), room_for_temporaries(), _stopping(wanted.keep_best) as stopped:
 
         def watch(stage: str, done: int, total: int) -> bool:
             if progress is not None:
@@ -207,29 +196,62 @@ def bake(
 
         watch("views", 0, 1)
         views = bake_views(
-            asset,
+            model,
             scene,
             cameras,
-            up=up,
+            up=wanted.up,
             background=background,
-            photographs=teacher == "photographs",
+            photographs=wanted.teacher == "photographs",
             device=device,
         )
-        with Teacher(asset, views, teacher, device, place) as master:
-            made = Bake(asset, views, master, options, device, watch, levels=bool(wanted))
-            with closing(made):
-                mesh, facts = made.best(stopped)
-                watch("measuring", 0, 1)
-                own, photographs = made.measured(mesh)
-                levels, more = made.levels(facts.geometry, mesh, wanted)
-                shape = None if collision is None else made.shape(mesh, collision)
-            baked = asset_from_mesh(mesh)
+        with Teacher(model, views, wanted.teacher, device, cache) as teacher:
+            with closing(Bake(model, views, teacher, wanted, device, watch)) as bake:
+                made = _make(bake, wanted, watch, stopped)
+            baked = asset_from_mesh(made.mesh)
             watch("preview", 0, 1)
-            picture = preview(asset, baked, views, master, device)
-            cached = [] if master.pictures is None else master.pictures.notes()
+            picture = preview(model, baked, views, teacher, device)
+            cached = [] if teacher.pictures is None else teacher.pictures.notes()
         watch("audit", 0, 1)
-    worse = [WORSE] if own is not None and own.is_worse else []
-    report = Report(
+    report = _report(model, baked, views, made, wanted, cached, began, choose_device(device).record.name)
+    shape = None if made.shape is None else asset_from_mesh(made.shape.mesh)
+    return Baked(baked, report, picture, tuple(asset_from_mesh(mesh) for _, mesh in made.levels), shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Made:
+    """The meshes of a bake, and what was measured of them."""
+
+    mesh: Mesh
+    facts: Facts
+    own: Psnr | None
+    photographs: Psnr | None
+    levels: Sequence[tuple[Level, Mesh]]
+    level_notes: Sequence[str]
+    shape: Collision | None
+
+
+def _make(bake: Bake, options: BakeOptions, watch: Watch, stopped: Callable[[], bool]) -> _Made:
+    mesh, facts = bake.best(stopped)
+    watch("measuring", 0, 1)
+    own, photographs = bake.measure(mesh)
+    levels, notes = bake.levels(facts.geometry, mesh, options.shares)
+    shape = None if options.collision is None else bake.shape(mesh, options.collision)
+    return _Made(mesh, facts, own, photographs, levels, notes, shape)
+
+
+def _report(
+    model: Asset,
+    baked: Asset,
+    views: BakeViews,
+    made: _Made,
+    options: BakeOptions,
+    cached: Sequence[str],
+    began: float,
+    device: str,
+) -> Report:
+    mesh, facts = made.mesh, made.facts
+    worse = [WORSE] if made.own is not None and made.own.is_worse else []
+    return Report(
         geometry=facts.geometry,
         color="texture" if mesh.textures else "vertex",
         vertices=len(mesh.vertices),
@@ -240,31 +262,29 @@ def bake(
         between=len(views.between),
         held_back=len(views.held_back),
         views=views.said,
-        teacher=teacher,
+        teacher=options.teacher,
         unseen_area=facts.unseen,
-        own=own,
-        photographs=photographs,
-        before=Verdict.of(audit(asset)),
+        own=made.own,
+        photographs=made.photographs,
+        before=Verdict.of(audit(model)),
         after=Verdict.of(audit(baked)),
-        model_faces=asset.manifest.face_count,
+        model_faces=model.manifest.face_count,
         background=views.background,
-        seed=seed,
-        device=choose_device(device).record.name,
+        seed=options.seed,
+        device=device,
         tried=facts.tried,
-        notes=(*views.notes, *cached, *facts.notes, *worse, *more),
-        lods=tuple(level for level, _ in levels),
-        collision=None if shape is None else Shape.of(shape),
-        path=None if asset.opened_from is None else str(asset.opened_from),
+        notes=(*views.notes, *cached, *facts.notes, *worse, *made.level_notes),
+        lods=tuple(level for level, _ in made.levels),
+        collision=None if made.shape is None else Shape.of(made.shape),
+        path=None if model.opened_from is None else str(model.opened_from),
     )
-    bumped = None if shape is None else asset_from_mesh(shape.mesh)
-    return Baked(baked, report, picture, tuple(asset_from_mesh(one) for _, one in levels), bumped)
 
 
 @contextmanager
 def _stopping(keep_best: bool) -> Iterator[Callable[[], bool]]:
-    """Yield what says whether to come to an end: after Ctrl-C, if that is to keep the best.
+    """Yield a function that tells whether to stop: True after the first Ctrl-C, if the best is to be kept.
 
-    A second one ends everything. Only the main thread hears of it.
+    A second Ctrl-C interrupts as usual. Signals only reach the main thread.
     """
     heard: list[int] = []
     if not keep_best or threading.current_thread() is not threading.main_thread():

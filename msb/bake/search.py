@@ -16,14 +16,10 @@ if TYPE_CHECKING:
     from msb.bake.raster import Raster
     from msb.bake.soup import Soup
 
-SHARE = 0.08
-"""Part of the faces that a round tries: so few that neighbours rarely change together."""
-BATCH = 8
-"""Views that judge a round."""
-SURE = 0.5
-"""Standard errors by which a gain must exceed 0."""
-_LEAST = 1e-4
-"""The squared error that any gain must exceed, in all views of a round."""
+SHARE = 0.08  # share of the faces tried in a round; so few that neighbours rarely change together
+BATCH = 8  # views that judge a round
+SURE = 0.5  # standard errors by which a gain must exceed 0
+_LEAST = 1e-4  # squared error over all views of a round that a gain must exceed
 
 
 def try_faces(

@@ -25,13 +25,10 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
-STIFF = 0.5
-"""How far a slope is smoothed: the square of the width, in edges."""
+STIFF = 0.5  # smoothing of the slopes: squared width, in edges
 STEPS = 200
-RATES = 0.12, 0.01
-"""In edges, how far a step moves a vertex in the mean: at first, and at last."""
-_FARTHEST = 4.0
-"""How many times the rate a vertex moves at most in a step."""
+RATES = 0.12, 0.01  # mean step of a vertex in edge lengths, at the start and at the end
+_FARTHEST = 4.0  # largest move of a vertex in a step, in rates
 
 
 def settle(

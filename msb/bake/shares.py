@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from msb.registry import Tier
     from msb.scenes import Camera
 
-_NO_COLOR = 0.5
-"""What stands for the colour of a face that no picture shows."""
+_NO_COLOR = 0.5  # colour of a face that no image shows
 
 
 @dataclass(frozen=True, eq=False)

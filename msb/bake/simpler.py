@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.solid import mended
-from msb.base.extras import need_extra
 from msb.topology import audit_arrays
 from msb.topology.seams import is_closed
 from msb.topology.steps import drop, turn_faces
@@ -17,8 +16,8 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
+# Growth of the allowed error; the library's default is 7, and slower ones end above the face budget.
 _HASTE = 5
-"""How fast the library raises the error that it allows: 7 unasked. Slower ends above the faces asked for."""
 
 
 def closed(points: NDArray[Any], faces: Faces) -> bool:
@@ -31,13 +30,7 @@ def simpler(points: Reals, faces: Faces, count: int) -> tuple[Reals, Faces]:
 
     A closed one stays closed, manifold and consistently wound: where so few faces leave nothing of it, it
     keeps more. Of an open one, faces go that make edges of more than two.
-
-    Raises
-    ------
-    UsageError
-        EXTRA_MISSING: fast-simplification is not installed.
     """
-    need_extra("trial", "fast_simplification", what="a surface of fewer faces")
     import fast_simplification
 
     mend = mended if closed(points, faces) else _manifold

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.colors import laplacian
+from msb.bake.options import FEWEST_FACES
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
+from msb.topology.crossings import crossing_pairs
 from msb.topology.steps import close, pair, turn_faces
-from msb.trial.tasks.self_intersections import crossing_pairs
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -24,31 +25,21 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
     Faces = NDArray[np.int64]
 
-_APART = 0.002
-"""The least distance from the surface that a cell is taken to have, in reaches of a view."""
+_APART = 0.002  # least distance of a cell from the surface, in reaches of a view
+# Aggressiveness of the edge collapse; the first gives better meshes, but may end above the face budget.
 _HASTE, _MORE_HASTE = 5, 7
-"""How fast edges are collapsed: slowly is better, and may end before there are few enough faces."""
+# Merged vertices together cover at most this many pixels of an average view, and at most this share of
+# what an average vertex covers.
 _HARDLY, _LESS = 2.0, 0.1
-"""Pixels of the mean view that are hardly any, together; at most so much of what a vertex has in the mean."""
-_COARSEST = 1 / 8
-"""How many of the faces asked for there would be if all were as coarse as what no view sees may get."""
-_DETAIL = 32
-"""How many times the faces asked for a surface has before it is looked at which of them matter."""
-FEWEST_FACES = 4
-"""Of what is closed: a tetrahedron."""
-_MIDDLE = 0.3
-"""Radius inside a scene's space up to which errors count about alike."""
-_FLAT = 1e-3
-"""Of the usual area, what is hardly any: slivers that decimation leaves, which other libraries leave out."""
+_COARSEST = 1 / 8  # share of the face budget that a mesh has if all of it is as coarse as unseen parts may be
+_DETAIL = 32  # a surface has this multiple of the face budget before faces are weighted by their pixels
+_MIDDLE = 0.3  # radius inside a scene's space within which errors count about alike
+_FLAT = 1e-3  # area relative to the median below which a face is a sliver, which other libraries drop
 _MENDINGS = 5
-_TURNS = 32
-"""How often corners of faces that cross are smoothed."""
-_BACK = 60
-"""How often corners of faces that cross are put back before all are."""
-_CUTS = 6
-"""How often faces that still cross are cut out."""
-_WIDER = 8
-"""Turns after which their neighbours are, too, and again after as many."""
+_TURNS = 32  # times that corners of crossing faces are smoothed
+_BACK = 60  # times that corners of crossing faces are put back before all are
+_CUTS = 6  # times that faces which still cross are cut out
+_WIDER = 8  # smoothing turns after which the neighbours are included, and again after as many
 
 
 def boundary(values: NDArray[np.float32], grid: Grid, outside: float) -> tuple[Reals, Faces]:
@@ -118,10 +109,13 @@ def coarser_unseen(
     all is as coarse as it may be. Faces may touch at an edge then."""
     if len(faces) <= count:
         return points, faces
+    # The order in which quadric error collapses edges (n, 2): the vertex that stays, the one that goes.
     placed = _to_logarithm(points) if space.contracted else points
     *_, collapses = _collapsed(placed, faces, max(int(count * _COARSEST), FEWEST_FACES), _HASTE)
+    # Pixels of each vertex (V,): a third of those of its faces.
     shown = np.bincount(faces.reshape(-1), np.repeat(pixels / 3, 3), len(points))
     most = min(_HARDLY, _LESS * shown.sum() / (count / 2))
+    # Follow the collapses while the merged vertices cover few pixels together.
     held, into = shown.tolist(), list(range(len(points)))
     for stays, goes in collapses.tolist():
         together = held[stays] + held[goes]
@@ -129,6 +123,7 @@ def coarser_unseen(
             held[stays], into[goes] = together, stays
         else:  # what is collapsed later counts on this, and stays, too
             held[stays] = held[goes] = math.inf
+    # Each vertex becomes the last one of its chain of merges.
     merged = np.array(into)
     while (merged != merged[merged]).any():
         merged = merged[merged]
@@ -309,12 +304,14 @@ def parted(mesh: Mesh) -> Mesh:
     vertices, corners = mesh.vertices.copy(), mesh.faces.reshape(-1)
     count = np.bincount(corners, minlength=len(vertices))
     for _ in range(_MENDINGS):
+        # The vertices that repeat the place of an earlier one, and are used by a face.
         _, place = np.unique(vertices, axis=0, return_inverse=True)
         order = np.argsort(place, kind="stable")
         again = order[1:][np.diff(place[order]) == 0]
         again = again[count[again] > 0]
         if not len(again):
             break
+        # Move each a thousandth of the way to the mean centre of its faces.
         middles = np.repeat(vertices[mesh.faces].mean(axis=1), 3, axis=0)
         sums = [np.bincount(corners, axis, len(vertices))[again] for axis in middles.T]
         means = np.stack(sums, axis=1) / count[again, None]

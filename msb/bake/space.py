@@ -14,23 +14,17 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
-_FAR_SHARE = 0.02
-"""Share of what is seen that lies farther out than the cameras, above which it is a scene and no object."""
-_NEAR = 0.5
-"""Radius of what is left as it is in a scene, in distances of the usual camera."""
-_TRIM = 0.1
-"""Percent of what is seen that may lie outside the box of an object, at each of its sides."""
-_PARALLEL = 1e-3
-"""Cameras look at a point if their axes fix it this well in the direction in which they do worst."""
+_FAR_SHARE = 0.02  # share of visible points beyond the cameras above which the model is a scene
+_NEAR = 0.5  # radius of a scene that is left undistorted, in median camera distances
+_TRIM = 0.1  # percentage of visible points that may lie outside an object's box, at each side
+_PARALLEL = 1e-3  # least conditioning of the point that camera axes meet in, in its worst direction
+# Least distance of the meeting point in front of the cameras, relative to the visible points. Cameras
+# that turn in one place meet where they stand.
 _AHEAD = 1e-4
-"""How far ahead of cameras the point is that they look at, at least, of how far off is what they see: those
-that turn in one place meet where they stand."""
+# Distance of the visible centre from the cameras, in the same unit, below which they stand inside.
 _AMID = 0.5
-"""How near to cameras, in the same measure, the middle of what they see is where they stand amid it."""
-_THIN = 1e-3
-"""Half of the least side of the box of an object, of its longest one."""
-EDGE = 1.96
-"""How far out the grid of a scene reaches; 2 is infinitely far."""
+_THIN = 1e-3  # half the shortest side of an object's box, relative to its longest
+EDGE = 1.96  # outer radius of a scene's grid; 2 is infinitely far
 
 
 @dataclass(frozen=True, eq=False)

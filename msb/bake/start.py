@@ -16,8 +16,8 @@ from msb.bake.colors import pixels
 from msb.bake.raster import Raster
 from msb.bake.soup import Soup, seams_of
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
+from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
-from msb.meshes.sampled import with_sampled_colors
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -27,11 +27,10 @@ if TYPE_CHECKING:
 
 Watch = Callable[[str, int, int], bool]
 """Is told the stage, how much of it is done, of how much; says whether to end with the best so far."""
+# Shares of its covered pixels that a face must own, tried in this order. Faces below are dropped, as
+# those behind may be better. The validation views decide where to stop.
 LIMITS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
-"""Shares of the pixels that a face owns, below which it is dropped, the worst faces first: what these hide
-may deserve to be seen. At which it ends, views aside say."""
-_EVERY = 2
-"""Every so manieth view says what faces own."""
+_EVERY = 2  # every second view measures what faces own
 
 
 def nobody(_stage: str, _done: int, _total: int) -> bool:

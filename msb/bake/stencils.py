@@ -24,10 +24,10 @@ SMOOTHNESS = 0.5
 STEPS = 15
 """Of conjugate gradients."""
 _NOTHING = 1e-12
-"""Equals NOTHING in bake_solve.cl."""
+"""A residual up to this counts as 0."""
 _GROUP = 64
 _RUN, _RUNS = 64, 8
-"""Texels that a work-item sums over, RUN in bake_solve.cl, and such work-items of a group."""
+"""Texels that a work-item sums over, and such work-items of a group."""
 
 
 class Pyramid(OnDevice):
@@ -49,7 +49,7 @@ class Pyramid(OnDevice):
         self._scope = DeviceScope(device, "stencils")
         with self._scope.setting_up():
             self._device = self._scope.device
-            self._own = self._device.program("bake_solve")
+            self._own = self._device.program("bake_solve", {"RUN": _RUN, "NOTHING": _NOTHING})
             self.equations = self._new((self.starts[-1], 8))
             self.equations.fill(0)
 

@@ -16,9 +16,9 @@ from msb.bake.descent import Schedule
 from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import REACH, Depths, Grid, drawn_in
 from msb.bake.fusion import solid as solid_of
+from msb.bake.options import FEWEST_FACES
 from msb.bake.shares import pixels_shown
 from msb.bake.solid import (
-    FEWEST_FACES,
     boundary,
     coarser_unseen,
     compacted,
@@ -32,7 +32,6 @@ from msb.bake.solid import (
 from msb.bake.soup import Soup
 from msb.bake.space import Space
 from msb.bake.start import Best, Guide
-from msb.base.extras import need_extra
 from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
 
@@ -43,24 +42,19 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 OBJECT_FACES = 8_000
+# Default face budget of a scene: a face per `_PIXELS_A_FACE` of a view, within these bounds.
 SCENE_FACES = 20_000, 50_000
-"""Faces of a scene where it is not said how many: one for `_PIXELS_A_FACE` of a view, in these bounds."""
 _PIXELS_A_FACE = 2
-CELLS = 144
-"""Cells along the longest side of what is seen, first; then half as many, or twice, where they are better."""
-_COARSEST = 18
-"""Cells below which fewer are not tried."""
+CELLS = 144  # cells along the longest side, first; then half as many, or twice, if these are better
+_COARSEST = 18  # fewest cells that are tried
+# Double the grid while the ratio of errors stays below this. Otherwise a finer grid follows the noise of
+# the soup, which moving vertices does not remove.
 _WORTH = 0.75
-"""Of the error, what is so much less that twice as many cells were worth it, and are tried again: else they
-hold more of how uneven the soup is than of its shape, and vertices that move do not mend that."""
-_TIME_TO_CHOOSE = 2.0
-"""Seconds below which no other number of cells is tried: that takes many times as long on a scene."""
-_ABOUT = 1.25
-"""How many times the faces asked for are about as many."""
+_TIME_TO_CHOOSE = 2.0  # seconds below which only one grid is tried; on a scene it takes many times as long
+_ABOUT = 1.25  # a face count within this factor of the budget is not reported
+# With up to this many faces a two-step simplification is tried as well; beyond it is rarely better.
 _FEW = 4_000
-"""Faces up to which fewer are made in two steps as well; with more of them that is hardly ever better."""
-LEAST_PART = 1e-4
-"""Share of the pixels of all views below which a part is left out."""
+LEAST_PART = 1e-4  # share of the pixels of all views below which a part is left out
 
 
 class Solid(NamedTuple):
@@ -97,14 +91,10 @@ def surface(
 
     Raises
     ------
-    UsageError
-        EXTRA_MISSING.
     AssetError
         TRIASSET_EMPTY: no view sees anything that has a volume.
     DeviceError
     """
-    need_extra("bench", "skimage", what="a closed surface")
-    need_extra("trial", "fast_simplification", what="a closed surface")
     guide = guide.within(PIXELS_TO_MOVE)
 
     def of_cells(cells: int) -> Fewer:

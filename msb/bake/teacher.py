@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import partial
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,13 +24,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from msb.asset import Asset
+    from msb.bake.options import Supervision
     from msb.bake.views import BakeViews
     from msb.registry import Tier
     from msb.scenes import Camera
 
-Source = Literal["dedicated", "photographs"]
-SAMPLES = 4
-"""Samples along each side of a pixel where a plain mesh teaches, and in the finer of the two numbers."""
+SAMPLES = 4  # samples along each side of a pixel for a plain mesh, and in the finer of the two numbers
 
 
 class Teacher:
@@ -45,7 +44,7 @@ class Teacher:
         self,
         asset: Asset,
         views: BakeViews,
-        source: Source = "dedicated",
+        source: Supervision = "dedicated",
         device: str | None = None,
         cache: Path | None = None,
     ) -> None:

@@ -37,10 +37,8 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
-FEW = 6
-"""Every so manieth picture is what the error is reduced by first; then all are drawn once more."""
-_OWN_SIZE = 512, 4096
-"""Texels along a side, where nobody says how many: the fewest and the most."""
+FEW = 6  # the first pass uses every 6th image, the second pass all of them
+_OWN_SIZE = 512, 4096  # fewest and most texels along a side by default
 _TILE = 1024
 _SAMPLER = Sampler("linear", mipmaps=True, wrap_u="clamp", wrap_v="clamp")
 
@@ -106,6 +104,7 @@ def textured(
         face_textures=None,
         sampler=_SAMPLER,
     )
+    # Solve for the change of the texels that the images ask for: first with few, then with all of them.
     few = few_of(lessons)
     total = len(few) + len(lessons)
     for pictures, before in (few, 0), (lessons, len(few)):
@@ -148,6 +147,7 @@ def _beginning(
 
     The faces are drawn where they lie in the texture; a texel between charts is of the nearest.
     """
+    # Draw the faces in the plane of the texture, a tile at a time: (S, S) face numbers and colours.
     at = np.concatenate([uvs, np.ones((len(uvs), 1), np.float32)], axis=1)
     flat = Mesh(at, np.arange(len(colors)).reshape(-1, 3), colors)
     faces, texture = np.full((size, size), -1, np.int32), np.zeros((size, size, 3), np.uint8)
@@ -171,12 +171,14 @@ def _beginning(
         return np.zeros((size, size), np.int32), texture
     from scipy import ndimage  # it takes longer to load than all that vertices' colours need
 
+    # Texels between charts take the chart and the colour of the nearest face.
     row, column = ndimage.distance_transform_edt(faces < 0, return_distances=False, return_indices=True)
     return _charts(mesh, uvs)[faces[row, column]], texture[row, column]
 
 
 def _charts(mesh: Mesh, uvs: NDArray[np.float32]) -> NDArray[np.int32]:
     """Return the chart (F,) of each face: faces that share a corner in the texture are of one."""
+    # Corners in one place of the texture are one node of a graph, which joins their faces.
     keys = np.ascontiguousarray(uvs).view(np.uint64).reshape(-1)
     _, point = np.unique(keys, return_inverse=True)
     count = len(mesh.faces)

@@ -16,7 +16,6 @@ from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
 from msb.errors import MetricError, UsageError
 from msb.scenes.around import around
-from msb.scenes.between import between
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import (
     Scene,
@@ -26,6 +25,7 @@ from msb.scenes.datasets import (
     trained_otherwise,
 )
 from msb.scenes.sets import given_cameras, split_every_8th
+from msb.scenes.walk import between
 from msb.views import Views, made_views, training_views
 
 if TYPE_CHECKING:
@@ -33,19 +33,14 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.colors import Color
 
+# (degrees above the horizon, number of views), if there are no cameras.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))
-"""Degrees above the horizon, and views there, of a model that nobody has cameras for."""
-BELOW = (-35.0, 12)
-"""The same of views that look at a plain mesh from below."""
+BELOW = (-35.0, 12)  # the same for views of a plain mesh from below
 _MADE_SIZE = 480, 360
-MOST_PIXELS = 1 << 20
-"""Of a picture that teaches; larger cameras are scaled."""
-_FEWEST_TO_SPARE = 3
-"""Views that teach from which on some are kept aside."""
-_ENOUGH = 40
-"""Views that teach: where there are fewer, the model is drawn between them as well."""
-_MOST_BETWEEN = 8
-"""Views that are made for each of those after the first: between two alone there is little to see."""
+MOST_PIXELS = 1 << 20  # pixels of a training image; larger cameras are scaled
+_FEWEST_TO_SPARE = 3  # supervising views from which on some are kept for validation
+_ENOUGH = 40  # supervising views; fewer are completed by interpolated views
+_MOST_BETWEEN = 8  # interpolated views per view after the first; two views alone have little between them
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Packages whose names are imported on first use, some of which can also be called as a function."""
+"""Packages that import their public names on first use, and that can be called like a function."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class _LazyPackage(ModuleType):
 def make_lazy(package: str, homes: Mapping[str, str]) -> None:
     """Import the public names of a package when they are first used.
 
-    A package can be called if it has a public function of its own name: ``msb.render(asset, camera)`` is
-    ``msb.render.render(asset, camera)``, while ``msb.render.images`` still is a module. Help of a command
-    thus costs no import of NumPy, though the command lives in the package that does the work.
+    The help of a command thus needs no import of NumPy, although the command lives in the package that does
+    the work. A package with a public function of the same name can be called: ``msb.render(asset, camera)``
+    is ``msb.render.render(asset, camera)``, and ``msb.render.images`` is still a module.
 
     Parameters
     ----------

@@ -1,36 +1,40 @@
-"""What a command line says of a field of an options object, which itself knows no command line.
+"""Marks that turn the fields of an options object into options of a command.
 
 Write ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command that takes the object has an
-option for each of its fields.
+option for each such field.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from msb.errors import UsageError, shorten
 
 
 @dataclass(frozen=True)
 class Option:
-    """The help of an option, and what else its field's name and type do not tell.
+    """The help of an option, and what the name and the type of its field do not show.
 
     Attributes
     ----------
     help : str
-        What the option does, one or two sentences.
+        What the option does, in one or two sentences.
     flags : tuple of str
-        How it is typed; by default as the field is called: ``--image-folder``.
+        Its spellings. The default follows the name of the field: ``--image-folder``.
     metavar : str, optional
-        What stands for its value in the help.
+        The word for its value in the help.
     least, most : float, optional
         The range of a number.
     count : bool
-        Whether its value is how often it is typed.
+        Whether its value is the number of times that it is given.
     output : "file", "own" or "folder", optional
-        Whether it names something that is written: a file, which may not be there without ``--force``;
-        something at which the command itself looks; or a folder for files, which may be an input as well.
+        Set if the path is written. "file": the kit checks that it is new, or that ``--force`` is given.
+        "own": the command checks it. "folder": the command checks the files in it; the folder itself can be
+        an input.
     endings : tuple of str
-        How the name of a file that is written must end.
+        Allowed endings of the name of an output file.
     """
 
     help: str
@@ -44,4 +48,51 @@ class Option:
 
 
 class Argument(Option):
-    """The same of what is typed without a name, which its `metavar` shows."""
+    """The same for an argument, which has no flag. Its name is `metavar`."""
+
+
+def label_of(options: Any, name: str) -> str:
+    """Return how a field of an options object is called on a command line: ``--image-folder``."""
+    option = _option(get_type_hints(type(options), include_extras=True)[name])
+    return option.flags[0] if option is not None and option.flags else f"--{name.replace('_', '-')}"
+
+
+def check_values(options: Any) -> None:
+    """Check the fields of an options object: the words of a `Literal`, and the range that `Option` states.
+
+    Raises
+    ------
+    UsageError
+        USAGE: a value is invalid. The message calls it as the command line does.
+    """
+    for name, hint in get_type_hints(type(options), include_extras=True).items():
+        value, option = getattr(options, name), _option(hint)
+        if option is None or value is None:
+            continue
+        literals = (kind for kind in _alternatives(hint) if get_origin(kind) is Literal)
+        words = [word for kind in literals for word in get_args(kind)]
+        if words and value not in words:
+            wanted = f"one of {', '.join(words)}"
+        elif not _is_in_range(value, option):
+            most = "" if option.most is None else f" and at most {option.most:g}"
+            wanted = f"a finite number, at least {option.least:g}{most}"
+        else:
+            continue
+        text = f'{label_of(options, name)} is "{shorten(str(value), 40)}"; it must be {wanted}'
+        raise UsageError("USAGE", text)
+
+
+def _option(hint: Any) -> Option | None:
+    return next((mark for mark in get_args(hint) if isinstance(mark, Option)), None)
+
+
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    """Return the types of a field ``Annotated[A | B, ...]``: A and B."""
+    kind = get_args(hint)[0] if get_origin(hint) is Annotated else hint
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def _is_in_range(value: Any, option: Option) -> bool:
+    if option.least is None:
+        return True
+    return bool(option.least <= value < float("inf") and (option.most is None or value <= option.most))

@@ -1,4 +1,7 @@
-"""Folders that a command writes whole, with a list of their files: only these are ever replaced."""
+"""Folders that a command writes as a whole.
+
+The command leaves a list of its files in the folder. A later run replaces these files and keeps all others.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +16,24 @@ from msb.base.atomic import check_place, new_folder
 from msb.errors import UsageError, shorten
 
 LIST = "msb-files.json"
-"""The list of what was written into a folder, beside the files themselves."""
+"""Name of the list, which lies in the folder itself."""
 _SCHEMA = "msb.files/1"
 
 
 def is_own_folder(folder: Path) -> bool:
-    """Return whether an earlier run wrote `folder`, which then holds a list of its files."""
+    """Return whether `folder` holds the list of an earlier run."""
     return listed_files(folder) is not None
 
 
 def check_own_folder(folder: Path) -> None:
-    """Check that `own_folder` can write a folder, before hours are spent on what goes there.
+    """Check that `own_folder` can write a folder. Call it before a long computation, not after.
 
     Raises
     ------
     UsageError
         OUTPUT_EXISTS: it is a file, or holds files and no list of an earlier run.
     OutputError
-        OUTPUT_UNWRITABLE: nothing can be written there.
+        OUTPUT_UNWRITABLE: the folder cannot be written.
     """
     check_place(folder, folder=True)
     if os.path.lexists(folder) and not folder.is_dir():
@@ -42,18 +45,21 @@ def check_own_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Iterator[Path]:
-    """Yield a new folder that takes the place of `path` when the block ends without an error.
+    """Yield a temporary folder that replaces `path` when the block ends without an error.
 
-    With `overwrite` the files that an earlier run wrote are replaced or removed, and all others stay. The
-    list of the new files is written last.
+    With `overwrite` the files that an earlier run wrote are replaced or removed, and all other files stay.
+    After an error the old folder is as before. If `path` is a link to a folder, that folder is replaced and
+    the link stays.
 
     Raises
     ------
     UsageError
-        OUTPUT_EXISTS: as of `check_own_folder`; without `overwrite`, it holds anything; or a file is to be
-        written that is there, but not in the list.
+        OUTPUT_EXISTS: as in `check_own_folder`; or the folder is not empty and `overwrite` is false; or a new
+        file would replace one that is not in the list.
     """
     target = Path(path)
+    if target.is_symlink() and target.is_dir():
+        target = Path(os.path.realpath(target))
     check_own_folder(target)
     with new_folder(target, overwrite=overwrite) as made:
         yield made
@@ -64,17 +70,19 @@ def own_folder(path: str | os.PathLike[str], *, overwrite: bool = True) -> Itera
 
 
 def _keep_others(old: Path, new: Path) -> None:
-    """Link into the new folder what somebody else put into the old one."""
-    own = {*(listed_files(old) or ()), LIST}
+    """Link the files of the old folder that are not in its list into the new folder."""
+    listed = {*(listed_files(old) or ()), LIST}
     for root, folders, files in os.walk(old):
+        if not folders and not files:
+            (new / Path(root).relative_to(old)).mkdir(parents=True, exist_ok=True)
         links = [name for name in folders if Path(root, name).is_symlink()]
         for source in (Path(root, name) for name in (*files, *links)):
             place = source.relative_to(old)
-            if place.as_posix() in own:
+            if place.as_posix() in listed:
                 continue
             target = new / place
             if os.path.lexists(target):
-                text = f"{shorten(place.as_posix(), 60)} is there, but no earlier run wrote it"
+                text = f"{shorten(place.as_posix(), 60)} exists and is not in the list of an earlier run"
                 raise UsageError("OUTPUT_EXISTS", f"{text}; move it or name another folder", file=old)
             target.parent.mkdir(parents=True, exist_ok=True)
             try:
@@ -84,11 +92,11 @@ def _keep_others(old: Path, new: Path) -> None:
 
 
 def listed_files(folder: Path) -> frozenset[str] | None:
-    """Return the files in the list of a folder, None without a list."""
+    """Return the paths in the list of a folder, relative to it; None without a list."""
     try:
         document = json.loads((folder / LIST).read_text(encoding="utf-8"))
         if document["schema"] == _SCHEMA:
             return frozenset(map(str, document["files"]))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
     return None

@@ -41,7 +41,9 @@ class BakeTask:
     names: tuple[str, str, str]
     """Dataset, scene and model, as tables name it."""
     model: Model
-    table: BakeTable
+    label: str
+    options: Mapping[str, Any]
+    """Those of `bake_options`."""
     settings: Mapping[str, Any]
     """Values that replace the model's settings where it teaches."""
     scene: SceneAt
@@ -54,12 +56,12 @@ class BakeTask:
     @property
     def name(self) -> str:
         """What progress shows."""
-        return " ".join((*self.names, self.table.label))
+        return " ".join((*self.names, self.label))
 
     @property
     def path(self) -> Path:
         """The baked asset's."""
-        return Results(self.root).bake(*self.names, self.table.label)
+        return Results(self.root).bake(*self.names, self.label)
 
     @property
     def facts(self) -> Path:
@@ -119,8 +121,7 @@ def make_bake(task: BakeTask) -> Model:
         return made
     scene = checked_scene(task.scene, task.views)
     source = with_settings(task.model.open(), task.settings)
-    options = bake_options(task.table, task.model.method)
-    baked = bake(source, scene=scene, device=task.device, **options)
+    baked = bake(source, scene=scene, device=task.device, **task.options)
     check_run(task.root, task.run)  # a cluster's worker outlives a run that is killed, and the next may write
     report = baked.save(task.path, overwrite=True)
     held = describe_file(task.path).model_copy(update={"bytes": stored_size(task.path)})

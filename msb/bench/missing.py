@@ -173,10 +173,11 @@ class _Search:
         if cell.renderer is not None:
             yield self.error_of(_check_renderer, cell.renderer), f"pictures of {cell.condition_key}", True
         if cell.bake is not None:
-            from msb.bake.options import need_libraries
+            from msb.bake.options import BakeOptions, need_libraries
 
             table = next(one for one in self.file.protocol.bakes if one.label == cell.bake)
-            yield self.error_of(need_libraries, table.geometry), f"bakes {cell.bake}", True
+            options = BakeOptions(**table.options)
+            yield self.error_of(need_libraries, options), f"bakes {cell.bake}", True
         if cell.condition == "non_engine":
             yield absent(method.non_engine_timing), f"timings of {model}'s own renderer", False
         if cell.condition_key == cell.condition:

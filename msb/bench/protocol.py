@@ -25,6 +25,7 @@ from msb.bench.protocol_tables import (
     MethodTable,
     Protocol,
     VariantTable,
+    protocol_model,
 )
 from msb.bench.records import CONDITIONS, WALKED
 from msb.errors import InputError, UsageError, shorten
@@ -74,7 +75,8 @@ def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
     except ValueError as error:  # of the encoding, the syntax or the limits
         fault = f"it is not TOML: {shorten(str(error))}"
         raise InputError("PROTOCOL_INVALID", fault, file=path) from error
-    protocol = checked(Protocol, data, file=path, code="PROTOCOL_INVALID")
+    model = protocol_model(bakes="bakes" in data)
+    protocol = checked(model, data, file=path, code="PROTOCOL_INVALID")
     for pointer, fault in _check(protocol):
         raise InputError("PROTOCOL_INVALID", f"{pointer}: {fault}", file=path, pointer=pointer)
     return ProtocolFile(Path(path), text, protocol)
@@ -143,11 +145,11 @@ def _check(protocol: Protocol) -> _Faults:
     for number, variant in enumerate(protocol.variants):
         yield from _check_variant(variant, protocol, f"/variants/{number}")
     if protocol.bakes:
-        from msb.bake.options import Options
+        from msb.bake.options import BakeOptions
 
         for number, bake in enumerate(protocol.bakes):
             yield from _check_datasets(bake, protocol, f"/bakes/{number}")
-            yield from _refused(f"/bakes/{number}", partial(Options, **bake.options))
+            yield from _refused(f"/bakes/{number}", partial(BakeOptions, **bake.options))
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(one.label for one in protocol.variants), *(one.label for one in protocol.bakes)]
     drawn = (*WALKED, *protocol.engines, *labels)

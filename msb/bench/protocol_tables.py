@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Literal
+from functools import cache
+from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import Field
+from pydantic import Field, create_model
 
 from msb.bench.checked import Record
 from msb.bench.records import CONDITIONS, Condition
@@ -100,26 +101,23 @@ class VariantTable(Record):
 class BakeTable(Record):
     """``[[bakes]]``: a condition of its own: the standard tier draws what `msb bake` makes of a model.
 
-    The other keys are options of `msb bake`, with its defaults. Training views alone teach.
+    The other keys are `BAKE_KEYS`, options of `msb bake` (`protocol_model`). Only training views supervise.
     """
 
     label: FolderName
     """Names the condition. It is no condition's, no engine's, no variant's and no other bake's name."""
     datasets: tuple[FolderName, ...] = ()
     """Those whose models are baked; all, if not given."""
-    geometry: Literal["auto", "kept", "fitted", "surface"] = "auto"
-    color: Literal["texture", "vertex"] | None = None
-    teacher: Literal["dedicated", "photographs"] | None = None
-    """If not given, the model's own look; of a plain mesh, which has no other, photographs."""
-    faces: Annotated[int, Field(ge=1)] | None = None
-    texture: int | None = None
-    seconds: Annotated[float, Field(ge=0)] = 60.0
-    seed: int = 0
 
     @property
     def options(self) -> dict[str, Any]:
-        """What `msb.bake` takes of it."""
+        """The options for `msb.bake`, except those that are None."""
         return self.model_dump(exclude={"label", "datasets"}, exclude_none=True)
+
+
+BAKE_KEYS = ("geometry", "color", "teacher", "faces", "texture", "seconds", "seed")
+"""The options of a bake that a protocol may set. Without `teacher`, a method with a native rendering
+supervises by it, and a plain mesh by photographs."""
 
 
 class MetricsTable(Record):
@@ -200,3 +198,21 @@ class Protocol(Record):
     videos: VideosTable | None = None
     walk: WalkTable | None = None
     trial: TrialTable | None = None
+
+
+@cache
+def protocol_model(*, bakes: bool) -> type[Protocol]:
+    """Return the model of a protocol file; with `bakes` the tables ``[[bakes]]`` have the options of a bake.
+
+    These are declared by `msb.bake` alone, which only a protocol with bakes needs.
+    """
+    if not bakes:
+        return Protocol
+    from msb.bake.options import BakeOptions
+
+    hints, defaults = get_type_hints(BakeOptions, include_extras=True), BakeOptions()
+    keys: dict[str, Any] = {name: (hints[name], getattr(defaults, name)) for name in BAKE_KEYS}
+    keys["teacher"] = (hints["teacher"] | None, None)
+    table = create_model("BakeTable", __base__=BakeTable, **keys)
+    more: dict[str, Any] = {"bakes": (tuple[table, ...], ())}  # type: ignore[valid-type]
+    return create_model("Protocol", __base__=Protocol, **more)

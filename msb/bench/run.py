@@ -322,7 +322,7 @@ def _kind(task: Any) -> str:
     if isinstance(task, Job):
         return " ".join((task.cell.condition_key, *task.parts))
     if isinstance(task, BakeTask):
-        return task.table.label
+        return task.label
     return task.method if isinstance(task, ModelTask) else ""
 
 

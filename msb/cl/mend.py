@@ -1,13 +1,19 @@
-"""Make the PoCL wheel build kernels on processors that it does not know.
+"""Let the PoCL wheel build kernels on processors that it does not know.
 
-The one PoCL wheel there is (3.0-rc2 of 2022, with LLVM 14) asks LLVM for the processor's name and hands it to
-clang. LLVM calls a processor newer than itself "generic", and clang then refuses to build anything: "unknown
-target CPU 'generic'". No variable and no build option reaches that name. This module overwrites the
-characters of the name where PoCL keeps them, by a name of the same length that fits the processor.
+Why this module exists: `pip install meshsplatbench` must draw without a driver, and the only PoCL wheel for
+x86-64 is 3.0-rc2 of 2022 with LLVM 14. It asks LLVM for the processor's name and passes it to clang. LLVM
+calls every newer processor "generic", and clang then rejects each build with "unknown target CPU 'generic'".
+No environment variable and no build option changes that name. Without this module there is therefore no
+OpenCL device on any x86-64 processor that is newer than the wheel and has no driver of its own.
 
-Nothing is touched unless the wheel's version, the driver's version, the library's file, the place of the
-pointer and the name there are exactly the known ones. `msb.cl.trial` builds and runs kernels with the new
-name in a process of its own first.
+How it works: PoCL keeps a pointer to the name in its structure of the device, at byte 640 in this build of
+the library. The characters there are overwritten by a name of the same length that fits the processor.
+
+Why that is safe: nothing is written unless the wheel's version, the driver's version, the library's file (its
+name holds a hash of its content), the place of the pointer and the name there are exactly the known ones.
+Memory is read through /proc/self/mem, so a wrong address cannot end the process. `msb.cl.trial` then builds
+and runs kernels with the new name in a process of its own first. Delete this module as soon as there is a
+wheel that knows today's processors.
 """
 
 from __future__ import annotations
@@ -33,7 +39,7 @@ DRIVER = "3.0-rc2"
 _LIBRARY = "libpocl-21062cec.so"
 """The file's name holds a hash of its content, which `auditwheel` put there."""
 _SLOT = 640
-"""The byte of the device's structure at which the pointer to the name lies."""
+"""The byte of the device's structure at which the pointer to the name lies, in this build of the library."""
 _STRUCTURE = 1024
 """The number of bytes of the structure in which no other pointer may lead to such a name."""
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))

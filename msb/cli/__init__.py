@@ -1,8 +1,8 @@
-"""The commands `msb` and `msb-audit`: their entry points, and the kit that makes a command of a function.
+"""The programs `msb` and `msb-audit`, and the kit that turns a function into a command.
 
-A command lives in the package that does the work (`command.py`, or `commands/` where there are several). The
-kit knows no command: `msb.cli.commands` lists where they are, and finds those of other packages by the
-entry-point group `msb.commands`.
+A command lives in the package that does the work, in `command.py` or `commands/`. The kit knows none of them.
+`msb.cli.commands` lists their modules, and finds commands of other packages in the entry-point group
+`msb.commands`.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 
 
 def _print_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-    """Print a warning of ours as one line, as errors are printed; others as Python does."""
+    """Print a warning of this project as one line; others as Python does."""
     from msb.errors import one_line
 
     if category.__module__.startswith("msb."):
-        print(one_line(f"warning: {message}"), file=sys.stderr)  # noqa: T201 - no command runs yet that has an Output
+        print(one_line(f"warning: {message}"), file=sys.stderr)  # noqa: T201 - before a command has its Output
     else:
         _show(message, category, *rest, **more)
 
@@ -26,7 +26,7 @@ _show = warnings.showwarning
 
 
 def main(command: str | None = None) -> None:
-    """Run `msb`, or one `command` of it as a program of its own."""
+    """Run `msb`, or a program of one `command`."""
     warnings.showwarning = _print_warning
     from msb.cli.app import app, single
     from msb.cli.process import run

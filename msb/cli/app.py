@@ -1,4 +1,4 @@
-"""The command tree: `msb`, its commands, and a command as a program of its own."""
+"""The program `msb` with its commands, and programs of a single command."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typer.main import get_command
 
 from msb.cli import commands
 from msb.cli.command import Command, epilog
+from msb.errors import UsageError
 
 _SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
-# Plain help text: loads in a third of the time of the framed one, and reads the same in a pipe. Completion is
-# what `msb completion` prints; the library's own two options for it would be a second way.
+# Plain help text loads in a third of the time of framed help, and looks the same in a pipe. The library's own
+# options for completion are off, because `msb completion` prints the script.
 _PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
     "context_settings": _SETTINGS,
@@ -23,25 +24,30 @@ _PLAIN: dict[str, Any] = {
 
 
 class _Root(TyperGroup):
-    """The list of commands under its headings; each command is loaded at its first use."""
-
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings)
-        # Names that a misspelt one is compared with; None until the command is loaded.
-        self.commands = {name: None for places in commands.BUILT_IN.values() for name in places}  # type: ignore[misc]
+    """The list of commands under its headings. A command is loaded at its first use."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         del ctx
         return [name for entries in commands.listed().values() for name in entries]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command, or None if there is none of this name."""
-        if self.commands.get(cmd_name) is None and (function := commands.find(cmd_name)) is not None:
+        """Return a command, or None if no command has this name."""
+        if self.commands.get(cmd_name) is None:
+            try:
+                function = commands.find(cmd_name)
+            except UsageError:
+                if not ctx.resilient_parsing:
+                    raise
+                function = None  # a command that cannot be loaded is no completion
+            if function is None:
+                # The library looks for similar names here.
+                self.commands.update(dict.fromkeys(self.list_commands(ctx)))  # type: ignore[arg-type]
+                return None
             self.commands[cmd_name] = get_command(_alone(function, cmd_name))
-        return super().get_command(ctx, cmd_name)
+        return self.commands[cmd_name]
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write a section for each heading."""
+        """Write a section per heading."""
         del ctx
         for title, entries in commands.listed().items():
             with formatter.section(title):
@@ -49,7 +55,7 @@ class _Root(TyperGroup):
 
 
 def single(name: str) -> typer.Typer:
-    """Return a command as a program of its own."""
+    """Return a program of one command."""
     return _alone(commands.find(name), name)
 
 
@@ -61,7 +67,7 @@ def _alone(function: Any, name: str) -> typer.Typer:
 
 
 def print_version() -> None:
-    """Print the versions of what computes."""
+    """Print our version, and those of the file format and of the libraries that compute."""
     from importlib.metadata import PackageNotFoundError, version
 
     from msb.asset.manifest import FORMAT, VERSION

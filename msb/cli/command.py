@@ -1,14 +1,15 @@
-"""Make a command of a function, with options from the dataclasses that the function takes.
+"""Turn a function into a command. The dataclasses that the function takes become options.
 
-The parameters of a function decorated with `command` are of these kinds:
+A function that is decorated with `command` takes parameters of these kinds:
 
-- a dataclass, whose fields become options as their `Option` says; the function receives the object. With a
-  tuple of names, ``Annotated[Views, ("cameras", "size")]``, only these fields become options, and the others
-  keep their defaults. Files named by `Output`, a dataclass too, are checked before the function runs;
-- anything else that is annotated with an `Argument` or `Option`;
-- `Typed`, the parameters that stand on the command line.
+- A dataclass. Its fields become options, as their `Option` says, and the function receives the object. With a
+  tuple of names, ``Annotated[Views, ("cameras", "size")]``, only these fields become options. The others keep
+  their defaults. `Output` is such a dataclass; if the function takes one, all paths are checked before it
+  runs.
+- Anything else that is annotated with an `Argument` or `Option`.
+- `Typed`, the parameters on the command line.
 
-A parameter of the type Path is a path; the `output` of its `Option` says whether it is written.
+A parameter of type Path is an input, unless the `output` of its `Option` says that it is written.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperCommand
@@ -33,7 +35,7 @@ from msb.errors import MsbError, UsageError, shorten
 
 @dataclass(frozen=True)
 class Everywhere:
-    """The options of every command. A command with an option of the same name keeps its own."""
+    """The options of every command. If a command declares an option of the same name, that one counts."""
 
     color: Annotated[
         Literal["auto", "always", "never"] | None,
@@ -47,10 +49,10 @@ class Everywhere:
 
 
 class Typed(dict[str, str]):
-    """The parameters that stand on the command line: name -> how it is written there, such as ``--size``."""
+    """The parameters on the command line: name -> label, such as ``size`` -> ``--size``."""
 
     def reject(self, names: Iterable[str], text: str) -> None:
-        """Raise UsageError if one of these parameters is on the command line; `text` follows its label."""
+        """Raise UsageError if one of these parameters is on the command line. `text` follows its label."""
         for name in names:
             if name in self:
                 raise UsageError("USAGE", f"{self[name]} {text}")
@@ -66,7 +68,7 @@ class _Declared(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What it is called in the help."""
+        """Its name in the help."""
         if isinstance(self.option, Argument):
             return str(self.option.metavar).rstrip(".")
         flag = next((flag for flag in self.flags if flag.startswith("--")), self.flags[0])
@@ -74,30 +76,32 @@ class _Declared(NamedTuple):
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """How it is typed."""
+        """Its spellings on the command line."""
         return self.option.flags or (f"--{self.name.replace('_', '-')}",)
 
     @property
     def is_path(self) -> bool:
-        """Whether its values are paths."""
+        """Whether its value is a path or several paths."""
         return Path in (self.type, *get_args(self.type))
 
     @property
     def parameter(self) -> inspect.Parameter:
-        """What the command-line library reads."""
+        """The parameter in the form that the command-line library reads."""
         option, kind = self.option, self.type
         if get_origin(kind) is tuple:
             kind = list[get_args(kind)[0]]  # type: ignore[misc]
+        if get_origin(kind) in (Union, UnionType):  # its first type is the one of command lines
+            kind = get_args(kind)[0] | None
         default = [] if self.default == () else self.default
         number = {int: "N", float: "X"}.get(
-            next((one for one in (kind, *get_args(kind)) if one in (int, float)), str)
+            next((part for part in (kind, *get_args(kind)) if part in (int, float)), str)
         )
         shared: dict[str, Any] = {
             "help": option.help,
             "metavar": option.metavar or (None if option.count else number),
             "min": option.least,
             "max": option.most,
-            # A file that may not be read is for its reader to report, with its code and status.
+            # The reader of a file reports what is wrong with it, with a code and a status.
             "readable": False,
         }
         if isinstance(option, Argument):
@@ -111,24 +115,21 @@ class _Declared(NamedTuple):
 
 
 class _Group(NamedTuple):
-    """A dataclass that a function takes, and the options that its fields become."""
+    """A dataclass that a function takes, and its options."""
 
     kind: type
     declared: tuple[_Declared, ...]
 
-    def made(self, values: Mapping[str, Any]) -> Any:
-        """Return the object with its values of all `values`."""
+    def build(self, values: Mapping[str, Any]) -> Any:
+        """Return the object with its part of the values of all options."""
         return self.kind(**{each.name: values[each.name] for each in self.declared})
 
 
 def plain_words(text: str, error: Any) -> str:
-    """Return `text` of an error of the command-line library as one line without the words of its validator.
-
-    These leave out the value, which then stands before what it must be.
-    """
+    """Return the `text` of an error of the command-line library as one line that names the wrong value."""
     text = " ".join(text.split()).rstrip(".").replace("Value error, ", "")
-    before, said, wanted = text.partition("Input should be ")
-    if not said:
+    before, separator, wanted = text.partition("Input should be ")
+    if not separator:
         return text
     given = shorten(str(error.__cause__.errors()[0]["input"]), 40)
     return f'{before}it is "{given}"; it must be {wanted.partition(", unable")[0]}'
@@ -138,22 +139,23 @@ _EMPTY = re.compile(r"(--[\w-]+=)?")
 
 
 class Command(TyperCommand):
-    """A command of ours: its arguments have a section of the help, and an empty word is an error."""
+    """A command of the library, with a section for arguments in its help. An empty word is an error."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse, and reject empty words: an empty path would be the current folder."""
-        words = args[: args.index("--")] if "--" in args else args
-        if not ctx.resilient_parsing and any(_EMPTY.fullmatch(word) for word in words):
-            ctx.fail("one of its words is empty; . is the current folder")
+        """Parse, and reject empty words: an unset variable of a shell would become the current folder."""
+        # Without interspersed options the words belong to another program.
+        checks = ctx.allow_interspersed_args and not ctx.resilient_parsing
+        if checks and any(_EMPTY.fullmatch(word) for word in args):
+            ctx.fail("an argument or the value of an option is empty; . is the current folder")
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Return the words of the usage: arguments that may be left out in brackets."""
+        """Return the words of the usage, with optional arguments in brackets."""
         words = [(param, str(param.metavar)) for param in self._arguments(ctx)]
         return ["[OPTIONS]", *(word if param.required else f"[{word}]" for param, word in words)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments, which are hidden from the library, and the library's list of options."""
+        """Write the arguments, then the library's list of options."""
         if arguments := self._arguments(ctx):
             with formatter.section("Arguments"):
                 formatter.write_dl([(param.metavar, param.help) for param in arguments])
@@ -171,7 +173,7 @@ def require(condition: object, text: str) -> None:
 
 @contextlib.contextmanager
 def option_value(label: str) -> Iterator[None]:
-    """Make of an error about a value one of wrong usage that names the option."""
+    """Turn an error about a value into an error of usage that names the option."""
     try:
         yield
     except MsbError as error:
@@ -179,7 +181,17 @@ def option_value(label: str) -> Iterator[None]:
 
 
 def command(*examples: str, name: str = "", **settings: Any) -> Callable[..., Any]:
-    """Return the decorator that makes a command of a function; `settings` are the command-line library's."""
+    """Return the decorator that turns a function into a command.
+
+    Parameters
+    ----------
+    *examples : str
+        Command lines that run on the demo data, for the end of the help.
+    name : str
+        The name of the command; by default the name of the function.
+    **settings
+        Context settings of the command-line library.
+    """
     named = {"epilog": epilog(*examples), "settings": settings, **({"name": name} if name else {})}
     return functools.partial(_command, named)
 
@@ -211,13 +223,13 @@ def _command(named: dict[str, Any], function: Callable[..., Any]) -> Callable[..
         values = {key: tuple(value) if isinstance(value, list) else value for key, value in values.items()}
         sources = {key: getattr(context.get_parameter_source(key), "name", "") for key in values}
         typed = Typed({each.name: each.label for each in declared if sources[each.name] == "COMMANDLINE"})
-        objects = {key: group.made(values) for key, group in groups.items()}
+        objects = {key: group.build(values) for key, group in groups.items()}
         if outputs is not None:
             _check_paths(declared, values, objects[outputs])
-        _prepare(_Group(Everywhere, everywhere).made(values))
-        alone = {key: values.get(key, typed) for key in taken if key not in groups}
+        _prepare(_Group(Everywhere, everywhere).build(values))
+        others = {key: values.get(key, typed) for key in taken if key not in groups}
         try:
-            return function(**objects, **alone)
+            return function(**objects, **others)
         except MsbError as error:
             if outputs is not None:
                 objects[outputs].reword(error)
@@ -242,18 +254,18 @@ def _fields(kind: type, names: tuple[str, ...] | None) -> Iterator[_Declared]:
 
 
 def _prepare(everywhere: Everywhere) -> None:
-    """Set the variables of colour, which what prints reads, our child processes included; open the log."""
-    for variable, wish in (("FORCE_COLOR", "always"), ("NO_COLOR", "never")):
+    """Set the environment variables of colour, which child processes inherit, and open the log."""
+    for variable, value in (("FORCE_COLOR", "always"), ("NO_COLOR", "never")):
         if everywhere.color is not None:
             os.environ.pop(variable, None)
-        if everywhere.color == wish:
+        if everywhere.color == value:
             os.environ[variable] = "1"
     if everywhere.log_file is not None:
         open_log(everywhere.log_file)
 
 
 def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
-    """Reject outputs that are an input or another output, that exist, or that have a wrong ending."""
+    """Reject an output that is an input or another output, that exists, or whose name ends wrongly."""
     paths = [
         (each, path)
         for each in declared
@@ -283,7 +295,7 @@ _DEMO_DATA = "The examples' files are there after: msb demo-data data_stubs"
 
 
 def epilog(*examples: str) -> str:
-    """Return the end of a help page: examples as they are, the exit statuses, and where data is from."""
+    """Return the end of a help page: examples, exit statuses, and the source of the examples' files."""
     lines = "\n".join(f"  {example}" for example in examples)
     data = f"\n\n{_DEMO_DATA}" if "data_stubs" in lines else ""
     return f"\b\nExamples:\n{lines}\n\n\b\n{_EXIT_TABLE}{data}"

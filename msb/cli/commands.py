@@ -1,10 +1,11 @@
-"""Where the commands are: ours in one table, those of installed packages by their entry points.
+"""Find commands: ours are in one table, those of other packages are entry points of the group `msb.commands`.
 
-A command's module is imported when the command is typed, or its help is asked for.
+The module of a command is imported when the command or its help is used, not for the list of commands.
 """
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -15,7 +16,7 @@ from msb.errors import UsageError
 
 
 class Place(NamedTuple):
-    """The module of a command, and what the list of commands says of it."""
+    """The module of a command, and its line in the list of commands."""
 
     module: str
     help: str
@@ -57,32 +58,37 @@ BUILT_IN: dict[str, dict[str, Place]] = {
         "completion": Place("msb.cli.completion", "Print the script for completion at the Tab key."),
     },
 }
-"""Heading of the list of commands -> command -> where it is. The folder of a command may be missing."""
+"""Heading -> command -> its place. The folder of a command can be missing, if its capability was removed."""
 _OTHERS = "From other packages"
+_NAME = r"^[a-z][a-z0-9-]{0,39}$"
 
 
 def listed() -> dict[str, dict[str, str]]:
-    """Return heading -> command -> its line of help, of all commands that are there; no module is loaded."""
+    """Return heading -> command -> its line of help, for all installed commands. No module is loaded."""
     found = {
-        title: {name: place.help for name, place in places.items() if _is_there(place.module)}
+        title: {name: place.help for name, place in places.items() if not _missing(place.module)}
         for title, places in BUILT_IN.items()
     }
-    others = {name: f"Of the package {value.partition('.')[0]}." for name, value in _theirs().items()}
+    others = {name: f"From package {re.split('[.:]', value)[0]}." for name, value in _theirs().items()}
     return {title: entries for title, entries in {**found, _OTHERS: others}.items() if entries}
 
 
 def find(name: str) -> Any:
-    """Return the function of a command, None if there is none of this name.
+    """Return the function of a command, or None if no command has this name.
 
     Raises
     ------
     UsageError
-        PACKAGE_LEFT_OUT: the command of another package cannot be loaded.
+        EXTRA_MISSING: the folder of one of our commands was removed. PACKAGE_LEFT_OUT: the command of another
+        package cannot be loaded.
     """
     for places in BUILT_IN.values():
         if name in places:
             module = places[name].module
-            return _function_in(import_module(module), name) if _is_there(module) else None
+            if package := _missing(module):
+                text = f"msb {name} needs {package}, which is not part of this installation"
+                raise UsageError("EXTRA_MISSING", text)
+            return _function_in(import_module(module), name)
     if (value := _theirs().get(name)) is None:
         return None
     try:
@@ -91,22 +97,27 @@ def find(name: str) -> Any:
         raise UsageError("PACKAGE_LEFT_OUT", f"{whose('command', name, value)}: {error}") from error
 
 
-def _is_there(module: str) -> bool:
-    """Return whether the folder of a command's capability is part of this installation."""
+def _missing(module: str) -> str:
+    """Return the package of a command if it is not installed, else an empty text."""
     parts = module.split(".")
-    return find_spec(parts[0] if parts[0] != "msb" else ".".join(parts[:2])) is not None
+    package = parts[0] if parts[0] != "msb" else ".".join(parts[:2])
+    spec = find_spec(package)
+    # A folder that holds only compiled files of removed modules is a package without an origin.
+    return "" if spec is not None and spec.origin is not None else package
 
 
 def _theirs() -> dict[str, str]:
+    """Return the commands of other packages: name -> value of its entry point."""
     ours = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
-    return {name: value for name, (value, _) in installed("command", ours, lambda _, value: value).items()}
+    found = installed("command", ours, lambda _, value: value, pattern=_NAME)
+    return {name: value for name, (value, _) in found.items()}
 
 
 def _function_in(found: Any, name: str) -> Any:
-    """Return the function that `msb.cli.command.command` decorated: `found`, or the one of that module."""
+    """Return the decorated function of a command: `found` itself, or the one in the module `found`."""
     members = vars(found).values() if isinstance(found, ModuleType) else [found]
-    functions = [each for each in members if hasattr(each, "declared")]
-    named = [each for each in functions if each.name == name] or functions
+    functions = [member for member in members if hasattr(member, "declared")]
+    named = [function for function in functions if function.name == name] or functions
     if len(named) != 1:
-        raise PackageError("it names no function that msb.cli.command.command decorates")
+        raise PackageError("it does not name a function that is decorated by msb.cli.command.command")
     return named[0]

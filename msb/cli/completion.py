@@ -1,4 +1,4 @@
-"""`msb completion`: the script that teaches a shell our commands and options."""
+"""`msb completion`: print the script that completes commands and options in a shell."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def completion(
     fish        ~/.config/fish/completions/msb.fish
     PowerShell  msb completion powershell >> $PROFILE
     """
-    # Not exported by name, but the documented way to it (--show-completion) guesses the shell.
+    # The library does not export this name. Its documented option --show-completion guesses the shell.
     from typer.completion import get_completion_script  # type: ignore[attr-defined]
 
     for name in ("msb", "msb-audit"):

@@ -39,15 +39,15 @@ Cell = str | tuple[str, str]
 
 
 def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
-    """Return the option of a file that is written, with one of these endings if there are any."""
+    """Return the option of an output file, whose name must have one of these endings if any are given."""
     return Option(text, flags, "FILE", output="file", endings=endings)
 
 
 @dataclass(frozen=True)
 class Output:
-    """The user's wishes about output: what to print, and where.
+    """The options of output, and the functions that print results and check output paths.
 
-    A file "-" (or ``/dev/stdout``) takes standard output for itself; the human text is then not printed.
+    If a file is "-" or ``/dev/stdout``, it takes standard output, and the text for people is not printed.
     """
 
     json_file: Annotated[
@@ -84,7 +84,7 @@ class Output:
 
     @property
     def prints_text(self) -> bool:
-        """Whether the human-readable result is wanted on standard output."""
+        """Whether the result for people goes to standard output."""
         return not any(map(is_stdout, (self.json_file, self.json_lines, self.csv_file)))
 
     @property
@@ -93,9 +93,9 @@ class Output:
         return self.prints_text and not self.quiet and sys.stderr.isatty()
 
     def console(self) -> Console:
-        """Return the console for results. Rich heeds FORCE_COLOR and TERM=dumb; NO_COLOR is plain text.
+        """Return the console for results. Rich applies FORCE_COLOR and TERM=dumb; NO_COLOR gives plain text.
 
-        Tables are laid out for 80 columns or more: narrower terminals break their lines, not their numbers.
+        Tables have at least 80 columns: narrower terminals break their lines, not their numbers.
         """
         from rich.console import Console
 
@@ -116,16 +116,27 @@ class Output:
     ) -> None:
         """Print a table without a frame.
 
-        `right` are the columns that are aligned to the right, `unbroken` those whose cells stay on one line.
-        There are `gap` blanks between columns, and no line of headers without any. With `whole` every row is
-        one line in a pipe, where programs read lines.
+        Parameters
+        ----------
+        headers : sequence of str
+            Titles of the columns; the line is omitted if this is empty.
+        rows : iterable
+            Sequences of cells.
+        right : iterable of int
+            Columns that are aligned to the right.
+        gap : int
+            Blanks between columns.
+        unbroken : iterable of int
+            Columns whose cells stay on one line.
+        whole : bool
+            In a pipe, print every row as one line.
         """
         from rich.measure import Measurement
         from rich.text import Text
 
         console = self.console()
         if whole and not console.is_terminal:
-            console.width = 10_000  # no table is as wide
+            console.width = 10_000  # wider than any table
         rows = list(rows)
         names = headers or [""] * len(rows[0])
         table = plain_table(*names, right=tuple(right), gap=gap)
@@ -135,22 +146,22 @@ class Output:
         for row in rows:
             cells = (cell if isinstance(cell, tuple) else (cell, "") for cell in row)
             table.add_row(*(Text(text, style) for text, style in cells))
-        # No word is broken: a table is at least as wide as its longest words need.
+        # Widen the table until no word is broken.
         words = Measurement.get(console, console.options.update(width=10_000), table).minimum
         console.width = max(console.width, words)
         console.print(table)
 
     def line(self, *parts: Cell) -> None:
-        """Print a line of texts and their styles. The terminal wraps it, so that a path can be copied."""
+        """Print texts in their styles as one line. The terminal wraps it, so that a path can be copied."""
         from rich.text import Text
 
         texts = (part if isinstance(part, tuple) else (part, "") for part in parts)
         self.console().print(Text.assemble(*texts), soft_wrap=True)
 
     def note(self, text: str, *, level: int = 0) -> None:
-        """Print a note on standard error, if the user wants this much; a log file gets it in any case.
+        """Print a note on standard error if --verbose is at least `level`. A log file gets every note.
 
-        A text that warns begins with "warning: " itself; what -v asks for has no word before it.
+        A note of level 0 begins with "note: ", or with "warning: " if the text says so.
         """
         text = one_line(text)
         if level == 0 and not text.startswith(("note: ", "warning: ")):
@@ -161,7 +172,7 @@ class Output:
 
     @contextlib.contextmanager
     def progress(self, text: str) -> Iterator[None]:
-        """Show `text` with a spinner while the block runs, on a terminal; its time with -vv."""
+        """Show `text` with a spinner on a terminal while the block runs. With -vv print its time."""
         start = time.perf_counter()
         if self.shows_progress:
             from rich.console import Console
@@ -174,7 +185,7 @@ class Output:
 
     @contextlib.contextmanager
     def bars(self, unit: Literal["bytes", "steps"] = "bytes") -> Iterator[Progress]:
-        """Yield a function that draws a bar for each stage, on a terminal; their times with -v."""
+        """Yield a function that draws a bar per stage on a terminal. With -v print their times."""
         begun: list[tuple[str, float]] = []
         with self._bars("DownloadColumn" if unit == "bytes" else "MofNCompleteColumn") as bars:
             tasks: dict[str, Any] = {}
@@ -197,7 +208,7 @@ class Output:
 
     @contextlib.contextmanager
     def counted(self, text: str, total: int) -> Iterator[Callable[[], None]]:
-        """Yield a function to call after each of `total` steps; it draws a bar, on a terminal only."""
+        """Yield a function to call after each of `total` steps. It draws a bar on a terminal."""
         with self._bars("MofNCompleteColumn") as bars:
             if bars is None:
                 yield lambda: None
@@ -227,16 +238,16 @@ class Output:
         self._inputs.add(_identity(path))
 
     def add_inputs(self, paths: Iterable[Path]) -> None:
-        """Register the files that a folder or pattern on the command line stands for; check outputs again."""
+        """Register the files in a folder, or that match a pattern. Then check all outputs again."""
         for path in paths:
             self.add_input(path)
         for path in self._files:
             self._check_apart(path)
 
     def add_output(self, path: Path, label: str) -> None:
-        """Register a file that is written; it may be no input, and no other output.
+        """Register a path that is written. It must differ from all inputs and from all other outputs.
 
-        Streams can take several outputs.
+        A device or pipe can take several outputs.
         """
         if is_stdout(path) or is_stream(path):
             return
@@ -248,7 +259,7 @@ class Output:
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
         """Reject an output that is an input, that exists without --force, or that cannot be written.
 
-        A device or pipe is written through. An existing `folder` without --force must be empty.
+        Without --force an existing `folder` must be empty. Devices and pipes are always accepted.
         """
         if path is None or is_stdout(path):
             return
@@ -260,25 +271,28 @@ class Output:
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=path)
         check_place(path, folder=folder)
         if not is_stream(path):
-            place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - one text a file
+            place = os.path.join(os.path.realpath(path.parent), path.name)  # noqa: PTH118 - a link is replaced
             if place in self._checked:
                 raise UsageError("USAGE", "two outputs would be written to it; name them apart", file=path)
             self._checked.add(place)
 
-    def check_folder(self, folder: Path) -> None:
-        """Reject a folder that holds anything; with --force one that no earlier run wrote.
+    def check_folder(self, folder: Path, *, replace: bool | None = None) -> None:
+        """Check a folder that `msb.base.own_folder` will write; `replace` is --force by default.
 
-        None of the files that would be replaced may be an input (`msb.base.own_folder`).
+        The folder must be new or empty. With `replace` it may also hold files of an earlier run, but no input
+        among them.
         """
-        if folder_is_taken(folder) and not self.force:
+        if folder_is_taken(folder) and not (self.force if replace is None else replace):
             raise UsageError("OUTPUT_EXISTS", f"it exists; {self._remedy}", file=folder)
         check_own_folder(folder)
-        for name in listed_files(folder) or ():
-            self._check_apart(folder / name)
+        self._check_apart(folder)
+        files = [folder / name for name in listed_files(folder) or ()]
+        for place in {*files, *(above for file in files for above in file.parents)} - {*folder.parents}:
+            self._check_apart(place)  # an input can be a folder among the files
 
     def may_replace(self, path: Path) -> bool:
-        """Return whether what is at `path`, or appears there while the command runs, may be replaced."""
-        del path  # a command may look at what is there
+        """Return whether a file at `path` may be replaced, also one that appears while the command runs."""
+        del path  # for classes that look at the file
         return self.force
 
     def _check_apart(self, path: Path) -> None:
@@ -286,26 +300,27 @@ class Output:
             raise UsageError("USAGE", "it is an input; write the output to another file", file=path)
 
     def reword(self, error: MsbError) -> None:
-        """Let an error of the library, which knows no options, name the option of this command."""
+        """Name the option --force in an error of the library, which knows only the parameter `overwrite`."""
         error.message = error.message.replace(REPLACES, self._remedy)
 
     def write_json(self, data: Any) -> None:
-        """Write `data`, a document or a list of them, where --json points to, if it was given."""
+        """Write a document, or a list of documents, to the file of --json, if it was given."""
         if self.json_file is None:
             return
-        data = [_signed(one) for one in data] if isinstance(data, list) else _signed(data)
+        data = [_signed(document) for document in data] if isinstance(data, list) else _signed(data)
         text = json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
         self._write(self.json_file, text)
 
     def write_documents(self, documents: Sequence[dict[str, Any]]) -> None:
-        """Write one document per input: --json gets it, or a list of several, --jsonl a line for each."""
+        """Write one document per input: to --json as a document or a list, to --jsonl as lines."""
         self.write_json(documents[0] if len(documents) == 1 else list(documents))
         if self.json_lines is not None:
-            lines = (json.dumps(_signed(one), allow_nan=False, ensure_ascii=False) for one in documents)
+            signed = map(_signed, documents)
+            lines = (json.dumps(document, allow_nan=False, ensure_ascii=False) for document in signed)
             self._write(self.json_lines, "".join(f"{line}\n" for line in lines))
 
     def write_csv(self, columns: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-        """Write `rows` where --csv points to, if it was given; texts as `formula_safe` has them."""
+        """Write `rows` to the file of --csv, if it was given. Texts are changed by `formula_safe`."""
         if self.csv_file is None:
             return
         import csv
@@ -329,74 +344,73 @@ class Output:
 
 
 PlainOutput = Annotated[Output, ("force", "quiet", "verbose")]
-"""Of a command that writes no JSON."""
+"""Options of a command that writes no JSON."""
 JsonOutput = Annotated[Output, ("json_file", "force", "quiet", "verbose")]
 ManyOutput = Annotated[Output, ("json_file", "fail_fast", "force", "quiet", "verbose")]
-"""Of a command that takes several inputs."""
+"""Options of a command that takes several inputs."""
 LinesOutput = Annotated[Output, ("json_file", "json_lines", "fail_fast", "force", "quiet", "verbose")]
-"""Of one that writes a document for each of them."""
+"""Options of a command that writes a document per input."""
 
 
 def is_stdout(path: Path | None) -> bool:
-    """Return whether `path` is standard output, by its short name or one of the system's."""
+    """Return whether `path` is a name of standard output."""
     return str(path) in _STDOUT_NAMES
 
 
 def _identity(path: Path) -> object:
-    """Return what is equal for two paths of one file: its inode, or its place where there is none yet."""
+    """Return a key that is equal for two paths of the same file: its inode, or its place if it is new."""
     try:
         status = path.stat()
-    except (OSError, ValueError):  # it does not exist yet, or cannot; its use reports that
+    except (OSError, ValueError):  # the file does not exist, or the name is invalid, which its use reports
         return os.path.realpath(path) if "\0" not in str(path) else str(path)
     return status.st_dev, status.st_ino
 
 
 def _signed(document: dict[str, Any]) -> dict[str, Any]:
-    """Return `document` with the version that made it after its schema."""
+    """Return `document` with our version after its schema."""
     return {"schema": document["schema"], "tool_version": __version__, **document}
 
 
 def echo(text: str = "") -> None:
     """Print lines of a result on standard output.
 
-    It replaces typer.echo, which writes UTF-8 to a stream that is set to ASCII. On a stream that cannot write
-    them, arrows become words and other characters become escapes.
+    On a stream of ASCII arrows become words, and other characters become escapes. (typer.echo writes UTF-8 in
+    any case.)
     """
     if not (sys.stdout.encoding or "").lower().startswith("utf"):
         text = text.translate(_PLAIN)
-    print(text)  # noqa: T201 - the one place lines of results are printed
+    print(text)  # noqa: T201 - all lines of results are printed here
 
 
 def say(text: str) -> None:
-    """Print an error on standard error, as one line that a log file gets too."""
+    """Print an error as one line on standard error, and write it to the log file."""
     log(text, "ERROR")
     _print_aside(text)
 
 
 def report_error(error: MsbError) -> int:
     """Print `error` as one line on standard error and return its exit status."""
-    # What somebody wrote there while the command ran is found by the library, which knows no options.
     say(str(error).replace(REPLACES, Output._remedy))
     return EXIT_STATUS[type(error)]
 
 
 def _print_aside(text: str) -> None:
-    """Print on standard error; where that is closed or full there is nobody to tell."""
+    """Print on standard error. If that is closed or full, the text is lost."""
     try:
-        print(text, file=sys.stderr)  # noqa: T201 - the one place where notes and errors are printed
+        print(text, file=sys.stderr)  # noqa: T201 - all notes and errors are printed here
     except OSError:
         silence(sys.stderr)
 
 
 def silence(stream: IO[str]) -> None:
-    """Let what is and will be written to `stream` vanish, the interpreter's own flush at its end included."""
+    """Discard what `stream` still holds and what will be written to it, also when the interpreter ends."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def log(text: str, level: str) -> None:
-    """Write `text` to the log file, if --log-file opened one; if it cannot be, say so once and go on."""
+    """Write `text` to the log file, if there is one. An error is printed once, and the log ends."""
     if not _LOG:
         return
     stamp = time.strftime("%Y-%m-%dT%H:%M:%S%z")
@@ -415,7 +429,7 @@ def _log_error(path: object, error: OSError) -> OutputError:
 
 
 def open_log(path: Path) -> None:
-    """Append to the file at `path` from now on; the command line is the first line."""
+    """Append to the log file at `path` from now on, beginning with the command line."""
     import shlex
 
     try:
@@ -430,11 +444,11 @@ def open_log(path: Path) -> None:
 
 
 def _check_log(path: Path) -> None:
-    """Reject a file that does not begin as our logs do."""
+    """Reject a file that does not begin like our logs."""
     with contextlib.suppress(FileNotFoundError), path.open("rb") as file:
         begin = file.read(_LOG_BEGINS_WITHIN)
         if begin and not _LOG_BEGINS.match(begin):
-            text = "it is not a log of msb, and lines are only added to one; name another file"
+            text = "it exists and is not a log of msb; name another file"
             raise UsageError("OUTPUT_EXISTS", f"--log-file: {text}", file=path)
 
 
@@ -445,14 +459,14 @@ _LOG: list[IO[str]] = []
 
 
 def setting_text(value: object) -> str:
-    """Return a setting's value as a person reads it: a float32 without the digits it does not have."""
+    """Return the value of a setting as text, with the digits that a float32 has."""
     if value is None:
         return "none"
     return f"{value:.7g}" if isinstance(value, float) else str(value)
 
 
 def plain_table(*headers: str, right: tuple[int, ...] = (), gap: int = 2) -> Table:
-    """Return a table without a frame, `right` naming the right-aligned columns, `gap` blanks between them."""
+    """Return a table without a frame; `right` are the right-aligned columns, `gap` the blanks between."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, gap, 0, 0), header_style="bold")

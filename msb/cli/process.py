@@ -1,4 +1,4 @@
-"""The process around a command: streams, signals, and any exception as one line and a status."""
+"""Run a command: prepare streams and signals, and turn each exception into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     import typer
 
 _INTERNAL = 70
-"""EX_SOFTWARE, the status of a bug of ours; nothing that a user can cause has it."""
+"""EX_SOFTWARE, the exit status of a bug in this program."""
 _OURS = {"msb", "msb_viewers"}
-"""Packages whose folders can be removed, each with its capability."""
+"""Packages of this project. Folders in them can be removed, each with its capability."""
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
 
 def run(app: typer.Typer, name: str) -> int:
     """Run `app` on the process's arguments and return the exit status.
 
-    Errors end up on standard error as ``CODE: FILE: what is wrong ...``; a traceback appears only with
-    ``--debug``.
+    Errors go to standard error as ``CODE: FILE: what is wrong ...``, with a traceback only if ``--debug`` is
+    given.
     """
     _open_closed_streams()
     with _ending_on_signals():
@@ -42,7 +42,7 @@ def run(app: typer.Typer, name: str) -> int:
 def _run(app: typer.Typer, name: str) -> int:
     debug = "--debug" in sys.argv
     for stream in (sys.stdout, sys.stderr):
-        # A file name need not be text, and a terminal need not know every character.
+        # File names can hold bytes that are not text, and terminals can lack characters.
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     try:
@@ -50,7 +50,7 @@ def _run(app: typer.Typer, name: str) -> int:
 
         command = get_command(app)
         if _is_completing():
-            # Not exported by name; the library calls it only for its own two options, which we leave out.
+            # The library calls this only for its own two options, which are off, and does not export it.
             from typer.completion import completion_init  # type: ignore[attr-defined]
 
             completion_init()
@@ -60,7 +60,7 @@ def _run(app: typer.Typer, name: str) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except (BrokenPipeError, SystemExit) as error:
-        # The reader of a pipe left (say, `| head`): not an error. typer and rich end with status 1 then.
+        # The reader of a pipe ended, as in `| head`: no error. typer and rich would end with status 1.
         if not isinstance(error.__context__ if isinstance(error, SystemExit) else error, BrokenPipeError):
             raise
         silence(sys.stdout)
@@ -76,9 +76,10 @@ def _run(app: typer.Typer, name: str) -> int:
 
 
 def _interruption(error: BaseException) -> int | None:
-    """Return the status of the interruption that `error` came of, None without one.
+    """Return the exit status of the interruption that led to `error`, None if there was none.
 
-    What is closed while one unwinds may object: an archive whose member was just begun does.
+    An interruption can be replaced by another error while files are closed, for example by that of a
+    half-written archive.
     """
     before = error.__context__
     while before is not None:
@@ -92,10 +93,10 @@ def _interruption(error: BaseException) -> int | None:
 
 @contextlib.contextmanager
 def _ending_on_signals() -> Iterator[None]:
-    """Remove temporary files on SIGTERM and SIGHUP, too, unless these are ignored (nohup) or handled."""
+    """End by an exception on SIGTERM and SIGHUP, which removes temporary files, unless they are handled."""
 
     def end(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)  # the shell's status for it
+        raise SystemExit(128 + number)  # as shells report a signal
 
     taken = []
     if threading.current_thread() is threading.main_thread():
@@ -112,27 +113,26 @@ def _ending_on_signals() -> Iterator[None]:
 
 
 def _open_closed_streams() -> None:
-    """Open closed standard streams on nothing; else a file opened later would get their number."""
+    """Open closed standard streams on the null device; otherwise the next file would take their number."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115 - for good
+            setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115 - never closed
 
 
 def _output_error(error: Exception) -> OutputError | None:
-    """Return what to say if `error` is that standard output cannot be written.
+    """Return the error to report if `error` comes from writing to standard output, else None.
 
-    Other errors are excluded: `msb.base.atomic` reports files that cannot be written, and an error of opening
-    has a file name.
+    `msb.base.atomic` reports files that cannot be written, and errors of opening have a file name.
     """
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in DISK_ERRORS:
         return None
-    silence(sys.stdout)  # what it still holds would fail again
+    silence(sys.stdout)  # its buffer would fail again
     text = f"it cannot be written: {error.strerror}"
     return OutputError("OUTPUT_UNWRITABLE", text, file="standard output or a temporary file")
 
 
 def _is_completing() -> bool:
-    """Return whether a shell asks for completions, as the script of `msb completion` lets it."""
+    """Return whether the script of `msb completion` asks for completions."""
     return any(key.startswith("_MSB") and key.endswith("_COMPLETE") for key in os.environ)
 
 
@@ -145,7 +145,7 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
     if hasattr(error, "format_message"):  # the command-line library's own usage errors
         return UsageError("USAGE", _usage_text(error, name))
     if isinstance(error, OSError) and error.filename is not None and error.errno in _NOT_READABLE:
-        # Looking whether there is a file raises it, too; files that are written have an error of their own.
+        # Path.exists can raise it. Output files have another error.
         from msb.base.files import open_error
 
         return open_error(error, error.filename)
@@ -158,7 +158,7 @@ def _as_msb_error(error: Exception, name: str) -> MsbError | None:
 
 
 def _usage_text(error: Any, name: str) -> str:
-    """Return what is wrong, the option that was meant, and the usage."""
+    """Return the error text, a similar option if the option is unknown, and the usage."""
     from msb.cli.command import plain_words
 
     text = plain_words(str(error.format_message()), error)

@@ -98,13 +98,12 @@ def convert(
     if inputs == [source]:
         if "to" in typed:
             raise UsageError("USAGE", f"--to is for a folder; {target.name} says itself what it is")
-        _check_held(target, typed)
+        _check_target(target, options, output, typed)
         _convert(source, target, options, output)
         return
     places = _places(source, inputs, target, options.to or "glb")
-    for place in places.values():
-        output.check_free(place)  # of all before the first is written: it may be the input of a later one
-        _check_held(place, typed)
+    for place in places.values():  # before the first is written, which can be the input of a later one
+        _check_target(place, options, output, typed)
     status = EXIT_OK
     for path, place in places.items():
         try:
@@ -140,8 +139,10 @@ def _places(source: Path, inputs: list[Path], target: Path, to: str) -> dict[Pat
     return places
 
 
-def _check_held(target: Path, typed: Typed) -> None:
-    """Refuse to choose how textures or colours are written where the format holds none."""
+def _check_target(target: Path, options: ConvertOptions, output: Output, typed: Typed) -> None:
+    """Check the path of an output, and that its format holds what the options are about."""
+    from msb.api.command_files import check_asset_place
+    from msb.delivery.saving import output_suffix
     from msb.meshes.formats import FORMATS
 
     suffix = target.suffix.lower()
@@ -150,18 +151,15 @@ def _check_held(target: Path, typed: Typed) -> None:
         raise UsageError("USAGE", f"--texture is for formats with textures; {suffix} holds none")
     if "color" in typed and not keeps:
         raise UsageError("USAGE", f"--color is for formats with colours; {suffix} holds none")
+    if not options.official:
+        output_suffix(target, "OUT")
+    check_asset_place(target, options.form, output)
 
 
 def _convert(source: Path, target: Path, options: ConvertOptions, output: Output) -> None:
     """Convert one input, and say what was written and what was left out."""
     from msb.asset import ASSET_SUFFIX
-    from msb.delivery.saving import output_suffix
 
-    if not options.official:
-        output_suffix(target, "OUT")
-    from msb.api.command_files import check_asset_place
-
-    check_asset_place(target, options.form, output)
     if options.official:
         _write_official(source, target, output)
     elif target.suffix.lower() == ASSET_SUFFIX:

@@ -49,14 +49,14 @@ class Pictures:
 
     def loss(self, other: Mesh, samples: int = _SAMPLES) -> float:
         """Return the PSNR in dB of `other`, with so many samples a pixel each way."""
-        from msb.why.views import difference
+        from msb.views import difference
 
         if samples not in self._own:  # a search asks often
             self._own[samples] = self._drawn(self.mesh, samples)
         return difference(self._own[samples], self._drawn(other, samples))
 
     def _drawn(self, mesh: Mesh, samples: int) -> list[NDArray[np.float32]]:
-        from msb.why.views import images_of
+        from msb.views import images_of
 
         return images_of(mesh, self.cameras, supersample=samples)
 

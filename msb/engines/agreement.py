@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, log10
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+
+from msb.metrics.images import psnr_of_mse
+from msb.render.frame import interior
 
 if TYPE_CHECKING:
     from msb.render import Frame
@@ -61,26 +62,13 @@ def agreement(theirs: Sequence[Frame], ours: Sequence[Frame]) -> Agreement:
         inner.append(interior(own.face_id).reshape(-1))
     level, square, inside = np.concatenate(levels), np.concatenate(squares), np.concatenate(inner)
     within = level[inside]
-    error = float(square.mean())
     return Agreement(
         pixels=len(level),
         within_a_level=float((level <= 1).mean()),
-        psnr=-10 * log10(error) if error > 0 else inf,
+        psnr=psnr_of_mse(float(square.mean())),
         covered_alike=float(np.concatenate(alike).mean()),
         interior=len(within),
         interior_within_a_level=float((within <= 1).mean()) if len(within) else 1.0,
         interior_p999=float(np.percentile(within, 99.9)) if len(within) else 0.0,
         interior_max=float(within.max(initial=0)),
     )
-
-
-def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows one face; none at the border has."""
-    inner = np.zeros(faces.shape, bool)
-    middle = faces[1:-1, 1:-1]
-    same = middle >= 0
-    for dy in range(3):
-        for dx in range(3):
-            same = same & (faces[dy : dy + middle.shape[0], dx : dx + middle.shape[1]] == middle)
-    inner[1:-1, 1:-1] = same
-    return inner

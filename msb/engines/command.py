@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -57,7 +58,9 @@ class WebOptions:
     ] = None
     renders: Annotated[
         Path | None,
-        Option("Official images, by names of cameras, to measure the page by.", metavar="DIR"),
+        Option(
+            "With --cameras: official images, by names of cameras, to measure the page by.", metavar="DIR"
+        ),
     ] = None
     baked: Annotated[
         Path | None,
@@ -252,7 +255,7 @@ def verify_page(path: Path, options: WebOptions, output: Output) -> None:
         raise InputError("FILE_NOT_RECOGNISED", "the page holds no test views to measure it by", file=path)
     measured = _measured(data, scene, images, output, software=options.device != "gpu")
     _tell(output, path, len(data), scene, measured, limit)
-    if measured.worst is not None and measured.worst < limit:
+    if measured.worst < limit:
         text = f"its worst view has {measured.worst:.1f} dB, the bar is {limit:g} dB"
         raise GateFailed("GATE_FAILED", text, file=path)
 
@@ -331,9 +334,9 @@ def _smaller(
     """Return what --faces and --quantise leave of an asset, and what each costs."""
     import numpy as np
 
-    from msb.engines.dedicated_page.measure import byte_psnr
     from msb.engines.dedicated_page.page import Cost
     from msb.engines.dedicated_page.smaller import quantised, with_faces
+    from msb.metrics import psnr
 
     smaller, faces = shown.asset, options.faces
     steps: list[tuple[str, Asset]] = []
@@ -359,10 +362,9 @@ def _smaller(
     costs = []
     for what, made in steps:
         after = images(made)
-        values = [byte_psnr(*pair) for pair in zip(after, before, strict=True)]
-        psnr = min((value for value in values if value is not None), default=None)
-        costs.append(Cost(what, psnr))
-        output.note(f"{what}: {_decibels(psnr)}, the worst of {len(views)} views, to what was there before")
+        worst = min(psnr(*pair) for pair in zip(after, before, strict=True))
+        costs.append(Cost(what, worst))
+        output.note(f"{what}: {_decibels(worst)}, the worst of {len(views)} views, to what was there before")
         before = after
     return smaller, costs
 
@@ -418,12 +420,14 @@ def _tell(
         "measured": None,
     }
     if measured is not None:
-        rows = zip(names, measured.psnr, measured.milliseconds, strict=True)
+        from msb.engines.dedicated_page.page import json_psnr
+
+        rows = zip(names, map(json_psnr, measured.psnr), measured.milliseconds, strict=True)
         document["measured"] = {
             "browser": measured.browser,
             "device": measured.device,
             "format": measured.format,
-            "worst": measured.worst,
+            "worst": json_psnr(measured.worst),
             "views": [{"name": n, "psnr": p, "equal": p is None, "ms": ms} for n, p, ms in rows],
         }
     if limit is not None:
@@ -439,5 +443,5 @@ def _tell(
         echo(f"worst {_decibels(measured.worst)} to {about['against']}, in bytes ({measured.by})")
 
 
-def _decibels(value: float | None) -> str:
-    return "equal" if value is None else f"{value:.1f} dB"
+def _decibels(value: float) -> str:
+    return "equal" if math.isinf(value) else f"{value:.1f} dB"

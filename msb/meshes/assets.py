@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +11,15 @@ from numpy.typing import NDArray
 from msb.asset import Asset, Description, build_asset
 from msb.asset.drawable import first_bad
 from msb.asset.look import stored_threshold, tint_of, visible_faces, written_up
-from msb.asset.manifest import CoordinateFrame
+from msb.asset.manifest import CoordinateFrame, Domain, Parameters
 from msb.asset.texture import Sampler, is_textured, texture_images
 from msb.asset.tiers import refusal
 from msb.errors import AssetError, Unsupported
-from msb.meshes.charts import with_vertex_uvs
+from msb.meshes.charts import with_sampled_colors, with_vertex_uvs, without_textures
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
-from msb.meshes.sampled import with_sampled_colors, without_textures
 from msb.meshes.transform import turned_upright
 from msb.meshes.writing import as_float32, check_indices, check_writable
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Domain, Parameters
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:
@@ -163,17 +159,7 @@ def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True
     number = np.cumsum(used) - 1
-    vertex_colors = None if mesh.vertex_colors is None else mesh.vertex_colors[used]
-    return replace(
-        mesh,
-        vertices=mesh.vertices[used],
-        faces=number[faces],
-        vertex_colors=vertex_colors,
-        face_colors=None if mesh.face_colors is None else mesh.face_colors[keep],
-        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[used],
-        corner_uvs=None if mesh.corner_uvs is None else mesh.corner_uvs[np.repeat(keep, 3)],
-        face_textures=None if mesh.face_textures is None else mesh.face_textures[keep],
-    )
+    return mesh.taken(used, keep, number[faces])
 
 
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
@@ -189,14 +175,8 @@ def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]
-    return replace(
-        mesh,
-        vertices=mesh.vertices[corners[first]],
-        faces=number.reshape(-1, 3),
-        vertex_colors=colors[first],
-        face_colors=None,
-        vertex_uvs=None if mesh.vertex_uvs is None else mesh.vertex_uvs[corners[first]],
-    )
+    made = mesh.taken(corners[first], slice(None), number.reshape(-1, 3))
+    return replace(made, vertex_colors=colors[first], face_colors=None)
 
 
 def _unshared(mesh: Mesh) -> Mesh:

@@ -6,15 +6,12 @@ import base64
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import unquote, unquote_to_bytes
 
 from msb.asset.strict_json import has_lone_surrogate
 from msb.base.files import read_file
 from msb.errors import InputError, shorten
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
+from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -56,18 +55,18 @@ def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
         stored = _rounded(linear, most).astype(np.uint16)
     else:
         return _of_floats(linear)
-    table = _table(most)
+    values, levels, stands = _table(most)
     color, alpha = stored[:, :3], stored[:, 3:]
     step = most // 255
-    if table.stands[color].all() and not (alpha % step).any():
-        return np.concatenate((table.levels[color], (alpha // step).astype(np.uint8)), axis=1)
-    return np.concatenate((table.values[color], alpha / np.float32(most)), axis=1)
+    if stands[color].all() and not (alpha % step).any():
+        return np.concatenate((levels[color], (alpha // step).astype(np.uint8)), axis=1)
+    return np.concatenate((values[color], alpha / np.float32(most)), axis=1)
 
 
 def _of_floats(linear: NDArray[Any]) -> NDArray[Any]:
     """Return float32 colours in linear light as sRGB, uint8 where these stand for them."""
     levels = _rounded(linear, 255)
-    levels[:, :3] = _table(65535).levels[_rounded(linear[:, :3], 65535)]
+    levels[:, :3] = _table(65535)[1][_rounded(linear[:, :3], 65535)]
     back: NDArray[Any] = np.concatenate((LINEAR[levels[:, :3]], levels[:, 3:] / np.float32(255)), axis=1)
     if (np.abs(back - linear) < _SAME).all():
         return levels.astype(np.uint8)
@@ -78,23 +77,14 @@ def _rounded(values: NDArray[Any], most: int) -> NDArray[np.intp]:
     return np.asarray(np.rint(values * np.float32(most)).astype(np.intp))
 
 
-@dataclass(frozen=True)
-class _Table:
-    """Of each whole number of linear light its sRGB value, the nearest byte, and if that stands for it."""
-
-    values: NDArray[np.float32]
-    levels: NDArray[np.uint8]
-    stands: NDArray[np.bool_]
-
-
 @cache
-def _table(most: int) -> _Table:
+def _table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return sRGB values of whole linear light, the nearest bytes, and which of these stand for them."""
     linear = np.arange(most + 1) / most
     values = linear_to_srgb(linear)
     levels = np.rint(values * 255).astype(np.uint8)
-    return _Table(
-        values.astype(np.float32), levels, np.abs(srgb_to_linear(levels / 255) - linear) < 0.5 / most
-    )
+    stands = np.abs(srgb_to_linear(levels / 255) - linear) < 0.5 / most
+    return values.astype(np.float32), levels, stands
 
 
 def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:

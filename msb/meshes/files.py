@@ -4,37 +4,21 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from msb.base.atomic import new_files
 from msb.base.files import read_file
 from msb.errors import InputError, MeshFileError, OutputError
+from msb.meshes import gltf_scene, obj, off, ply, stl, usd
 from msb.meshes.formats import FORMATS, Format, Style, written_suffixes
+from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.transform import with_linear_colors
 from msb.meshes.writing import check_writable
 
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
-
-_MODULES = (
-    "ply",
-    "obj",
-    "off",
-    "stl",
-    "gltf_file",
-    "glb",
-    "usd",
-)
-"""Modules here, each with its `FORMAT` or `FORMATS`."""
-
-for _name in _MODULES:
-    _module = import_module(f"msb.meshes.{_name}")
-    _formats: tuple[Format, ...] = getattr(_module, "FORMATS", None) or (_module.FORMAT,)
-    for _each in _formats:
-        FORMATS.update(dict.fromkeys(_each.suffixes, _each))
+for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORMATS, *usd.FORMATS):
+    FORMATS.update(dict.fromkeys(_format.suffixes, _format))
 
 MESH_SUFFIXES = FORMATS.keys()
 """The suffixes of the files `read_mesh` knows, in lower case."""
@@ -76,19 +60,14 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     """
     name = os.fspath(path)
     try:
-        data = read_file(name)
+        source = Source(name, read_file(name), images=images)
+        chosen = _known(name, Path(name).suffix)
+        if not source.data:
+            raise source.error("MESH_FILE_INVALID", "the file is empty")
+        return _in_short(chosen.read(source))
     except MemoryError:
         message = "this machine has not enough memory for the file"
         raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None
-    source = Source(name, data, images=images)
-    chosen = _known(name, Path(name).suffix)
-    if not data:
-        raise source.error("MESH_FILE_INVALID", "the file is empty")
-    try:
-        return _in_short(chosen.read(source))
-    except MemoryError:
-        message = f"this machine has not enough memory for a file of {len(data)} bytes"
-        raise source.error("MESH_FILE_TOO_LARGE", message) from None
 
 
 def _in_short(mesh: Mesh) -> Mesh:

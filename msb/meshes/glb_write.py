@@ -5,26 +5,24 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import Sampler
 from msb.errors import OutputError
 from msb.meshes.charts import with_vertex_uvs
 from msb.meshes.colors import linear_colors, with_alpha
-from msb.meshes.gltf import CHUNK, HEADER
+from msb.meshes.formats import Style
+from msb.meshes.gltf import CHUNK, COMPONENTS, HEADER
 from msb.meshes.image_files import packed
+from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
-
-if TYPE_CHECKING:
-    from msb.asset.texture import Sampler
-    from msb.meshes.formats import Style
-    from msb.meshes.mesh import Mesh
 
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
-_COMPONENTS = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123, "u4": 5125, "f4": 5126}
+_COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 VERTICES, INDICES = 34962, 34963
 _MOST_SHORT = 1 << 16
 """Vertices that uint16 can number: the last number is no vertex, but restarts strips."""

@@ -8,17 +8,14 @@ import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MeshFileError, shorten
-from msb.meshes.beside import read_uri
-
-if TYPE_CHECKING:
-    from msb.meshes.beside import Files
-    from msb.meshes.source import Source
+from msb.meshes.beside import Files, read_uri
+from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")
@@ -79,9 +76,15 @@ class Document:
         beside = sum(map(len, self.files.values()))
         return MAX_BYTES_PER_BYTE * (len(self.source.data) + beside) + MAX_EXTRA_BYTES
 
-    def error(self, code: str, pointer: str, message: str, **about: Any) -> MeshFileError:
+    def check_total(self, what: str, total: int) -> None:
+        """Refuse arrays of `total` bytes if the file is too small for so many."""
+        if total > (limit := self.limit):
+            text = f"{what} would take {total} bytes; {limit} is the limit for a file of this size"
+            raise self.source.error("MESH_FILE_TOO_LARGE", text)
+
+    def error(self, code: str, pointer: str, message: str) -> MeshFileError:
         """Return the error about the place with JSON pointer `pointer`."""
-        return self.source.error(code, message, pointer=pointer, **about)
+        return self.source.error(code, message, pointer=pointer)
 
     def integer(
         self, owner: dict[str, Any], key: str, pointer: str, *, default: int | None = None, below: int = 2**63
@@ -267,9 +270,8 @@ def accessor(
     normalized = entry.get("normalized") is True
     if unpacked is not None:
         same = (unpacked.dtype.kind == "f") == (dtype.kind == "f")
-        values = (
-            unpacked.astype(dtype) if same else unpacked[:0]
-        )  # encoders store integers wider than they are
+        # Encoders store integers wider than they are.
+        values = unpacked.astype(dtype) if same else unpacked[:0]
         if values.shape != (count, width) or not np.array_equal(values, unpacked, equal_nan=True):
             text = f"{count} {kind} of {dtype} are stored as {unpacked.shape} {unpacked.dtype}, compressed"
             raise document.error("MESH_FILE_INVALID", pointer, text)

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import Sampler
+from msb.asset.texture import Filter, Sampler, Wrap
 from msb.errors import shorten
+from msb.meshes.gltf import Document
 from msb.meshes.images import MAX_FILE
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from msb.asset.texture import Filter, Wrap
-    from msb.meshes.gltf import Document
 
 _WHITE = (1.0, 1.0, 1.0, 1.0)
 _CUTOFF = 0.5

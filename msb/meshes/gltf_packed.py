@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.base.children import run_apart
+from msb.base.children import Arrays, run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.meshes.gltf import Document
+from msb.meshes.gltf import Document
 
 MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
@@ -43,10 +40,8 @@ def unpack(document: Document, meshes: list[int]) -> None:
     if not jobs:
         return
     # The buffers that the jobs need have been read: they count as bytes of the file.
-    total, limit = sum(job["bytes"] for job in jobs), document.limit
-    if total > limit:
-        text = f"its compressed arrays would take {total} bytes; {limit} is the limit for a file of this size"
-        raise document.source.error("MESH_FILE_TOO_LARGE", text)
+    total = sum(job["bytes"] for job in jobs)
+    document.check_total("its compressed arrays", total)
     modules = sorted({"DracoPy" if job["mode"] == "DRACO" else "meshopt" for job in jobs})
     need_extra("compressed", *modules, what=f"the compressed mesh in {shorten(document.source.path, 200)}")
     data = [job.pop("data") for job in jobs]
@@ -77,20 +72,17 @@ def unpack_here(word: str, arrays: Arrays) -> tuple[Any, Arrays]:
             if job["mode"] == "DRACO":
                 made |= {f"{number}.{name}": array for name, array in _draco(job, data)}
             else:
-                made[f"{number}"] = _meshopt(job, data)
+                import meshopt
+
+                shape = job["count"], job["stride"]
+                rows = meshopt.decode_gltf_buffer(data, *shape, job["mode"], job["filter"])
+                made[f"{number}"] = np.ascontiguousarray(rows).view(np.uint8).reshape(-1)
         except MemoryError:
             raise
         except Exception as error:
             text = f"{job['pointer']}: {error or type(error).__name__}"
             raise ValueError(text) from error
     return None, made
-
-
-def _meshopt(job: Job, data: bytes) -> NDArray[np.uint8]:
-    import meshopt
-
-    made = meshopt.decode_gltf_buffer(data, job["count"], job["stride"], job["mode"], job["filter"])
-    return np.ascontiguousarray(made).view(np.uint8).reshape(-1)
 
 
 def _draco(job: Job, data: bytes) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -118,7 +110,7 @@ def _jobs(document: Document, meshes: list[int]) -> Iterator[Job]:
             attributes = document.object(primitive, "attributes", pointer)
             wanted = {name: each for name, each in attributes.items() if name.startswith(_READ)}
             packed = document.object(document.object(primitive, "extensions", pointer), DRACO, pointer)
-            if packed and not _has_view(document, wanted.get("POSITION")):
+            if packed and "bufferView" not in _accessor(document, wanted.get("POSITION")):
                 yield _draco_job(document, primitive, packed, pointer)
                 continue
             for each in (*wanted.values(), primitive.get("indices")):
@@ -132,10 +124,6 @@ def _accessor(document: Document, number: Any) -> dict[str, Any]:
     entries = document.array(document.root, "accessors", "")
     there = type(number) is int and 0 <= number < len(entries) and isinstance(entries[number], dict)
     return entries[number] if there else {}
-
-
-def _has_view(document: Document, number: Any) -> bool:
-    return "bufferView" in _accessor(document, number)
 
 
 def _views_of(document: Document, number: Any) -> set[int]:

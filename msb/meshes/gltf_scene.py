@@ -1,27 +1,31 @@
-"""What a glTF file shows, as one mesh: its triangles, colours and textures."""
+"""glTF 2.0: what a file shows, as one mesh with its triangles, colours and textures.
+
+GLB is all in one binary file; JSON, whose buffers and images lie beside it or in its text, is only read.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
-from msb.errors import shorten
+from msb.errors import MeshFileError, shorten
 from msb.meshes.colors import srgb_colors, with_alpha
-from msb.meshes.gltf import Document, placed_meshes
-from msb.meshes.gltf_materials import beyond, image_key, stored_image
+from msb.meshes.formats import Format
+from msb.meshes.glb_write import write
+from msb.meshes.gltf import Document, document_of, open_document, placed_meshes
+from msb.meshes.gltf_materials import Look, Shown, beyond, image_key, stored_image
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
 from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
-from msb.meshes.images import Decoder, ImageError
+from msb.meshes.images import Decoder
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import joined_faces
-
-if TYPE_CHECKING:
-    from msb.meshes.gltf_materials import Look, Shown
+from msb.meshes.source import Source
 
 _HARMLESS = (
     "KHR_materials_",
@@ -48,6 +52,7 @@ _INSTANCES = "EXT_mesh_gpu_instancing"
 """Says that a node is drawn at several places; a file that does not require it is read as if it did not."""
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 """The texture of faces without one, where others have one."""
+_BEGINS = re.compile(rb"\s*\{")
 
 
 def read_scene(document: Document) -> Mesh:
@@ -63,7 +68,7 @@ def read_scene(document: Document) -> Mesh:
     unpack(document, shown)
     primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
     sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
-    _check_total(document, sum(sizes[mesh] for mesh, _ in placed))
+    document.check_total("the arrays of its nodes", sum(sizes[mesh] for mesh, _ in placed))
     if not any(primitives.values()) and document.root.get("meshes"):
         text = "the scene shows no mesh with triangles, although the file has meshes"
         raise document.source.error("MESH_FILE_INVALID", text)
@@ -83,15 +88,6 @@ def _refuse_extensions(document: Document) -> None:
         if not str(name).startswith(_HARMLESS):
             text = f"the file requires extension {shorten(str(name))}, which is not read; export without it"
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
-
-
-def _check_total(document: Document, total: int) -> None:
-    """Refuse arrays of `total` bytes if the file is too small for so many."""
-    if total > (limit := document.limit):
-        text = (
-            f"the arrays of its nodes would take {total} bytes; {limit} is the limit for a file of this size"
-        )
-        raise document.source.error("MESH_FILE_TOO_LARGE", text)
 
 
 def _join(document: Document, parts: list[Part]) -> Mesh:
@@ -149,8 +145,8 @@ def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: 
     data, pointer = stored_image(document, shown.image)
     try:
         return decoder.decode(data, alpha=masked)
-    except ImageError as error:
-        raise document.error(error.code, pointer, str(error)) from None
+    except MeshFileError as error:
+        raise document.error(error.code, pointer, error.message) from None
 
 
 def says_srgb(document: Document) -> bool:
@@ -243,3 +239,44 @@ def _objects(entries: Any) -> list[dict[str, Any]]:
 
 def _keys(entry: Any) -> list[Any]:
     return list(entry) if isinstance(entry, dict) else []
+
+
+def _read_glb(source: Source) -> Mesh:
+    """Read what a binary file shows."""
+    return read_scene(open_document(source))
+
+
+def _read_gltf(source: Source) -> Mesh:
+    """Read what a file of JSON shows."""
+    if _BEGINS.match(source.data) is None:
+        raise source.not_a("glTF", "it does not begin with '{'")
+    document = document_of(source, source.data)
+    version = str(document.object(document.root, "asset", "").get("version", "2.0"))
+    if not version.startswith("2."):
+        text = f"version {shorten(version)} is not read; 2.0 is"
+        raise document.error("MESH_FILE_UNSUPPORTED", "/asset/version", text)
+    return read_scene(document)
+
+
+FORMATS = (
+    Format(
+        "glTF",
+        (".gltf",),
+        _read_gltf,
+        begins=_BEGINS,
+        keeps=("vertex_colors", "vertex_uvs"),
+        is_single=True,
+        up="+y",
+    ),
+    Format(
+        "GLB",
+        (".glb",),
+        _read_glb,
+        write,
+        begins=re.compile(rb"glTF"),
+        keeps=("vertex_colors", "vertex_uvs", "textures"),
+        is_single=True,
+        is_linear=True,
+        up="+y",
+    ),
+)

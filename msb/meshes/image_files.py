@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.asset.texture import Sampler
-    from msb.meshes.formats import Picture, Style
-    from msb.meshes.mesh import Mesh
+from msb.asset.texture import Sampler
+from msb.meshes.formats import Picture, Style
+from msb.meshes.mesh import Mesh
 
 _OPTIONS: dict[Picture, dict[str, Any]] = {
     "png": {},

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_SIDE
 from msb.base.files import library_reason
+from msb.errors import MeshFileError
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -27,14 +28,6 @@ _MOST_SCANS = 100
 """Of a progressive JPEG, each of which is a pass over all texels. Programs write ten."""
 
 
-class ImageError(Exception):
-    """An image cannot be read; `code` is that of the error about the mesh file."""
-
-    def __init__(self, code: str, text: str) -> None:
-        super().__init__(text)
-        self.code = code
-
-
 class Decoder:
     """Decodes the images of one mesh, which share an allowance of memory."""
 
@@ -47,9 +40,9 @@ class Decoder:
 
         Raises
         ------
-        ImageError
-            MESH_FILE_INVALID: it is damaged, or another kind of image. MESH_FILE_TOO_LARGE: it says that it
-            has more texels than are read.
+        MeshFileError
+            Of no file. MESH_FILE_INVALID: it is damaged, or another kind of image. MESH_FILE_TOO_LARGE: it
+            says that it has more texels than are read.
         """
         from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
@@ -63,22 +56,22 @@ class Decoder:
                     self._take(canvas, 8, len(data))  # Pillow's decoder makes two canvases as it opens
                 elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MOST_SCANS:
                     text = f"it has more than {_MOST_SCANS} scans; save it as an ordinary JPEG"
-                    raise ImageError("MESH_FILE_TOO_LARGE", text)
+                    raise MeshFileError("MESH_FILE_TOO_LARGE", text)
                 with Image.open(io.BytesIO(data), formats=[each.format for each in plugins]) as image:
                     if not canvas:
                         self._take(image.size, 4, len(data))
                     return _texels(image, alpha=alpha)
-        except ImageError:
+        except MeshFileError:
             raise
         except MemoryError:
             text = "this machine has not enough memory for its texels"
-            raise ImageError("MESH_FILE_TOO_LARGE", text) from None
+            raise MeshFileError("MESH_FILE_TOO_LARGE", text) from None
         except UnidentifiedImageError:
             text = "it is no PNG, JPEG or WebP image, or damaged within its header"
-            raise ImageError("MESH_FILE_INVALID", text) from None
+            raise MeshFileError("MESH_FILE_INVALID", text) from None
         except Exception as error:  # decoders raise all kinds of things about damaged files
             text = f"it cannot be decoded: {library_reason(error)}"
-            raise ImageError("MESH_FILE_INVALID", text) from None
+            raise MeshFileError("MESH_FILE_INVALID", text) from None
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 
@@ -86,12 +79,12 @@ class Decoder:
         """Refuse an image of this size, `width` bytes a texel, that is larger than its file can stand for."""
         if not 0 < min(size) <= max(size) <= MAX_SIDE:
             text = f"it is {size[0]} x {size[1]}; a texture has at most {MAX_SIDE} texels a side"
-            raise ImageError("MESH_FILE_TOO_LARGE", text)
+            raise MeshFileError("MESH_FILE_TOO_LARGE", text)
         self._left += stored * MAX_BYTES_PER_BYTE
         needed = size[0] * size[1] * width
         if needed > min(self._left, self._total):
             text = f"its {size[0]} x {size[1]} texels need {needed} bytes, too many for files of this size"
-            raise ImageError("MESH_FILE_TOO_LARGE", text)
+            raise MeshFileError("MESH_FILE_TOO_LARGE", text)
         self._left -= needed
         self._total -= needed
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.asset import Asset
+from msb.asset.look import shown_faces, stored_threshold
 from msb.asset.texture import Sampler
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.meshes.mesh import Mesh
+from msb.meshes.formats import FORMATS
+from msb.meshes.mesh import Mesh
 
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 """Buffer of an asset that a mesh file has no place for -> what it is."""
@@ -19,8 +18,6 @@ _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 
 def beyond_a_mesh(asset: Asset) -> list[str]:
     """Return what the standard-tier mesh of `asset` does not have."""
-    from msb.asset.look import shown_faces, stored_threshold
-
     manifest, beyond = asset.manifest, []
     if manifest.sh_degree:
         beyond.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
@@ -33,24 +30,18 @@ def beyond_a_mesh(asset: Asset) -> list[str]:
 
 def why_split(suffix: str) -> str:
     """Return why files of `suffix` split what shares vertices, and which do not."""
-    from msb.meshes.formats import FORMATS
-
     soup = FORMATS[suffix].is_soup
     reason = "repeats the vertices of every face" if soup else "holds no colours of faces"
     return f"{suffix} {reason}: {_keeping_face_colors()} keep the merged mesh"
 
 
 def _keeping_face_colors() -> str:
-    from msb.meshes.formats import FORMATS
-
     names = [name for name, each in FORMATS.items() if "face_colors" in each.keeps and each.write]
     return f"{', '.join(names)} and .triasset"
 
 
 def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> Iterator[str]:
     """Yield what is lost between `mesh` and `written`, and what of the source was `left_out` before."""
-    from msb.meshes.formats import FORMATS
-
     form = FORMATS[suffix]
     doubles = not np.array_equal(written.faces, mesh.faces)
     if doubles and form.is_soup:
@@ -88,8 +79,6 @@ def _has_uvs(mesh: Mesh) -> bool:
 
 def what_is_up(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
     """Yield what became of up where a format fixes it but it is not `known`, or cannot say it."""
-    from msb.meshes.formats import FORMATS
-
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
             yield f"{mesh.up} is up in it, which {suffix} cannot say; msb convert --up={mesh.up} turns it"

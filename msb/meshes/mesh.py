@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import Sampler
-from msb.errors import MeshError, finding
-
-if TYPE_CHECKING:
-    from msb.errors import Finding
+from msb.errors import Finding, MeshError, finding
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,14 +65,25 @@ class Mesh:
     def __post_init__(self) -> None:
         _check("vertices", self.vertices, None, (3,), (np.float32, np.float64))
         _check("faces", self.faces, None, (3,), (np.int64,))
-        if self.vertex_colors is not None:
-            _check("vertex_colors", self.vertex_colors, len(self.vertices), (3, 4), (np.uint8, np.float32))
-        if self.face_colors is not None:
-            _check("face_colors", self.face_colors, len(self.faces), (3, 4), (np.uint8, np.float32))
-        if self.vertex_uvs is not None:
-            _check("vertex_uvs", self.vertex_uvs, len(self.vertices), (2,), (np.float32,))
+        vertices, faces, colors = len(self.vertices), len(self.faces), (np.uint8, np.float32)
+        _check("vertex_colors", self.vertex_colors, vertices, (3, 4), colors)
+        _check("face_colors", self.face_colors, faces, (3, 4), colors)
+        _check("vertex_uvs", self.vertex_uvs, vertices, (2,), (np.float32,))
+        _check("corner_uvs", self.corner_uvs, 3 * faces, (2,), (np.float32,))
+
+    def taken(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
+        """Return rows `vertices` and `faces` of it, each a mask or numbers of rows; corners go with faces.
+
+        `numbers` (F, 3) are the vertices of these faces among those that are taken.
+        """
+        rows: dict[str, Any] = {"faces": numbers}
+        by_face = ("face_colors", "face_textures")
+        for name in ("vertices", "vertex_colors", "vertex_uvs", *by_face):
+            if (values := getattr(self, name)) is not None:
+                rows[name] = values[faces if name in by_face else vertices]
         if self.corner_uvs is not None:
-            _check("corner_uvs", self.corner_uvs, 3 * len(self.faces), (2,), (np.float32,))
+            rows["corner_uvs"] = self.corner_uvs.reshape(-1, 3, 2)[faces].reshape(-1, 2)
+        return replace(self, **rows)
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
@@ -94,9 +102,14 @@ def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:
 
 
 def _check(
-    name: str, array: NDArray[Any], rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
+    name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
-    """Raise MESH_ARRAY unless `array` is (rows, one of widths) of one of `types`; rows None is any number."""
+    """Raise MESH_ARRAY unless `array` is (rows, one of widths) of one of `types`; rows None is any number.
+
+    An array that may be left out, of which the rows are known, may be None.
+    """
+    if array is None and rows is not None:
+        return
     if not isinstance(array, np.ndarray):
         text = f"{name} is of type {type(array).__name__}; it must be a NumPy array"
         raise MeshError("MESH_ARRAY", text)

@@ -1,23 +1,22 @@
-"""Wavefront OBJ: polygon meshes as text."""
+"""Wavefront OBJ: polygon meshes as text, with materials and images in files beside it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
-from msb.meshes.formats import Format
+from msb.meshes.formats import Format, Style
+from msb.meshes.image_files import images_of, plain_stem
 from msb.meshes.mesh import Mesh
-from msb.meshes.obj_materials import names_materials, with_coordinates, with_materials
-from msb.meshes.obj_write import beside, write
+from msb.meshes.obj_materials import face_lines, names_materials, with_coordinates, with_materials
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
-from msb.meshes.text import Words, first_not_whole, word_blocks
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
+from msb.meshes.source import Source
+from msb.meshes.text import Words, word_blocks
+from msb.meshes.writing import write_rows
 
 _COLOR_WIDTHS = {6: 3, 7: 4}
 """Number of values on a `v` line -> how many of the last ones are a colour."""
@@ -110,36 +109,17 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
     """Append the polygons of the `f` and `fo` lines; `is_vertex` (L,) says where vertices come between."""
-    is_face = _face_lines(words)
-    counts = words.count[is_face] - 1
-    values = words.without_suffix(b"/").numbers(words.arguments(is_face))
-    bad = first_not_whole(values)
-    if bad is not None:
-        text = f"index {values[bad]!s} is not a whole number of at most 2**53"
-        raise words.line_error("MESH_FILE_INVALID", _line_of(is_face, counts, bad), text)
-    index = values.astype(np.int64)
-    corners = index - 1
-    if (index < 0).any():
-        above = (parts.vertex_count + np.cumsum(is_vertex))[is_face]
-        corners = np.where(index < 0, np.repeat(above, counts) + index, corners)
-    wrong = np.flatnonzero((index == 0) | (corners < 0))
-    if wrong.size:
-        value = int(index[wrong[0]])
-        text = f"index {value} is not allowed: indices begin with 1, or with -1 for the vertex just above"
-        line = _line_of(is_face, counts, int(wrong[0]))
-        raise words.line_error("MESH_FILE_INVALID", line, text)
-    parts.corners.append(corners)
-    parts.counts.append(counts)
-
-
-def _face_lines(words: Words) -> NDArray[np.bool_]:
-    return words.lines_beginning(b"f") | words.lines_beginning(b"fo")
+    is_face = face_lines(words)
+    chosen = words.arguments(is_face)
+    above = parts.vertex_count + np.cumsum(is_vertex)
+    parts.corners.append(words.without_suffix(b"/").indices(chosen, above, "vertex"))
+    parts.counts.append(words.count[is_face] - 1)
 
 
 def _wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
     """Return where the polygon stands that names no vertex; the file is gone through again for it."""
     for words in word_blocks(text, comments=True):
-        lines = np.flatnonzero(_face_lines(words))
+        lines = np.flatnonzero(face_lines(words))
         if polygon < len(lines):
             byte = words.base + int(words.start[words.first[lines[polygon]]])
             return text.wrong_index(byte, index, vertices, first=1)
@@ -147,10 +127,59 @@ def _wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
     raise AssertionError
 
 
-def _line_of(is_face: NDArray[np.bool_], counts: NDArray[np.int64], corner: int) -> int:
-    """Return the line of corner number `corner`; the face lines (L,) hold `counts` corners each."""
-    face = np.searchsorted(np.cumsum(counts), corner, side="right")
-    return int(np.flatnonzero(is_face)[face])
+def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
+    """Write `v`, `vt` and `f` lines; float32 and float64 coordinates read back as exactly the same number.
+
+    Colours are written after the coordinates, as 0..1 with nine digits. A textured mesh names its materials
+    if the style says what files beside it are called.
+    """
+    columns, form = mesh.vertices, "v %r %r %r"
+    if mesh.vertex_colors is not None:
+        colors: NDArray[Any] = mesh.vertex_colors
+        if colors.dtype == np.uint8:
+            colors = colors / 255
+        columns = np.column_stack((columns, colors))
+        form += " %.9g" * colors.shape[1]
+    has_materials = bool(mesh.textures) and style.stem is not None
+    if has_materials:
+        stream.write(f"mtllib {plain_stem(style)}.mtl\n".encode())
+    write_rows(stream, form, columns)
+    faces, form = mesh.faces + 1, "f %d %d %d"
+    if mesh.vertex_uvs is not None or mesh.corner_uvs is not None:
+        rows, numbers = _written_coordinates(mesh)
+        write_rows(stream, "vt %r %r", np.column_stack((rows[:, 0], 1 - rows[:, 1].astype(np.float64))))
+        faces = np.stack((faces, numbers + 1), axis=2).reshape(-1, 6)
+        form = "f %d/%d %d/%d %d/%d"
+    if not has_materials:
+        write_rows(stream, form, faces)
+        return
+    shown = np.zeros(len(faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
+    starts = np.flatnonzero(np.diff(shown, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
+    for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
+        stream.write(b"usemtl texture_%d\n" % shown[start])
+        write_rows(stream, form, faces[start:end])
+
+
+def _written_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    """Return the different texture coordinates (N, 2), and which of them each corner (F, 3) has."""
+    if mesh.corner_uvs is None:
+        assert mesh.vertex_uvs is not None
+        return mesh.vertex_uvs, mesh.faces
+    bits = np.ascontiguousarray(mesh.corner_uvs).view(np.uint64)[:, 0]
+    _, first, numbers = np.unique(bits, return_index=True, return_inverse=True)
+    return mesh.corner_uvs[first], numbers.reshape(-1, 3)
+
+
+def beside(mesh: Mesh, style: Style) -> dict[str, bytes]:
+    """Return the files that an OBJ of `mesh` needs beside it, by name: its materials and their images."""
+    if not mesh.textures:
+        return {}
+    images, materials = images_of(mesh, style), []
+    for number, name in enumerate(images):
+        cut_off = f"map_d {name}\n" if mesh.sampler.alpha_cutoff is not None else ""
+        # Constant colour, which asks for no light.
+        materials.append(f"newmtl texture_{number}\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}\n{cut_off}")
+    return images | {f"{plain_stem(style)}.mtl": "\n".join(materials).encode()}
 
 
 FORMAT = Format("OBJ", (".obj",), read, write, beside=beside, keeps=("vertex_colors", "textures"))

@@ -6,7 +6,7 @@ import codecs
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +14,11 @@ from numpy.typing import NDArray
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
 from msb.meshes.beside import place_beside, read_beside
-from msb.meshes.images import MAX_FILE, Decoder, ImageError
+from msb.meshes.images import MAX_FILE, Decoder
+from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
-from msb.meshes.text import first_not_whole, word_blocks
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from msb.meshes.mesh import Mesh
-    from msb.meshes.source import Source
-    from msb.meshes.text import Words
+from msb.meshes.source import Source
+from msb.meshes.text import Words, word_blocks
 
 _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
 _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
@@ -50,6 +45,11 @@ LeftOut = dict[str, None]
 class _Material:
     color: tuple[int, ...] = _WHITE
     image: str | None = None
+
+
+def face_lines(words: Words) -> NDArray[np.bool_]:
+    """Return which lines are polygons: (L,) bool."""
+    return words.lines_beginning(b"f") | words.lines_beginning(b"fo")
 
 
 def names_materials(text: Source) -> bool:
@@ -106,7 +106,7 @@ def _with_textures(
 ) -> Mesh:
     """Return `mesh` with what its faces show from each byte of the file on."""
     uvs, corners, counts, lines = _coordinates(text)
-    _, polygon = fan_triangulate(corners, counts)
+    triangles, polygon = fan_triangulate(corners, counts)
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
     of_use = [numbers.setdefault(uses[use][1], len(numbers)) for use in np.unique(used).tolist()]
@@ -116,7 +116,6 @@ def _with_textures(
         )
         raise text.error("MESH_FILE_TOO_LARGE", what)
     of_polygon = np.array(of_use, np.uint32)[np.unique(used, return_inverse=True)[1]]
-    triangles, _ = fan_triangulate(corners, counts)
     return replace(
         mesh,
         corner_uvs=uvs[triangles.reshape(-1)],
@@ -137,26 +136,13 @@ def _coordinates(
     """
     uvs, corners, counts, lines, above = [], [], [], [], 0
     for words in word_blocks(text, comments=True):
-        is_uv, is_face = (
-            words.lines_beginning(b"vt"),
-            words.lines_beginning(b"f") | words.lines_beginning(b"fo"),
-        )
+        is_uv, is_face = words.lines_beginning(b"vt"), face_lines(words)
         uvs.append(_uvs(words, is_uv))
         chosen = words.arguments(is_face)
         named = words.after(b"/").without_suffix(b"/")
-        has = named.end > named.start
-        values = named.numbers(chosen & has)
-        if (bad := first_not_whole(values)) is not None:
-            what = f"index {values[bad]!s} of a texture coordinate is not a whole number of at most 2**53"
-            raise _index_error(words, chosen & has, bad, what)
-        index = values.astype(np.int64)
-        before = np.repeat(above + np.cumsum(is_uv), words.count)[chosen & has]
-        index = np.where(index < 0, before + index, index - 1)
-        if (wrong := np.flatnonzero(index < 0)).size:
-            what = "an index of a texture coordinate begins with 1, or with -1 for the one just above"
-            raise _index_error(words, chosen & has, int(wrong[0]), what)
+        has = chosen & (named.end > named.start)
         of_words = np.full(len(words.start), -1, np.int64)
-        of_words[chosen & has] = index
+        of_words[has] = named.indices(has, above + np.cumsum(is_uv), "texture coordinate")
         corners.append(of_words[chosen])
         counts.append(words.count[is_face] - 1)
         lines.append(words.base + words.start[words.first[is_face]])
@@ -186,12 +172,6 @@ def _uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
     return made
 
 
-def _index_error(words: Words, chosen: NDArray[np.bool_], number: int, what: str) -> MeshFileError:
-    """Return the error about the `number`-th of the `chosen` words (T,)."""
-    byte = words.base + int(words.start[np.flatnonzero(chosen)[number]])
-    return words.source.line_error("MESH_FILE_INVALID", byte, what)
-
-
 def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
     """Return the texels of the images of materials by name; names of one file become the first of them."""
     decoder, images = Decoder(), {}
@@ -207,9 +187,8 @@ def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dic
             first_of[name] = firsts.setdefault(place, name)
             if first_of[name] == name:
                 images[name] = decoder.decode(read_beside(text, path, "map_Kd", MAX_FILE), alpha=False)
-        except (MeshFileError, ImageError) as error:
-            why = error.message if isinstance(error, MeshFileError) else str(error)
-            left_out[f"image {shorten(name, 60)} ({shorten(why, 200)})"] = None
+        except MeshFileError as error:
+            left_out[f"image {shorten(name, 60)} ({shorten(error.message, 200)})"] = None
     for material in shown.values():
         material.image = first_of.get(material.image or "")
     return images

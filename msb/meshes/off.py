@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +15,9 @@ from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate, steps, wrong_polygon
+from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
 from msb.meshes.writing import write_rows
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
 
 _KEYWORD = re.compile(rb"((?:ST|[CN4n]){0,5})OFF(.*)")
 _BINARY = re.compile(rb"\s*+\w{0,6}OFF[ \t]+BINARY", re.IGNORECASE)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,8 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.ply_body import Body, Rows, open_body
 from msb.meshes.ply_header import TYPES, Element, Header, read_header
 from msb.meshes.polygons import fan_triangulate, wrong_polygon
+from msb.meshes.source import Source
 from msb.meshes.writing import ROWS_AT_A_TIME
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
 
 _INDEX_NAMES = ("vertex_indices", "vertex_index")
 _COLOR_NAMES = (

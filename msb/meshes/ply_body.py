@@ -10,18 +10,16 @@ from __future__ import annotations
 import struct
 from array import array
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.errors import MeshFileError
+from msb.meshes.ply_header import Element, Header, Property
 from msb.meshes.polygons import steps
+from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
-
-if TYPE_CHECKING:
-    from msb.errors import MeshFileError
-    from msb.meshes.ply_header import Element, Header, Property
-    from msb.meshes.source import Source
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,19 @@ class Rows:
 
 
 class Body(Protocol):
-    """The interface of both kinds of body."""
+    """What both kinds of body have."""
+
+    def _find(self, rows: Rows, name: str) -> tuple[Property, NDArray[np.int64]]:
+        """Return property `name` and its place (N,) in every row."""
+        place = rows.place
+        for each in rows.element.properties:
+            if each.name == name:
+                return each, place
+            place = self._after(place, each)
+        raise KeyError(name)
+
+    def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
+        """Return the place (N,) behind a property at `place`; in text one outside the table stays outside."""
 
     def next_rows(self, element: Element) -> Rows:
         """Return the rows of the element that comes next."""
@@ -48,7 +58,11 @@ class Body(Protocol):
         """Return the lengths (N,) and the integers (C,) of a list property."""
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
-        """Return on which line of text the row is that names vertex `index`, which is not there."""
+        """Return on which line of text the row is that names vertex `index`, which is not there.
+
+        Bytes have no lines.
+        """
+        return None
 
 
 def open_body(source: Source, header: Header) -> Body:
@@ -58,7 +72,7 @@ def open_body(source: Source, header: Header) -> Body:
     return _TextBody(source, header)
 
 
-class _BinaryBody:
+class _BinaryBody(Body):
     """A body of bytes."""
 
     def __init__(self, source: Source, header: Header) -> None:
@@ -104,21 +118,11 @@ class _BinaryBody:
             corners = np.repeat(place, counts) + width * steps(counts)
         return counts, self._take(corners, wanted.type).astype(np.int64)
 
-    def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> None:
-        del rows, row, index, vertices  # bytes have no lines
-
-    def _find(self, rows: Rows, name: str) -> tuple[Property, NDArray[np.int64]]:
-        """Return property `name` and its place (N,) in every row."""
-        place = rows.place
-        for each in rows.element.properties:
-            if each.name == name:
-                return each, place
-            if not each.count_type:
-                place = place + _width(each.type)
-            else:
-                counts = self._take(place, each.count_type).astype(np.int64)
-                place = place + _width(each.count_type) + counts * _width(each.type)
-        raise KeyError(name)
+    def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
+        if not wanted.count_type:
+            return place + _width(wanted.type)
+        counts = self._take(place, wanted.count_type).astype(np.int64)
+        return place + _width(wanted.count_type) + counts * _width(wanted.type)
 
     def _take(self, place: NDArray[np.int64], kind: str) -> NDArray[Any]:
         """Return the values of type `kind` at the byte numbers `place` (N,), in the machine's byte order."""
@@ -179,7 +183,7 @@ class _BinaryBody:
         return self._source.error("MESH_FILE_TRUNCATED", text)
 
 
-class _TextBody:
+class _TextBody(Body):
     """A body of numbers, one row to a line."""
 
     def __init__(self, source: Source, header: Header) -> None:
@@ -219,10 +223,10 @@ class _TextBody:
             raise self._table.row_error("MESH_FILE_INVALID", self._lines, text)
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
-        return self._table.values[self._find(rows, name)]
+        return self._table.values[self._find(rows, name)[1]]
 
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        place = self._find(rows, name)
+        _, place = self._find(rows, name)
         counts = self._table.integers(place, "the length of a list")
         return counts, self._table.integers(np.repeat(place + 1, counts) + steps(counts), "an index")
 
@@ -230,17 +234,7 @@ class _TextBody:
         line = int(np.searchsorted(self._table.row, rows.place[row], side="right")) - 1
         return self._table.source.wrong_index(int(self._table.byte[line]), index, vertices)
 
-    def _find(self, rows: Rows, name: str) -> NDArray[np.int64]:
-        """Return the place (N,) of property `name` in every row."""
-        place = rows.place
-        for each in rows.element.properties:
-            if each.name == name:
-                return place
-            place = self._after(place, each)
-        raise KeyError(name)
-
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
-        """Return the place (N,) behind a property at `place`; one outside the table stays outside."""
         if not wanted.count_type:
             return place + 1
         size = len(self._table.values)

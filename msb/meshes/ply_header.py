@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 from msb.errors import shorten
+from msb.meshes.source import Source
 
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
-
-TYPES = {
-    "char": "i1",
-    "int8": "i1",
-    "uchar": "u1",
-    "uint8": "u1",
-    "short": "i2",
-    "int16": "i2",
-    "ushort": "u2",
-    "uint16": "u2",
-    "int": "i4",
-    "int32": "i4",
-    "uint": "u4",
-    "uint32": "u4",
-    "float": "f4",
-    "float32": "f4",
-    "double": "f8",
-    "float64": "f8",
+_NAMES = {
+    "i1": "char int8",
+    "u1": "uchar uint8",
+    "i2": "short int16",
+    "u2": "ushort uint16",
+    "i4": "int int32",
+    "u4": "uint uint32",
+    "f4": "float float32",
+    "f8": "double float64",
 }
+TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 """Both styles of type names -> NumPy type without byte order."""
 
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -59,13 +50,9 @@ class Element:
     count: int
     properties: list[Property] = field(default_factory=list)
 
-    @cached_property
-    def _by_name(self) -> dict[str, Property]:
-        return {each.name: each for each in self.properties}
-
     def find(self, name: str) -> Property | None:
         """Return the property called `name`, if there is one."""
-        return self._by_name.get(name)
+        return next((each for each in self.properties if each.name == name), None)
 
     def __str__(self) -> str:
         return f"element '{shorten(self.name)}'"
@@ -106,12 +93,10 @@ def read_header(source: Source) -> Header:
     if order is None:
         text = "the header has no line 'format ascii 1.0' or 'format binary_little_endian 1.0'"
         raise source.error("MESH_FILE_INVALID", text)
-    twice = _first_repeated([element.name for element in elements])
-    if twice is not None:
+    for twice in _repeated(each.name for each in elements):
         raise source.error("MESH_FILE_INVALID", f"{Element(twice, 0)} is declared twice")
     for element in elements:
-        twice = _first_repeated([each.name for each in element.properties])
-        if twice is not None:
+        for twice in _repeated(each.name for each in element.properties):
             text = f"property '{shorten(twice)}' of {element} is declared twice"
             raise source.error("MESH_FILE_INVALID", text)
     return Header(order, elements, body)
@@ -172,11 +157,6 @@ def _read_property(source: Source, where: str, words: list[str]) -> Property:
     return Property(name, TYPES[names[-1]], TYPES[names[0]] if len(names) == 2 else "")
 
 
-def _first_repeated(names: list[str]) -> str | None:
-    """Return the first name that stands there a second time, or None."""
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            return name
-        seen.add(name)
-    return None
+def _repeated(names: Iterable[str]) -> list[str]:
+    """Return the names that stand there more than once."""
+    return [name for name, count in Counter(names).items() if count > 1]

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from msb.errors import MeshFileError
-from msb.meshes.formats import FORMATS
-
-if TYPE_CHECKING:
-    from msb.meshes.formats import Format
+from msb.meshes.formats import FORMATS, Format
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _LINE_FEED = b"\n"

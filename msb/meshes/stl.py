@@ -44,11 +44,9 @@ def read(source: Source) -> Mesh:
     if len(data) < _HEADER_BYTES or like not in (FORMAT, None):
         text = f"it has {len(data)} bytes; binary has at least {_HEADER_BYTES}, text begins with 'solid'"
         raise source.not_a("STL", text)
-    if len(data) < size:
-        text = f"it declares {declared} faces, which take {size} bytes; it has {len(data)} bytes"
-        raise source.error("MESH_FILE_TRUNCATED", text, pointer="byte 80")
-    text = f"it declares {declared} faces, which end at byte {size}; it has {len(data)} bytes"
-    raise source.error("MESH_FILE_INVALID", text, pointer="byte 80")
+    code = "MESH_FILE_TRUNCATED" if len(data) < size else "MESH_FILE_INVALID"
+    text = f"it declares {declared} faces, which take {size} bytes; it has {len(data)} bytes"
+    raise source.error(code, text, pointer="byte 80")
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:

@@ -10,15 +10,12 @@ import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MeshFileError, shorten
-
-if TYPE_CHECKING:
-    from msb.meshes.source import Source
+from msb.meshes.source import Source
 
 BLOCK_BYTES = 1 << 22
 """Bytes of text split into words at a time. The word tables take up to 30 times as much, about 130 MB."""
@@ -78,19 +75,16 @@ class Words:
 
     def without_suffix(self, separator: bytes) -> Words:
         """Return the same words, each cut before its first `separator` (one byte)."""
-        places = np.flatnonzero(self.text == ord(separator))
-        if not places.size:
-            return self
-        following = np.searchsorted(places, self.start)
-        cut = np.append(places, len(self.text))[following]
-        return replace(self, end=np.minimum(self.end, cut))
+        return replace(self, end=np.minimum(self.end, self._next(separator)))
 
     def after(self, separator: bytes) -> Words:
         """Return the same words, each from after its first `separator` on (one byte); empty without one."""
+        return replace(self, start=np.minimum(self._next(separator) + 1, self.end))
+
+    def _next(self, separator: bytes) -> NDArray[np.int64]:
+        """Return the place (T,) of the first `separator` from each word's beginning on."""
         places = np.flatnonzero(self.text == ord(separator))
-        following = np.searchsorted(places, self.start)
-        cut = np.append(places, len(self.text))[following]
-        return replace(self, start=np.minimum(cut + 1, self.end))
+        return np.append(places, len(self.text))[np.searchsorted(places, self.start)]
 
     def numbers(self, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the numbers the chosen words (T,) spell, each the nearest float64."""
@@ -106,15 +100,34 @@ class Words:
             raise self._bad_number(start, end)
         return values
 
+    def indices(self, chosen: NDArray[np.bool_], above: NDArray[np.int64], of: str) -> NDArray[np.int64]:
+        """Return the chosen words (T,) as indices `of` something in OBJ, from 0.
+
+        In the file they begin with 1, or with -1 for the last of the `above` (L,) that stand before the line.
+        """
+        values = self.numbers(chosen)
+        at = first_not_whole(values)
+        why = "is not a whole number of at most 2**53"
+        if at is None:
+            made = values.astype(np.int64) - 1
+            if (values < 0).any():
+                made = np.where(values < 0, np.repeat(above, self.count)[chosen] + made + 1, made)
+            if not (made < 0).any():
+                return made
+            at = int(np.argmax(made < 0))
+            why = f"is not allowed: indices begin with 1, or with -1 for the {of} just above"
+        byte = self.base + int(self.start[chosen][at])
+        raise self.source.line_error("MESH_FILE_INVALID", byte, f"index {values[at]:.15g} {why}")
+
     def has_fraction(self) -> NDArray[np.bool_]:
         """Return which words are not written as a plain integer: (T,) bool."""
         seen = np.append(0, np.cumsum(_IS_FRACTION[self.text]))
         return seen[self.end] > seen[self.start]
 
-    def line_error(self, code: str, line: int, message: str, **about: Any) -> MeshFileError:
+    def line_error(self, code: str, line: int, message: str) -> MeshFileError:
         """Return the error about line number `line` of the L lines here."""
         byte = self.base + int(self.start[self.first[line]])
-        return self.source.line_error(code, byte, message, **about)
+        return self.source.line_error(code, byte, message)
 
     def _bad_number(self, start: NDArray[np.int64], end: NDArray[np.int64]) -> MeshFileError:
         """Return the error about the first word that is not a number."""
@@ -164,9 +177,9 @@ class Table:
     byte: NDArray[np.int64]
     has_fraction: NDArray[np.bool_]
 
-    def row_error(self, code: str, row: int, message: str, **about: Any) -> MeshFileError:
+    def row_error(self, code: str, row: int, message: str) -> MeshFileError:
         """Return the error about line number `row` of the R lines here."""
-        return self.source.line_error(code, int(self.byte[row]), message, **about)
+        return self.source.line_error(code, int(self.byte[row]), message)
 
     def integers(self, places: NDArray[np.int64], what: str) -> NDArray[np.int64]:
         """Return the integers at `places` of `values`, in the shape of `places`."""

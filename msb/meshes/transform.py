@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import srgb_to_linear
-
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh
 
 # Axis that is up -> rotation as (axis, sign) of the old frame for the new x, y, z; determinant +1 each.
 _UPRIGHT: dict[str, tuple[tuple[int, int], ...]] = {

@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.meshes.polygons import fan_triangulate, joined_faces
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+Floats = NDArray[np.float32]
 
-    from msb.base.children import Arrays
-
-    Floats = NDArray[np.float32]
-
-_OF = {
-    "constant": "vertex",
-    "vertex": "vertex",
-    "varying": "vertex",
-    "uniform": "face",
-    "faceVarying": "corner",
-}
-"""Interpolation of a primvar -> what has a value of its own."""
+_OF = {"uniform": "face", "faceVarying": "corner"}
+"""Interpolation of a primvar -> what has a value of its own; all others have one by vertex."""
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 
 
@@ -238,29 +229,30 @@ class _Reader:
                 if reader and reader.GetShaderId() == "UsdUVTexture":
                     return self._of_texture(surface, reader)
                 return _Look()  # displayColor, which is read of the mesh
-        given = surface.GetInput("diffuseColor")
-        color = given.Get(self._time) if given else None
+        color = self._value(surface, "diffuseColor")
         return _Look() if color is None else _Look(color=tuple(color))
 
     def _of_texture(self, surface: Any, reader: Any) -> _Look:
-        file = reader.GetInput("file").Get(self._time) if reader.GetInput("file") else None
+        file = self._value(reader, "file")
         if file is None or not file.path or "<UDIM>" in file.path:
             self.left_out["textures in several images (UDIM)"] = None
             return _Look()
-        varname, wraps = "st", []
+        varname = "st"
         given = reader.GetInput("st")
         for source in given.GetConnectedSources()[0] if given else []:
             placed = _shader(source)
             if placed and placed.GetShaderId() == "UsdTransform2d":
                 self.left_out["transforms of textures"] = None
             elif placed and placed.GetInput("varname"):
-                varname = str(placed.GetInput("varname").Get(self._time))
-        for name in ("wrapS", "wrapT"):
-            given = reader.GetInput(name)
-            wraps.append(_WRAPS.get(str(given.Get(self._time)) if given else "", "repeat"))
-        given = surface.GetInput("opacityThreshold")
-        cutoff = float(given.Get(self._time) or 0) if given else 0.0
-        return _Look(file.path, varname, (wraps[0], wraps[1]), cutoff or None)
+                varname = str(self._value(placed, "varname"))
+        u, v = (_WRAPS.get(str(self._value(reader, name)), "repeat") for name in ("wrapS", "wrapT"))
+        cutoff = float(self._value(surface, "opacityThreshold") or 0)
+        return _Look(file.path, varname, (u, v), cutoff or None)
+
+    def _value(self, shader: Any, name: str) -> Any:
+        """Return the value of an input of a shader, None if it has no such input."""
+        given = shader.GetInput(name)
+        return given.Get(self._time) if given else None
 
     def _note(self, mesh: Any) -> None:
         """Remember what of a mesh is not read."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MeshError, OutputError
-
-if TYPE_CHECKING:
-    from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh
 
 ROWS_AT_A_TIME = 1 << 16
 """Number of rows formatted and written at a time, so that a writer needs little memory beside the mesh."""

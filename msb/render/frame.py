@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from msb.errors import UsageError, shorten
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
 
 EXTRAS = ("normal", "depth_median", "face_id", "raw")
 """Parts that a frame may hold besides image, alpha, depth and visible. They may cost time."""
@@ -63,3 +61,15 @@ class Frame:
     visible: NDArray[np.bool_] | None = None
     raw: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
+
+
+def interior(faces: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which pixels (H, W) have a 3 x 3 neighbourhood that shows one face; none at the border has."""
+    inner = np.zeros(faces.shape, bool)
+    middle = faces[1:-1, 1:-1]
+    same = middle >= 0
+    for dy in range(3):
+        for dx in range(3):
+            same = same & (faces[dy : dy + middle.shape[0], dx : dx + middle.shape[1]] == middle)
+    inner[1:-1, 1:-1] = same
+    return inner

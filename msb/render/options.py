@@ -1,4 +1,4 @@
-"""Options of cameras, sizes and backgrounds, which all commands that draw share, and their meaning."""
+"""Options of cameras, image sizes, backgrounds and renderers, shared by all commands that render."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metav
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
 MOST_PIXELS = 16384
-"""The largest width or height of a picture, in pixels; GL draws no more."""
+"""The largest width or height of an image, in pixels: a limit of OpenGL."""
 Tier = Literal["reference", "dedicated", "standard"]
 
 
 @dataclass(frozen=True)
 class Views:
-    """The cameras that see an asset, and what is behind it."""
+    """The cameras and the background of images."""
 
     cameras: Annotated[
         Path | None,
@@ -34,7 +34,9 @@ class Views:
     ] = None
     camera: Annotated[
         tuple[str, ...],
-        Option("Cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"),
+        Option(
+            "Which of the given cameras to draw. May be given again. Default: all.", metavar="NAME|INDEX|all"
+        ),
     ] = ()
     size: Annotated[
         str | None,
@@ -54,7 +56,7 @@ class Views:
     ] = None
 
     def read(self, note: Callable[[str], None]) -> list[Camera]:
-        """Return the cameras that are asked for; note where they are far larger than photographs."""
+        """Return the requested cameras, and note if they are far larger than the photographs."""
         from msb.scenes import read_cameras
         from msb.scenes.datasets import recorded_note
 
@@ -64,7 +66,7 @@ class Views:
         return self.of(cameras)
 
     def of(self, cameras: list[Camera]) -> list[Camera]:
-        """Return those of the cameras that are asked for, in the size asked for."""
+        """Return the requested ones of `cameras`, in the requested size."""
         everything = not self.camera or "all" in self.camera
         chosen = cameras if everything else [_find(cameras, name) for name in self.camera]
         if self.size is None:
@@ -74,7 +76,7 @@ class Views:
         return [camera.scaled(self._factor) for camera in chosen]
 
     def pixels(self, width: int, height: int) -> tuple[int, int]:
-        """Return the size of pictures without cameras, which is `width` times `height` by default."""
+        """Return the size of images without cameras; `width` x `height` is the default, in pixels."""
         if self.size is None:
             return width, height
         if (size := self._sides) is not None:
@@ -83,7 +85,7 @@ class Views:
 
     @property
     def _sides(self) -> tuple[int, int] | None:
-        """The width and height that are asked for; None if it is a factor."""
+        """The requested width and height in pixels; None if --size is a factor."""
         from msb.scenes.checks import MAX_SIDE
 
         size = pixels_of(str(self.size))
@@ -102,7 +104,7 @@ class Views:
         return factor
 
     def color(self, asset: Asset | None) -> tuple[float, float, float]:
-        """Return the background: by default the asset's own; "official" must be stated in the asset."""
+        """Return the background, by default that of the asset; "official" must be stated in the asset."""
         from msb.scenes.colors import BLACK
         from msb.scenes.datasets import own_background
 
@@ -116,7 +118,7 @@ class Views:
 
 @dataclass(frozen=True)
 class Drawing:
-    """How an asset is drawn, and by what."""
+    """The settings of an asset, and the renderer."""
 
     assignments: Annotated[
         tuple[str, ...],
@@ -146,13 +148,13 @@ class Drawing:
     ] = None
 
     def settings(self, asset: Asset) -> dict[str, Any]:
-        """Return what is overridden of the asset's settings."""
+        """Return the overridden settings of the asset."""
         from msb.asset.settings import parse_overrides
 
         return dict(parse_overrides(asset.manifest.method, self.assignments))
 
     def check_device(self) -> None:
-        """Refuse a device that is asked for and not there, also where nothing has to be drawn in the end."""
+        """Reject a requested device that does not exist, also if nothing is rendered in the end."""
         if self.device is not None:
             from msb.cl.devices import choose_device
 
@@ -160,13 +162,13 @@ class Drawing:
 
     @property
     def modes(self) -> dict[str, str]:
-        """Only the modes that were given, because some renderers refuse even the official ones."""
+        """The given modes only, because some renderers reject modes, even the official ones."""
         modes = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in modes.items() if value is not None}
 
 
 def parsed_color(text: str, official: str | None = None) -> tuple[float, float, float]:
-    """Return the colour that --background names, where there is an `official` one that, too."""
+    """Return the colour that --background names. "official" stands for `official`, if that is given."""
     from msb.scenes.colors import parse_color
 
     color = parse_color(text, official)
@@ -179,7 +181,7 @@ def parsed_color(text: str, official: str | None = None) -> tuple[float, float, 
 
 
 def _find(cameras: list[Camera], name: str) -> Camera:
-    """Return the camera called `name`, or if there is none the camera with that number."""
+    """Return the camera with this name, else the camera with this number."""
     named = [(camera, normal_form(camera.name)) for camera in cameras if camera.name]
     wanted = normal_form(name)
     matches = [camera for camera, known in named if known == wanted]
@@ -202,18 +204,18 @@ def _stem(name: str) -> str:
 
 
 def pixels_of(text: str) -> tuple[int, int] | None:
-    """Return the width and height that a text like 1237x822 names, else None."""
+    """Return width and height in pixels of a text like 1237x822, else None."""
     match = re.fullmatch(r"\s*([1-9]\d{0,5})[x,]([1-9]\d{0,5})\s*", text, re.IGNORECASE)
     return None if match is None else (int(match[1]), int(match[2]))
 
 
 def check_factor(factor: float) -> None:
-    """Refuse what no picture can be scaled by."""
+    """Reject a factor of image sizes that is out of range."""
     if not 0 < factor <= MOST_PIXELS:
         text = f"the factor of --scale is {factor:g}; it must be above 0 and at most {MOST_PIXELS}"
         raise UsageError("USAGE", text)
 
 
 def not_a_size(text: str, more: str = "") -> UsageError:
-    """Return the error about what is no size."""
+    """Return the error about an invalid --size."""
     return UsageError("USAGE", f'--size is "{shorten(text, 40)}"; it must look like 1237x822{more}')

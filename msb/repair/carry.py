@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
+# Buffers whose face values do not depend on the order of the corners.
 _OF_THE_WHOLE_FACE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
-"""Buffers whose values for a face do not depend on which of its corners is first."""
+# Corner buffers that are linear along an edge, so that an added face can continue them.
 _BETWEEN_CORNERS = {"uv", "color"}
-"""Buffers of corners whose values run evenly along an edge, so that an added face can go on with them."""
+# DiffSoup's samples of a barycentric lattice, which turn with the face.
 _LATTICES = {"features.lattice", "features.opacity"}
-"""DiffSoup's samples of a barycentric lattice, which turn with the face."""
 
 
 def carry(

@@ -302,10 +302,9 @@ _NAMES = (
     *("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict"),
     *("Tasks", "Standard", "Dedicated", "MB", "Seconds"),
 )
-_WORDS = ("Strategy", "Verdict", "Tasks")
-"""Columns that are aligned to the left."""
+_WORDS = ("Strategy", "Verdict", "Tasks")  # columns that are aligned to the left
+# Columns that a narrow terminal leaves out, in this order.
 _LEAST_WANTED = ("MB", "Added", "Bound.", "Seconds", "Cut")
-"""Columns that a terminal does without if it is not as wide as the table, the first one first."""
 NO_TASK = "none"
 """What --task takes for no task at all."""
 

@@ -21,10 +21,9 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
+# Grey of black and of white faces, light enough for the colours to stand out.
 _DARKEST, _LIGHTEST = 0.55, 0.9
-"""Grey of black and of white faces: light enough for the colours to stand out."""
-_NEAR = 0.004
-"""A cut edge is drawn where it is at most this much of its depth behind what is seen there."""
+_NEAR = 0.004  # cut edges are drawn up to this share of their depth behind the visible surface
 
 
 def keep_picture(

@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
+# Step -> steps whose changes give it no new work, if it had none before. A turned face stays in its
+# place, debris goes as whole components, and no step finds more to do in its own result. Where `orient`
+# cuts a one-sided surface, a component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
     "drop": ("drop", "orient", "debris"),
     "debris": ("debris",),
 }
-"""Step -> steps after whose changes it has nothing to do if it had nothing to do before: a turned face stays
-where it is, debris goes as whole components, and no step finds more to do in its own result. Where `orient`
-cuts what is one-sided, a component may fall apart."""
+# Steps after which no edge has more than two faces. `orient` lets them choose which faces stay together.
 _PARTING = frozenset({"pair", "cut", "drop"})
-"""Steps after which no edge has more than two faces. `orient` lets them choose which stay together."""
 _MOST_ROUNDS = 16
 
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.errors import SceneError
 from msb.scenes.camera import Camera
 from msb.scenes.paths import turntable, unit_at
 from msb.scenes.poses import MAX_COORDINATE, look_at_pose
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,15 +16,13 @@ from msb.scenes.checks import (
     MAX_SIDE,
     MIN_FOCAL,
     SPLITS,
+    Split,
     check_name,
     check_pixels,
     check_size,
     focal_from_fov,
 )
 from msb.scenes.poses import check_pose, look_at_pose, rigid_inverse
-
-if TYPE_CHECKING:
-    from msb.scenes.checks import Split
 
 _Drawn = TypeVar("_Drawn", bound=Any)
 

@@ -7,15 +7,12 @@ principal point, and its sizes and focal lengths are those of the original photo
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msb.scenes.camera import Camera
+from msb.scenes.json_node import Node
 from msb.scenes.poses import invert_pose
-
-if TYPE_CHECKING:
-    from msb.scenes.json_node import Node
 
 
 def read(root: Node) -> list[Camera]:

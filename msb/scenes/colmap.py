@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,9 @@ from msb.errors import shorten
 from msb.scenes import colmap_binary, colmap_text
 from msb.scenes.camera import Camera
 from msb.scenes.checks import check_name
+from msb.scenes.colmap_models import Lens, Shot
 from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
-
-if TYPE_CHECKING:
-    from msb.scenes.colmap_models import Lens, Shot
 
 _Record = TypeVar("_Record", "Lens", "Shot")
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}

@@ -8,15 +8,13 @@ from __future__ import annotations
 import struct
 from array import array
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.scenes.colmap_models import MODEL_NAMES, Lens, Shot, model_parameters
-
-if TYPE_CHECKING:
-    from msb.scenes.source import Source
+from msb.scenes.source import Source
 
 _COUNT = struct.Struct("<Q")
 _LENS = struct.Struct("<iiQQ")

@@ -9,16 +9,14 @@ import re
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
-
-if TYPE_CHECKING:
-    from msb.scenes.source import Source
+from msb.scenes.source import Source
 
 MAX_LINE = 1 << 24
 """Most bytes of a line. An image of 100,000 2D points has a line of about 5 MB."""

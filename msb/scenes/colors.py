@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,14 @@ def parse_color(text: str, official: object = None) -> Color | None:
         red, green, blue = (int(word[i : i + 2], 16) / 255 for i in (1, 3, 5))
         return red, green, blue
     try:
-        red, green, blue = (float(part) for part in word.split(","))
+        return unit_color(word.split(","))
     except ValueError:
         return NAMED.get(word)
+
+
+def unit_color(values: Iterable[float | str]) -> Color | None:
+    """Return three numbers as a colour, None where they do not lie in 0 to 1; ValueError if they are none."""
+    red, green, blue = map(float, values)
     return (red, green, blue) if all(0 <= value <= 1 for value in (red, green, blue)) else None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,10 +13,8 @@ from msb.base.option import Argument, Option
 from msb.cli.command import command, option_value
 from msb.cli.output import ManyOutput, Output, echo, report_error
 from msb.errors import MsbError, shorten
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
-    from msb.scenes.datasets import Scene, SceneReport
+from msb.scenes import Camera
+from msb.scenes.datasets import Scene, SceneReport
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from msb.asset.schema import describe, escape
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import SceneError
-
-if TYPE_CHECKING:
-    from msb.scenes.source import Source
+from msb.scenes.source import Source
 
 MAX_BYTES = 1 << 24
 """Most bytes of a file: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
@@ -83,9 +81,7 @@ class Node:
             yield Node(self.source, item, f"{self.pointer}/{index}")
 
     def only(self, *keys: str) -> None:
-        """Refuse members of this object other than `keys`."""
-        if not isinstance(self.value, dict):
-            raise self.wrong_type("an object")
+        """Refuse members of this value, known to be an object, other than `keys`."""
         for key in self.value:
             if key not in keys:
                 text = f'it has the unknown key "{escape(key)}"; known are {", ".join(keys)}'
@@ -116,11 +112,9 @@ class Node:
             raise self.wrong_type(f"{' x '.join(map(str, shape))} numbers")
         return np.array(self.value, dtype=np.float64)
 
-    @contextlib.contextmanager
-    def locating(self) -> Iterator[None]:
+    def locating(self) -> AbstractContextManager[None]:
         """Add this place to errors about values read here; see `Source.locating`."""
-        with self.source.locating(self.pointer):
-            yield
+        return self.source.locating(self.pointer)
 
 
 def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:

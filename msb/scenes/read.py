@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
 from msb.base.paths import given_path
 from msb.scenes import cameras_json, transforms, views_json
+from msb.scenes.camera import Camera
 from msb.scenes.colmap import find_model, read_model
 from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
-
-if TYPE_CHECKING:
-    from msb.scenes.camera import Camera
-    from msb.scenes.json_node import Node
 
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
@@ -89,10 +85,6 @@ def _read_json(source: Source) -> list[Camera]:
         text = f"'{source.path.suffix}' is not the suffix of a file of cameras; .json is, or give a folder"
         raise source.error("CAMERA_SOURCE", text)
     root = read_json(source)
-    return _reader(root)
-
-
-def _reader(root: Node) -> list[Camera]:
     if isinstance(root.value, list):
         return cameras_json.read(root)
     if isinstance(root.value, dict) and "schema" in root.value:

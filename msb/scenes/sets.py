@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from msb.base.paths import normal_form
 from msb.errors import UsageError, shorten
 from msb.scenes.camera import Camera
-
-if TYPE_CHECKING:
-    from msb.scenes.source import Source
+from msb.scenes.source import Source
 
 HOLD = 8
 """Every HOLD-th view is a test view: `llffhold` of `graphdeco-inria/gaussian-splatting`."""
@@ -70,10 +67,6 @@ def split_every_8th(
 
     Source: `graphdeco-inria/gaussian-splatting`: scene/dataset_readers.py (`llffhold`).
     """
-    train, test = [], []
-    for index, camera in enumerate(sorted(cameras, key=key)):
-        if index % HOLD:
-            train.append(replace(camera, split="train"))
-        else:
-            test.append(replace(camera, split="test"))
-    return train, test
+    ordered = sorted(cameras, key=key)
+    train = [replace(camera, split="train") for index, camera in enumerate(ordered) if index % HOLD]
+    return train, [replace(camera, split="test") for camera in ordered[::HOLD]]

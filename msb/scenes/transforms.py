@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from msb.base.paths import SpelledFiles
 from msb.errors import InputError, SceneError
 from msb.scenes.camera import Camera
-from msb.scenes.checks import check_name, check_size, focal_from_fov
+from msb.scenes.checks import Split, check_name, check_size, focal_from_fov
 from msb.scenes.image_size import image_size
+from msb.scenes.json_node import Node
 from msb.scenes.poses import from_opengl
-
-if TYPE_CHECKING:
-    from msb.scenes.checks import Split
-    from msb.scenes.json_node import Node
 
 _SPLIT = re.compile(r"transforms_(train|val|test)\.json", re.IGNORECASE)
 _IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".webp", ".exr", ".bmp", ".tif", ".tiff"}

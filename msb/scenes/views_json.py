@@ -5,21 +5,18 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 from msb.base.atomic import new_file
 from msb.base.paths import given_path
 from msb.errors import OutputError, SceneError
 from msb.scenes.camera import Camera
-from msb.scenes.json_node import MAX_BYTES, read_json
+from msb.scenes.checks import Split
+from msb.scenes.colors import unit_color
+from msb.scenes.json_node import MAX_BYTES, Node, read_json
 from msb.scenes.sets import check_set, given_cameras
 from msb.scenes.source import Source
-
-if TYPE_CHECKING:
-    from msb.scenes.checks import Split
-    from msb.scenes.json_node import Node
 
 SCHEMA = "msb.views/1"
 _REQUIRED = ("width", "height", "fx", "fy", "cx", "cy", "world_to_camera")
@@ -53,17 +50,17 @@ def read(root: Node) -> Views:
 
 
 def _color(node: Node) -> tuple[float, float, float]:
-    red, green, blue = node.array(3).tolist()
-    if not all(0 <= value <= 1 for value in (red, green, blue)):
+    color = unit_color(node.array(3))
+    if color is None:
         raise node.error("CAMERA_FILE", f"it is {node.shown()}; red, green and blue lie in 0 to 1")
-    return red, green, blue
+    return color
 
 
 def _camera(node: Node) -> Camera:
+    name, size, split, unit = map(node.get, (*_OPTIONAL, "unit"))
     node.only(*_OPTIONAL[:1], *_REQUIRED, *_OPTIONAL[1:], "unit")
-    name, size, split = map(node.get, _OPTIONAL)
     with node.locating():
-        camera = Camera(
+        return Camera(
             node["width"].whole(),
             node["height"].whole(),
             node["fx"].number(),
@@ -75,9 +72,8 @@ def _camera(node: Node) -> Camera:
             None,
             None if size is None else cast("tuple[int, int]", [n.whole() for n in size.items()]),
             None if split is None else cast("Split", split.text()),
+            1.0 if unit is None else unit.number(),
         )
-        unit = node.get("unit")
-        return camera if unit is None else replace(camera, unit=unit.number())
 
 
 def write_cameras(

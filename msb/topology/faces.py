@@ -29,6 +29,17 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
     return area, finite
 
 
+def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
+    """Return the volume that a closed mesh encloses, negative where it is wound inwards.
+
+    The sum of the tetrahedra between the faces and one point; a corner of the mesh, to keep rounding small.
+    """
+    if not len(faces):
+        return 0.0
+    corners = vertices[faces].astype(np.float64) - vertices[faces[0, 0]].astype(np.float64)
+    return float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+
+
 def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
     """Return the (groups,) area of each group of faces, each added in the order of the faces.
 

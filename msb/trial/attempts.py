@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import run_apart
-from msb.trial.geometry import areas
+from msb.topology.faces import face_areas
 from msb.trial.mesh import TriedMesh
 from msb.trial.registry import TASKS
 from msb.trial.task import Attempted, Made
@@ -89,7 +89,7 @@ class Unit:
     @classmethod
     def of(cls, mesh: TriedMesh) -> Unit:
         """Return the unit in which libraries are handed `mesh`."""
-        sizes = areas(mesh.vertices, mesh.faces)
+        sizes = face_areas(mesh.vertices, mesh.faces)[0]
         sizes = sizes[sizes > 0]
         length = float(np.sqrt(np.median(sizes))) if len(sizes) else mesh.diagonal
         is_used = np.zeros(len(mesh.vertices), bool)

@@ -24,11 +24,10 @@ if TYPE_CHECKING:
     from msb.trial.mesh import TriedMesh
     from msb.views import Views
 
+# Colour behind the mesh, before which neither dark nor bright surfaces disappear.
 BACKGROUND = (0.5, 0.5, 0.5)
-"""The colour behind the mesh: neither a dark nor a bright surface that is lost goes unseen before it."""
 PICTURE_WIDTH = 480
-_DARKEST = 0.4
-"""Light on a face of a picture that is seen from its edge, of that on one which faces the camera."""
+_DARKEST = 0.4  # light on a face seen from its edge, relative to a face towards the camera
 
 
 class Look:

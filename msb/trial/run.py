@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from msb.views import Views
 
 SCHEMA = "msb.trial/1"
+# Least time of a substitute for a library, imports included, so that something is made.
 INSTEAD_SECONDS = 20.0
-"""The least time that what stands in for a library has, its imports included, so that something is made."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from msb.trial.mesh import TriedMesh
 
 Outcome = Literal["works", "care", "fails", "not_run"]
+# The outcomes of a task that was run, best first.
 OUTCOMES: tuple[Outcome, ...] = ("works", "care", "fails")
-"""What a task that was run can come to, best first."""
 Numbers = dict[str, Any]
 
 

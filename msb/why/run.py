@@ -15,10 +15,10 @@ from msb.asset.settings import with_settings
 from msb.render.splat.order import few_frames
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
-from msb.views import choose_views
+from msb.views import choose_views, pooled_psnr, squared_errors
 from msb.why.causes import CAUSES
 from msb.why.total import Total, measured_total
-from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped, decibels, squared_errors
+from msb.why.views import EQUAL, DoesNotApplyError, Views, clipped
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -153,7 +153,7 @@ def _measured(known: Known, views: Views) -> Cause:
         known.name,
         known.title,
         True,
-        decibels(errors),
+        pooled_psnr(errors),
         None,
         *texts,
         clipped(without[worst]),

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from msb.views import difference
 from msb.why.causes import BAKED, lit, taken_for_linear
-from msb.why.views import EQUAL, DoesNotApplyError, Views, difference
+from msb.why.views import EQUAL, DoesNotApplyError, Views
 
 TITLE = "All of it at once (standard tier against its own look)"
 _SEEN = 40.0

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -15,12 +14,12 @@ from numpy.typing import NDArray
 from msb.asset.look import daylight, normals_of, up_axis
 from msb.asset.settings import effective_settings
 from msb.asset.tiers import why_not
-from msb.meshes.assets import asset_from_mesh, mesh_from_asset
+from msb.meshes.assets import mesh_from_asset
 from msb.render import Renderer
 from msb.render.device_scope import in_turn
-from msb.render.images import to_bytes
 from msb.render.standard.renderer import StandardRenderer
 from msb.render.standard.supersampling import box_mean, enlarged
+from msb.views import images_of
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -174,44 +173,9 @@ class Views:
             return [renderer.render(camera, self.background) for camera in self.cameras]
 
 
-def images_of(
-    mesh: Mesh,
-    cameras: Iterable[Camera],
-    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    device: str | None = None,
-    supersample: int = 1,
-) -> list[Image]:
-    """Return what cameras see of any mesh on the standard tier."""
-    renderer = StandardRenderer(asset_from_mesh(mesh), device=device, supersample=supersample)
-    with contextlib.closing(renderer):
-        return [renderer.render_image(camera.in_units(), background) for camera in cameras]
-
-
 def clipped(drawn: Any) -> Image:
     """Return a frame or an image as a screen shows it."""
     return np.clip(np.asarray(getattr(drawn, "image", drawn), np.float32), 0, 1)
-
-
-def squared_errors(ones: Sequence[Any], others: Sequence[Any]) -> NDArray[np.float64]:
-    """Return the sum of the squared differences of the views (n, 2) in levels of 8 bits, and of how many."""
-    sums = []
-    for one, other in zip(ones, others, strict=True):
-        levels = [to_bytes(np.asarray(getattr(drawn, "image", drawn))) for drawn in (one, other)]
-        change = np.subtract(*levels, dtype=np.int32)
-        # Not a product of matrices, whose threads would then spin beside the kernels.
-        sums.append((np.square(change, out=change).sum(dtype=np.int64), change.size))
-    return np.array(sums, np.float64)
-
-
-def difference(ones: Sequence[Any], others: Sequence[Any]) -> float:
-    """Return the PSNR in dB of all views at once: a mean is infinite as soon as two images are equal."""
-    return decibels(squared_errors(ones, others))
-
-
-def decibels(errors: NDArray[np.float64]) -> float:
-    """Return the PSNR in dB of what `squared_errors` returned."""
-    squares, count = errors.sum(axis=0)
-    return 10 * math.log10(255**2 * count / squares) if squares else math.inf
 
 
 class _Culling(StandardRenderer):

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import msb
-from msb.bake.apart import distances
-from msb.bake.collision import Collision, collision, kind_of, need_libraries
+from msb.bake.collision import Collision, collision
 from msb.bake.hulls import smallest_box
-from msb.bake.simpler import simpler
+from msb.bake.needs import check_model
+from msb.bake.options import BakeOptions
 from msb.errors import MeshError, UsageError
+from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
-from msb.trial.geometry import signed_volume
+from msb.topology.faces import signed_volume
 from tests.bake.solids import ball, box, soup_of, together, torus
 from tests.bake.soups import all_round, mesh_of, tiles
 
+KINDS = ("mesh:100", "hulls:4")
 TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
 
 
@@ -56,18 +57,6 @@ def test_a_box_is_found_as_it_is_turned() -> None:
     assert made.mid_air_share == 0
 
 
-def test_boxes_look_outwards_however_they_are_turned() -> None:
-    """Of what has no hull the box lies along the principal axes, which may be mirrored."""
-    for seed in range(8):
-        corners = np.random.default_rng(seed).normal(size=(3, 3))
-        assert signed_volume(*smallest_box(corners)) > 0
-
-
-def test_no_place_is_at_no_distance() -> None:
-    whole = ball(4)
-    assert distances(np.zeros((0, 3)), whole.vertices.astype(np.float64), whole.faces).shape == (0,)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mesh:100", "hulls:4"])
 def test_a_room_of_few_large_faces_has_a_shape(kind: str) -> None:
@@ -86,19 +75,6 @@ def test_a_closed_surface_gets_fewer_faces() -> None:
     assert made.mid_air_share < 0.05
 
 
-def test_a_surface_that_so_few_faces_would_tear_down_keeps_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As decimation does to sides of flat boxes, whose slim faces it cannot spare."""
-    torn = ball(6, 0.05)
-
-    def stuck(points: NDArray[Any], faces: NDArray[Any], count: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        return (torn.vertices, torn.faces) if count < len(torn.faces) else simpler(points, faces, count)
-
-    monkeypatch.setattr("msb.bake.collision.simpler", stuck)
-    made = checked(collision(ball(), "mesh:50"))
-    assert len(torn.faces) < len(made.mesh.faces) <= 200
-    assert made.mean_distance < 0.01
-
-
 def test_a_surface_whose_vertices_are_only_doubled_is_closed() -> None:
     assert collision(soup_of(ball()), "mesh:200").kind == "mesh"
 
@@ -108,7 +84,7 @@ def test_an_open_mesh_gets_hulls_that_cover_it_and_says_why() -> None:
     whole = soup_of(ball())
     faces = whole.faces[whole.vertices[whole.faces].mean(axis=1)[:, 2] > -0.7]
     made = checked(collision(Mesh(whole.vertices, faces), "mesh:1000"))
-    assert (made.kind, made.why) == ("hulls", "the mesh is not closed")
+    assert (made.kind, bool(made.why)) == ("hulls", True)
     assert 8 < made.parts <= 31
     assert len(made.mesh.faces) < 2000
     assert made.mean_distance < 0.02
@@ -187,7 +163,7 @@ def test_without_the_time_for_a_solid_hulls_are_of_its_surface() -> None:
     made = checked(collision(ball(), "hulls:8", seconds=1e-3))
     assert made.kind == "hulls"
     assert made.parts == 8
-    assert "did not end within 0.001 s" in made.why
+    assert made.why
 
 
 @pytest.mark.slow
@@ -200,71 +176,56 @@ def test_a_solid_is_cut_into_convex_parts() -> None:
     assert made.mid_air_share < 0.02
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-@pytest.mark.parametrize("kind", ["mesh:100", "hulls:4", "box"])
-def test_a_single_face_of_any_size_has_a_shape(size: float, kind: str) -> None:
-    face = Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0.3, 0.2, 0.9]]) * np.float32(size), np.array([[0, 1, 2]]))
-    made = checked(collision(face, kind))
-    assert made.mean_distance < 0.01
+FACE = Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0.3, 0.2, 0.9]]), np.array([[0, 1, 2]]))
+FLAT = mesh_of(np.float32(1e-6) * tiles(3)[0], tiles(3)[1])
+LOST = np.float32([[np.nan, 0, 0], [9, 9, 9]])
+ODD = {
+    "a face": FACE,
+    "a tiny face": replace(FACE, vertices=FACE.vertices * np.float32(1e-6)),
+    "a huge face": replace(FACE, vertices=FACE.vertices * np.float32(1e6)),
+    "a tiny sheet": FLAT,
+    "faces in one place": replace(FACE, vertices=np.ones((3, 3), np.float32)),
+    "vertices of no face": Mesh(
+        np.append(ball(8).vertices, [[np.nan, 0, 0], [9, 9, 9]], axis=0), ball(8).faces
+    ),
+}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["mesh:100", "hulls:4", "box"])
-def test_what_is_flat_has_a_shape_of_little_thickness(kind: str) -> None:
-    corners, colors = tiles(3)
-    made = checked(collision(mesh_of(np.float32(1e-6) * corners, colors), kind))
-    assert made.mean_distance < 0.002
-    assert made.mid_air_share == 0
+@pytest.mark.parametrize("mesh", ODD.values(), ids=ODD)
+@pytest.mark.parametrize("kind", ["box", *(pytest.param(each, marks=pytest.mark.slow) for each in KINDS)])
+def test_odd_meshes_have_a_shape(mesh: Mesh, kind: str) -> None:
+    made = checked(collision(mesh, kind))
+    assert made.mean_distance < (0.1 if len(mesh.faces) > 100 else 0.01)
+    used = np.abs(mesh.vertices[mesh.faces]).max()
+    assert np.abs(made.mesh.vertices).max() < 2 * used
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["mesh:100", "box"])
-def test_vertices_of_no_face_do_not_count(kind: str) -> None:
-    whole = ball(8)
-    lost = np.float32([[np.nan, 0, 0], [9, 9, 9]])
-    made = checked(collision(Mesh(np.concatenate([whole.vertices, lost]), whole.faces), kind))
-    assert np.abs(made.mesh.vertices).max() < 2
+def test_boxes_look_outwards_however_they_are_turned() -> None:
+    """A mesh without a hull has a box along its principal axes, which may be mirrored."""
+    for seed in range(8):
+        corners = np.random.default_rng(seed).normal(size=(3, 3))
+        assert signed_volume(*smallest_box(corners)) > 0
 
 
-@pytest.mark.parametrize("kind", ["hulls:4", "box"])
-def test_faces_in_one_place_have_a_shape(kind: str) -> None:
-    checked(collision(Mesh(np.ones((3, 3), np.float32), np.array([[0, 1, 2]])), kind))
+def test_meshes_without_faces_or_finite_corners_are_rejected() -> None:
+    for value, count, code in ((1.0, 0, "MESH_ARRAY"), (np.nan, 1, "MESH_NONFINITE")):
+        mesh = Mesh(np.full((3, 3), value, np.float32), np.array([[0, 1, 2]])[:count])
+        with pytest.raises(MeshError) as caught:
+            collision(mesh, "box")
+        assert caught.value.code == code
 
 
-def test_what_cannot_be_is_said_in_a_line() -> None:
-    with pytest.raises(MeshError, match="without faces"):
-        collision(Mesh(np.ones((3, 3), np.float32), np.zeros((0, 3), np.int64)), "box")
-    with pytest.raises(MeshError, match="not finite"):
-        collision(Mesh(np.full((3, 3), np.nan, np.float32), np.array([[0, 1, 2]])), "box")
-
-
-def test_what_encloses_is_asked_for_first_only_where_no_repair_closes_a_mesh(
+def test_only_a_mesh_that_no_repair_closes_needs_the_library_that_encloses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != "skimage")
+    options = BakeOptions("kept", color="vertex", collision="mesh:12")
     cube = box((1, 1, 1))
     turned = cube.faces.copy()
     turned[0] = turned[0, ::-1]
     beside = together(cube, replace(cube, vertices=cube.vertices + np.float32([1, 1, 0])))
-    for vertices, faces in ((cube.vertices, turned), (beside.vertices, beside.faces)):
-        need_libraries("mesh:12", (vertices, faces))
-    with pytest.raises(UsageError, match="what encloses an open mesh needs"):
-        need_libraries("mesh:12", (cube.vertices, cube.faces[1:]))
-
-
-def test_kinds_are_read() -> None:
-    assert [kind_of(text) for text in ("mesh:1000", "hulls:16", "box")] == [
-        ("mesh", 1000),
-        ("hulls", 16),
-        ("box", 1),
-    ]
-
-
-@pytest.mark.parametrize(
-    "text", ["", "mesh", "mesh:", "mesh:3", "hulls:0", "hulls:x", "box:2", "ball", "mesh:1e3"]
-)
-def test_what_is_no_kind_is_said_in_a_line(text: str) -> None:
-    with pytest.raises(UsageError, match=r"mesh:N .*, hulls:N .* or box") as caught:
-        kind_of(text)
-    assert "\n" not in str(caught.value)
+    for mesh in (replace(cube, faces=turned), beside):
+        check_model(options, asset_from_mesh(mesh))
+    with pytest.raises(UsageError) as caught:
+        check_model(options, asset_from_mesh(replace(cube, faces=cube.faces[1:])))
+    assert caught.value.code == "EXTRA_MISSING"

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
 import numpy as np
-import pytest
 from numpy.typing import NDArray
-from PIL import Image as Pictures
 
 import msb
-from msb.asset import build_asset
 from msb.bake.lessons import Lessons
 from msb.bake.teacher import SAMPLES, Teacher
 from msb.bake.views import bake_views
-from msb.errors import AssetError, Unsupported, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes import Camera
-from msb.scenes.datasets import read_scene
 from tests.bake.test_views import MODELS, SCENE, ring
-from tests.conftest import ROOT, TETRAHEDRON
+from tests.conftest import TETRAHEDRON
 
 Image = NDArray[np.float32]
 STEP = 1 / 65535
@@ -59,42 +51,6 @@ def test_photographs_teach_as_they_are_compared_and_never_larger() -> None:
     views = bake_views(asset, SCENE, photographs=True)
     with Teacher(asset, views, "photographs") as teacher, teacher.lessons(views.taught[:1], 2) as lessons:
         assert np.abs(lessons.image(0) - ground_truth(views.scene, views.taught[0])).max() <= STEP
-
-
-def test_photographs_of_training_views_have_the_masks_of_a_folder_as_well(tmp_path: Path) -> None:
-    root = shutil.copytree(ROOT / "data_stubs/scenes/dtu/scan1", tmp_path / "dtu/scan1")
-    by_alpha = read_scene(root)
-    expected = [ground_truth(by_alpha, camera) for camera in by_alpha.train]
-    masks = sorted((root / "mask").iterdir())
-    for path, mask in zip(sorted((root / "images").iterdir()), masks, strict=True):
-        with Pictures.open(path) as picture:
-            color, alpha = picture.convert("RGB"), picture.getchannel("A")
-        alpha.save(mask)
-        color.save(path)
-    scene = read_scene(root)
-    assert scene.mask_source == "mask_folder"
-    for camera, image in zip(scene.train, expected, strict=True):
-        np.testing.assert_array_equal(ground_truth(scene, camera), image)
-
-
-def test_what_cannot_teach_is_refused_in_a_line() -> None:
-    asset = mesh_asset()
-    views = bake_views(asset, cameras=ring(3))
-    with pytest.raises(UsageError, match="photographs teach with a scene"):
-        Teacher(asset, views, "photographs")
-    buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
-    buffers["color"] = np.full((4, 3), np.nan, np.float32)
-    with pytest.raises(AssetError, match="color") as caught:
-        Teacher(build_asset(buffers, {"color": "vertex"}), views)
-    assert caught.value.code == "TRIASSET_VALUE_NONFINITE"
-
-
-def test_a_method_that_nothing_draws_cannot_teach(monkeypatch: pytest.MonkeyPatch) -> None:
-    asset = mesh_asset()
-    views = bake_views(asset, cameras=ring(3))
-    monkeypatch.setattr("msb.bake.teacher.why_not", lambda _, tier: f"there is no {tier}")
-    with pytest.raises(Unsupported, match="mesh on tier dedicated"):
-        Teacher(asset, views)
 
 
 def test_halves_show_what_cameras_of_half_the_size_see_wherever_their_pixels_lie() -> None:

@@ -14,7 +14,6 @@ from msb.bake.views import BELOW, MOST_PIXELS, RINGS, BakeViews, bake_views
 from msb.errors import MetricError, SceneError, UsageError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh
-from msb.scenes import read_cameras
 from msb.scenes.datasets import read_scene
 from msb.scenes.paths import turntable
 from tests.conftest import ROOT, TETRAHEDRON
@@ -100,10 +99,7 @@ def test_made_views_of_a_mesh_are_at_four_heights_and_apart(solid: msb.Asset) ->
     assert {angle: degrees.count(angle) for angle in degrees} == {
         int(angle): n for angle, n in (*RINGS, BELOW)
     }
-    assert views.said.endswith("+z up")
-    assert not views.notes
-    # Without the option, what is taken for up is said.
-    assert "+y is taken for it; --up" in bake_views(solid).notes[0]
+    assert (len(views.notes), len(bake_views(solid).notes)) == (0, 1), "an assumed axis is noted"
 
 
 def test_a_room_is_looked_at_from_inside() -> None:
@@ -114,36 +110,32 @@ def test_a_room_is_looked_at_from_inside() -> None:
 
 
 @pytest.mark.slow
-def test_views_of_many_pixels_teach_scaled(solid: msb.Asset) -> None:
+def test_large_views_supervise_scaled(solid: msb.Asset) -> None:
     views = bake_views(solid, cameras=[*ring(7), *ring(1, 4000, 3000)])
     assert max(camera.width * camera.height for camera in views.taught) <= 1.001 * MOST_PIXELS
-    assert views.notes == ("1 of 8 views teach scaled, such as from 4000 x 3000 to 1182 x 887 pixels",)
+    assert len(views.notes) == 1
+    assert "4000 x 3000 to 1182 x 887" in views.notes[0]
 
 
-def test_what_sees_nothing_is_refused_and_does_not_count(solid: msb.Asset) -> None:
+def test_views_that_see_nothing_do_not_count(solid: msb.Asset) -> None:
     blind = ring(2, z=90.0)
-    with pytest.raises(MetricError, match=r"no camera sees the mesh \(2 cameras given\)"):
-        bake_views(solid, cameras=blind)
     views = bake_views(solid, cameras=[*ring(4), *blind])
     assert [len(part) for part in (views.teaching, views.aside, views.held_back)] == [2, 1, 1]
-    assert "2 see none of it" in views.said
-
-
-def test_a_scene_that_the_model_is_not_of_is_refused(solid: msb.Asset) -> None:
     points, faces = TETRAHEDRON
     away = asset_from_mesh(Mesh(points + np.float32(1000), faces.astype(np.int64)))
-    with pytest.raises(MetricError, match=r"no camera sees the mesh .*training views of pebble"):
-        bake_views(away, SCENE)
+    for asset, seen_by in ((solid, {"cameras": blind}), (away, {"scene": SCENE})):
+        with pytest.raises(MetricError) as caught:
+            bake_views(asset, **seen_by)
+        assert caught.value.code == "METRIC_NOTHING_SHOWN"
 
 
-def test_what_is_no_scene_and_what_lacks_photographs(tmp_path: Path) -> None:
+def test_a_scene_or_cameras_are_needed_and_photographs_that_supervise(tmp_path: Path) -> None:
     asset = msb.open(MODELS / "pebble" / "triangle_splatting")
     with pytest.raises(SceneError):
         bake_views(asset, tmp_path)
-    with pytest.raises(UsageError, match="give one of them"):
-        bake_views(asset, SCENE, ring(2))
-    with pytest.raises(UsageError, match="cameras is empty"):
-        bake_views(asset, cameras=[])
+    for scene, cameras in ((SCENE, ring(2)), (None, [])):
+        with pytest.raises(UsageError):
+            bake_views(asset, scene, cameras)
     shutil.copytree(SCENE, tmp_path / "pebble")
     kept = bake_views(asset, tmp_path / "pebble", photographs=True)
     for camera in kept.taught[3:]:
@@ -152,13 +144,5 @@ def test_what_is_no_scene_and_what_lacks_photographs(tmp_path: Path) -> None:
     assert poses(few.taught) == poses(kept.taught[:3])
     for camera in kept.taught[:3]:
         camera.image_path.unlink()
-    with pytest.raises(UsageError, match="no photographs of its training views"):
+    with pytest.raises(UsageError):
         bake_views(asset, tmp_path / "pebble", photographs=True)
-
-
-def test_the_cameras_of_a_file_are_taken_as_they_are() -> None:
-    cameras = read_cameras(ROOT / "data_stubs" / "views.json")
-    asset = msb.open(ROOT / "data_stubs" / "checkpoint")
-    views = bake_views(asset, cameras=cameras)
-    sizes = {(camera.width, camera.height) for camera in (*views.taught, *views.held_back)}
-    assert sizes == {(camera.width, camera.height) for camera in cameras}

@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from msb.base.files import file_sha256, map_file, read_file, regular_file
-from msb.bench.checked import read_json
 from msb.errors import InputError
 from msb.meshes import read_mesh
 from msb.metrics import read_image
@@ -21,7 +20,6 @@ OPENERS: dict[str, Callable[[Path], Any]] = {
     "file_sha256": file_sha256,
     "a mesh": read_mesh,
     "an image": read_image,
-    "a record": lambda path: read_json(path, 100),
 }
 
 

@@ -16,9 +16,7 @@ from msb.base.paths import SpelledFiles
 from msb.errors import InputError, MetricError
 from msb.metrics.dtu_data import read_dtu_scan
 from msb.render.options import Views
-from msb.report.results import read_results
 from msb.scenes.datasets import read_scene
-from msb_viewers.deployment.views import dataset_views
 from tests.conftest import ROOT
 
 SCENE = ROOT / "tests" / "tiny" / "scenes" / "nerf_synthetic" / "pebble"
@@ -38,7 +36,6 @@ COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "caf\u00e9") for form in ("N
         validate,
         detect,
         read_scene,
-        read_results,
         metrics.read_image,
         lambda path: metrics.pair_images(path, ROOT),
         lambda path: metrics.pair_images(ROOT, path),
@@ -104,5 +101,5 @@ def test_cameras_find_photographs_that_are_spelled_otherwise(tmp_path: Path) -> 
         (camera,) = (one for one in cameras if COMPOSED in str(one.name))
         assert camera.image_path.is_file()
     assert Views(camera=(f"r_{DECOMPOSED}_0",)).of(list(cameras)) == [camera]
-    (view,) = dataset_views([camera], scene)
+    (view,) = pytest.importorskip("msb_viewers.deployment.views").dataset_views([camera], scene)
     assert view.photograph == camera.image_path

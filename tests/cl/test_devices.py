@@ -11,7 +11,7 @@ import pytest
 from msb.cl import DeviceRecord, devices, list_devices, open_device
 from msb.cl.devices import DEVICE_VARIABLE, PYOPENCL_VARIABLE, choose_device
 from msb.cl.trial import Trial
-from msb.errors import EXIT_STATUS, DeviceError, UsageError
+from msb.errors import EXIT_STATUS, DeviceError
 from tests.cl.conftest import SELECTOR
 
 POCL = DeviceRecord(
@@ -97,13 +97,6 @@ def test_a_device_that_is_not_there(machine: list[DeviceRecord], selector: str) 
     assert EXIT_STATUS[type(error.value)] == 5
 
 
-@pytest.mark.parametrize("selector", ["", " ", ":", ":0", "pocl:", "a:b:c"])
-def test_text_that_cannot_name_a_device(machine: list[DeviceRecord], selector: str) -> None:
-    with pytest.raises(UsageError) as error:
-        choose_device(selector)
-    assert error.value.code == "DEVICE_SELECTOR"
-
-
 def test_argument_before_our_variable_before_pyopencls_before_default(
     machine: list[DeviceRecord], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -115,12 +108,6 @@ def test_argument_before_our_variable_before_pyopencls_before_default(
     assert choose_device("gpu") == (NVIDIA[0], "gpu", "argument")
     monkeypatch.setenv(DEVICE_VARIABLE, "")
     assert choose_device().source == PYOPENCL_VARIABLE
-
-
-def test_a_wrong_variable_is_named(machine: list[DeviceRecord], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(DEVICE_VARIABLE, "amd:0")
-    with pytest.raises(DeviceError, match="MSB_DEVICE 'amd:0'"):
-        choose_device()
 
 
 def test_default_is_pocl_then_a_cpu_then_whatever_there_is(machine: list[DeviceRecord]) -> None:
@@ -152,15 +139,6 @@ def test_cpu_style_only_where_its_compiler_is_known() -> None:
     for platform in ("rusticl", "Oclgrind", "NVIDIA CUDA", "Apple"):
         assert other(platform=platform).style == "gpu"
     assert other(kind="gpu").style == "gpu"
-
-
-def test_open_by_its_own_selector() -> None:
-    for record in list_devices():
-        with open_device(record.selector) as device:
-            assert device.record == record
-            assert device.style == record.style
-            assert record.selector in repr(device)
-        assert "closed" in repr(device)
 
 
 def test_a_chosen_style_holds() -> None:

@@ -17,7 +17,7 @@ from tests.cl.conftest import KERNELS, open_styled
 
 TILE = 2048
 EDGES = [0, 1, 2, 255, 256, 257, TILE - 1, TILE, TILE + 1, 4095, 4096, 4097, 2 * 4096 + 1, 50_000]
-CALM = settings(max_examples=40, derandomize=True)
+CALM = settings(max_examples=20, derandomize=True)
 
 
 def prefix(values: NDArray[np.uint32], dtype: type) -> NDArray[np.uint64]:
@@ -97,7 +97,6 @@ def test_sort_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
     expect_sorted(styled, keys, None)
 
 
-@pytest.mark.slow
 @CALM
 @given(
     st.integers(0, 12_000),
@@ -119,19 +118,6 @@ def test_sort_is_stable_for_any_bits(
     expect_sorted(styled, keys, values, bits)
 
 
-@pytest.mark.parametrize("arrange", ["ascending", "descending", "equal", "two", "runs"])
-def test_sort_of_ordered_keys(styled: Device, arrange: str) -> None:
-    rising = np.arange(30_000, dtype=np.uint32)
-    keys = {
-        "ascending": rising,
-        "descending": rising[::-1].copy(),
-        "equal": np.full_like(rising, 2**32 - 1),
-        "two": rising % 2,
-        "runs": rising // 1000 * 70_000,
-    }[arrange]
-    expect_sorted(styled, keys.astype(np.uint32), None)
-
-
 def test_positive_floats_sort_by_their_bits(styled: Device) -> None:
     depth = np.random.default_rng(5).exponential(3, 10_000).astype(np.float32)
     depth[:4] = 0, np.inf, 1e-40, 3e38
@@ -147,17 +133,6 @@ def test_sort_of_the_first_elements(styled: Device) -> None:
     assert got_values.read().tolist() == list(range(39, -1, -1))
 
 
-def test_two_sorts_do_not_share_buffers_under_two_names(styled: Device) -> None:
-    keys = styled.upload(np.array([3, 1, 2], np.uint32))
-    first, _ = sort_pairs(styled, keys, name="first")
-    second, _ = sort_pairs(styled, styled.upload(np.array([9, 8, 7], np.uint32)), name="second")
-    assert first.read().tolist() == [1, 2, 3]
-    assert second.read().tolist() == [7, 8, 9]
-    chained, order = sort_pairs(styled, second, name="first")
-    assert chained.read().tolist() == [7, 8, 9]
-    assert order.read().tolist() == [0, 1, 2]
-
-
 def test_sort_refuses(device: Device) -> None:
     keys = device.allocate(4, np.uint32)
     with pytest.raises(TypeError, match="uint32 or uint64"):
@@ -169,13 +144,6 @@ def test_sort_refuses(device: Device) -> None:
             sort_pairs(device, keys, bits=bits)
     with pytest.raises(ValueError, match="elements"):
         sort_pairs(device, keys, count=5)
-
-
-def test_both_styles_agree_on_the_work_done(styled: Device) -> None:
-    """What the pool holds is bounded: two pairs, the places, the sums."""
-    expect_sorted(styled, np.arange(10_000, dtype=np.uint32), None)
-    uses = {use.rstrip(" 0123456789") for use in styled.memory() if use.startswith(("sort", "scan"))}
-    assert uses <= {"sort keys", "sort values", "sort places", "scan starts", "scan sums"}
 
 
 def test_many_sums_are_scanned_themselves(monkeypatch: pytest.MonkeyPatch) -> None:

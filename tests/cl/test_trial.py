@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -17,7 +16,7 @@ from msb.base.children import Reply, run_apart
 from msb.cl import DeviceRecord, devices, loader, mend, trial
 from msb.cl.devices import choose_device, found_devices, open_device, shared_device
 from msb.cl.trial import Trial, try_device
-from msb.errors import DeviceError, OutputError
+from msb.errors import DeviceError
 from tests.cl.conftest import SELECTOR, Child, answer
 from tests.cl.test_devices import INTEL, NVIDIA, other
 
@@ -82,12 +81,6 @@ def test_no_device_that_builds_is_an_error_with_the_compilers_words(
     assert "\n" not in str(error.value)
 
 
-def test_every_device_that_was_tried_is_in_the_error(machine: Callable[..., None]) -> None:
-    machine(SYSTEM, WHEEL, broken=(SYSTEM, WHEEL))
-    with pytest.raises(DeviceError, match=r"pocl:0 .* does not build kernels: .*; pocl:1 .* does not build"):
-        choose_device()
-
-
 # A device of this machine
 
 
@@ -136,16 +129,6 @@ def test_a_device_is_tried_once_and_the_result_is_kept_for_its_driver(
     assert len(started) > before
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("content", [b"\xff\n\0\nkey\nkey perhaps", b"k" * (1 << 20)])
-def test_a_damaged_cache_says_nothing(real: tuple[Any, DeviceRecord], tmp_path: Path, content: bytes) -> None:
-    kept = tmp_path / "meshsplatbench" / "devices.txt"
-    kept.parent.mkdir()
-    kept.write_bytes(content)
-    assert try_device(*real).builds
-    assert len(kept.read_text().splitlines()) == 1
-
-
 @pytest.mark.parametrize(
     "reply", [Reply(UNKNOWN), Reply(why="it crashed (status 8): LLVM ERROR: no such intrinsic")]
 )
@@ -159,16 +142,6 @@ def test_the_words_of_a_compiler_that_fails_are_kept(
     assert (reply.data or reply.why) in (tried.why or "")
     # What a compiler says is so the next time; a process that died may have died of something else.
     assert (tmp_path / "meshsplatbench").exists() == (reply.data == UNKNOWN)
-
-
-def test_without_room_for_temporary_files_a_device_is_not_tried(
-    real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: Any) -> Reply:
-        raise OutputError("OUTPUT_UNWRITABLE", "temporary files cannot be written", file="/tmp")
-
-    monkeypatch.setattr(trial, "run_apart", refuse)
-    assert "temporary files cannot be written" in (try_device(*real).why or "")
 
 
 # The processor that the wheel does not know
@@ -196,12 +169,8 @@ def test_the_wheel_is_mended_where_it_does_not_know_the_processor(
     child: Child, unknown: dict[str, str]
 ) -> None:
     for _ in range(2):  # the second process remembers
-        assert answer(child(SHOW, **unknown)).splitlines() == [
-            "generic",
-            "msb.cl.kernels/scan_cpu.cl",
-            "haswell",
-            "haswell",
-        ]
+        before, kernels, *after = answer(child(SHOW, **unknown)).splitlines()
+        assert (before, kernels.split("/")[1], after) == ("generic", "scan_cpu.cl", ["haswell"] * 2)
 
 
 @pytest.mark.slow
@@ -210,7 +179,7 @@ def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, st
     assert lines[0] == lines[2] == "generic"
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
     assert UNKNOWN in lines[1]
-    assert "MSB_MEND_POCL=0 keeps it from being mended" in lines[1]
+    assert mend.MEND_VARIABLE in lines[1]
     assert lines[3] == "None"
 
 
@@ -245,15 +214,6 @@ def test_nothing_is_mended_on_a_processor_that_lacks_something(
         lambda self, *args: f"flags\t\t: {flags}\n" if self.name == "cpuinfo" else read(self),
     )
     assert "lacks" in (mend.hindrance() or "")
-
-
-def test_another_platform_is_left_alone() -> None:
-    platform = SimpleNamespace(name="Portable Computing Language")
-    for driver in ("3.1", "3.0", "7.0"):
-        device = SimpleNamespace(platform=platform, driver_version=driver, int_ptr=0)
-        assert not mend.is_wheel(device)
-        assert mend.compiler_cpu(device) is None
-        assert not mend.mend(device)
 
 
 # One device a process

@@ -19,10 +19,19 @@ from typer.main import get_command
 
 from msb.cl.devices import Tried, try_devices
 from msb.cli.app import app
+from msb.cli.commands import listed
 from msb.cli.process import run as run_here
 from msb.meshes import Mesh, write_mesh
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
+
+INSTALLED = [name for entries in listed().values() for name in entries]
+"""The commands whose capability is installed, in the order of the help."""
+
+
+def of_installed(*lines: str) -> list[str]:
+    """Return the command lines whose command is installed."""
+    return [line for line in lines if line.split()[0] in INSTALLED]
 
 
 @dataclass(frozen=True)
@@ -104,15 +113,17 @@ def on_terminal(*args: object) -> str:
 
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
-    """Return a function that runs `msb` in this process: a tenth of the time of one of its own."""
+    """Return a function that runs `msb` in this process, called like `Msb`, in a tenth of the time."""
     group = get_command(app)
     monkeypatch.setattr("typer.main.get_command", lambda _: group)
 
-    def run(*args: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["msb", *map(str, args)])
+    def run(*args: object, status: int | None = None) -> Result:
+        first, *rest = map(str, args or ("",))
+        monkeypatch.setattr(sys, "argv", ["msb", *shlex.split(first), *rest])
         capsys.readouterr()
-        status = run_here(app, "msb")
-        return Result(status, *capsys.readouterr())
+        result = Result(run_here(app, "msb"), *capsys.readouterr())
+        assert status in (None, result.status), result
+        return result
 
     return run
 

@@ -48,16 +48,18 @@ IMPORTED = [
 ]
 """What commands import when they run; not pyopencl, whose loader must start in the child."""
 SERVER = """
-import functools, gc, json, os, pathlib, pkgutil, signal, sys
+import contextlib, functools, gc, json, os, pathlib, pkgutil, signal, sys
 from importlib import import_module
 import typer.main
 import msb.cli
+from msb.cli.commands import BUILT_IN
 from tests.validator import WRITTEN, keep_written
 seconds, *imported = sys.argv[1:]
-for module in pkgutil.iter_modules(msb.cli.__path__, "msb.cli."):
-    import_module(module.name)
+imported += [module.name for module in pkgutil.iter_modules(msb.cli.__path__, "msb.cli.")]
+imported += [place.module for places in BUILT_IN.values() for place in places.values()]
 for name in imported:
-    import_module(name)
+    with contextlib.suppress(ModuleNotFoundError):  # a capability that was removed, or an extra
+        import_module(name)
 # What the library makes of the same commands is the same.
 typer.main.get_command = functools.cache(typer.main.get_command)
 typer.main.get_command(import_module("msb.cli.app").app)

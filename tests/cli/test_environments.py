@@ -16,15 +16,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.conftest import Msb
+from tests.cli.conftest import INSTALLED, Msb, of_installed
 from tests.cli.forks import SECONDS
-from tests.cli.test_commands import COMMANDS
-from tests.conftest import ROOT, SHORT
+from tests.conftest import ROOT, shortened
 from tests.tiny import link_demo
 
 ASSET = "data_stubs/splat_like.triasset"
 CHECKPOINT = "data_stubs/checkpoint"
-SCENE = "tests/tiny/scenes/nerf_synthetic/pebble"
 GOLDEN = "tests/golden/metrics"
 DRY = ("run", "--dry-run", "tests/tiny/protocol.toml")
 EXTRAS = ("pyvista", "vtk", "igl", "pymeshlab", "manifold3d", "networkx", "torch", "lpips")
@@ -63,10 +61,10 @@ class Ended:
 
 
 def words_of(lines: str) -> list[tuple[str, ...]]:
-    """Return the words of each line; ASSET stands for an asset, SMALL for one small picture in a folder."""
+    """Return the words of lines of installed commands; ASSET is an asset, SMALL a small image."""
     small = "--turntable 1 --size 32x24 -o"
     lines = lines.replace("SMALL", small).replace("ASSET", ASSET)
-    return [tuple(shlex.split(line)) for line in lines.strip().splitlines()]
+    return [tuple(shlex.split(line)) for line in of_installed(*lines.strip().splitlines())]
 
 
 def run_all(
@@ -144,7 +142,7 @@ def test_a_missing_extra_is_named_in_one_line(work: Path) -> None:
         assert f"meshsplatbench[{named[one.words]}]" in line
     assert {one.words: one.err for one in ended[len(named) :] if one.status} == {}
     assert dry.status == 3
-    assert b"\nEXTRA_MISSING: a run needs the extra bench" in dry.err
+    assert b"\nEXTRA_MISSING: " in dry.err
     assert not {"e", "r", "paper", "track.json", "f.mp4", "f.png", "w", "b"} & {
         p.name for p in work.iterdir()
     }
@@ -175,16 +173,16 @@ def test_without_opencl_all_but_drawing_works(work: Path, nowhere: str) -> None:
     for one in ended[: len(needs)]:
         line = one.err.decode()
         assert (one.status, one.out, len(line.splitlines())) == (5, b"", 1), line
-        assert line.startswith("DEVICE_NOT_FOUND: there is no OpenCL device")
-        assert "OCL_ICD_VENDORS names nothing that exists" in line
+        assert line.startswith("DEVICE_NOT_FOUND: ")
+        assert "OCL_ICD_VENDORS" in line
     assert {one.words[0]: one.status for one in ended[len(needs) :] if one.status} == {}
     assert dry.status == 3
-    assert b"\nDEVICE_NOT_FOUND: there is no OpenCL device" in dry.err
+    assert b"\nDEVICE_NOT_FOUND: " in dry.err
 
 
 @pytest.mark.slow
 def test_neither_home_nor_cache_is_needed(work: Path, nowhere: str) -> None:
-    commands = words_of("render SMALL r ASSET\nreport --paper -o paper --format html\nconfig show")
+    commands = words_of("render SMALL r ASSET\nreport --paper -o paper --format html")
     places = ("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "TMPDIR", "MPLCONFIGDIR")
     ended = run_all(commands, work, POCL_CACHE_DIR=None, **dict.fromkeys(places, nowhere))
     assert [(one.status, one.err) for one in ended] == [(0, b"")] * len(commands)
@@ -215,19 +213,14 @@ def test_a_pocl_cache_that_cannot_be_written_is_named(msb: Msb, nowhere: str) ->
     ids=["ascii", "C", "latin-1"],
 )
 def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None], shown: str) -> None:
-    (work / "Vögel").symlink_to(ROOT / SCENE)
     (work / "Vögel 网.triasset").symlink_to(ROOT / ASSET)
     commands: list[tuple[str, ...]] = [
         ("audit", "Vögel 网.triasset"),
-        ("audit", "--explain", "lcc_area_ratio"),
+        ("audit", "--paper", ASSET),
         ("audit", "网.ply"),
         ("info", "Vögel 网.triasset"),
-        ("methods",),
-        ("methods", "--format", "markdown"),
-        ("report", "--paper", "--table", "mesh_connectivity"),
-        ("scenes", "Vögel"),
-        ("view", "--html", "网.html", ASSET),
-        *((name, "--help") for name in ("audit", "render", "report", "run")),
+        ("convert", "Vögel 网.triasset", "网.ply"),
+        ("audit", "--help"),
     ]
     ended = run_all(commands, work, **env)
     assert {one.words: one.status for one in ended if one.status} == {("audit", "网.ply"): 3}
@@ -235,8 +228,7 @@ def test_a_stream_gets_what_it_can_write(work: Path, env: dict[str, str | None],
     text = {one.words: (one.out + one.err).decode(encoding) for one in ended}
     assert text["audit", "Vögel 网.triasset"].startswith(f"{shown}.triasset: BAD")
     assert f"{shown}.triasset" in text["info", "Vögel 网.triasset"]
-    assert "LCC face (up)" in text["report", "--paper", "--table", "mesh_connectivity"]
-    assert (work / "网.html").exists()
+    assert (work / "网.ply").exists()
 
 
 NAMES = (
@@ -251,52 +243,29 @@ NAMES = (
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse some of these names")
 def test_any_file_name_will_do(tmp_path: Path) -> None:
     commands: list[tuple[str, ...]] = []
-    for number, name in enumerate(NAMES):
-        work = tmp_path / name
-        work.mkdir()
-        shutil.copy(ROOT / ASSET, work / f"{name}.triasset")
-        shutil.copytree(ROOT / SCENE, work / f"{name}s")
-        (tmp_path / f"link{number}").symlink_to(work)
-        here = f"./{name}/{name}"
+    for name in NAMES:
+        (tmp_path / name).mkdir()
+        shutil.copy(ROOT / ASSET, tmp_path / name / f"{name}.triasset")
+        place = f"./{name}/{name}"
         commands += [
-            ("audit", f"--json={here}.json", f"--csv={here}.csv", f"--log-file={here}.log", f"./{name}"),
-            ("audit", "--elements", f"{here}.vtp", f"./{name}/../link{number}/"),
-            ("validate", f"{here}.triasset"),
-            ("info", str(work / f"{name}.triasset")),
-            ("convert", f"{here}.triasset", f"{here}.obj"),
-            ("convert", f"{here}.obj", f"{here}2.triasset"),
-            ("view", "--html", f"{here}v.html", f"{here}.triasset"),
-            ("web", "--out", f"{here}w.html", f"{here}.triasset"),
-            ("scenes", f"{here}s"),
-            ("run", "--dry-run", "--scene", f"{here}s", "-o", f"{here}r", f"{here}2.triasset"),
+            ("audit", f"--json={place}.json", f"--csv={place}.csv", f"--log-file={place}.log", f"./{name}"),
+            ("validate", f"{place}.triasset"),
+            ("convert", f"{place}.triasset", f"{place}.obj"),
+            *([("view", "--html", f"{place}v.html", f"{place}.triasset")] if "view" in INSTALLED else []),
         ]
     for one in run_all(commands, tmp_path):
-        refused = one.words[0] == "run" and not is_utf8(one.words[-1])
-        assert one.status == (2 if refused else 0), one.err
-        assert b"USAGE: " in one.err or not refused
+        assert one.status == 0, one.err
         text = one.out.decode()
-        # What was written is named as it is, for the next program; what was read, as a terminal can show it.
-        assert one.words[0] in ("convert", "view", "web", "run") or all(
-            c.isprintable() or c == "\n" for c in text
-        )
+        # An output is named as it is, for the next program; an input as a terminal can show it.
+        assert one.words[0] in ("convert", "view") or all(c.isprintable() or c == "\n" for c in text)
     for name in NAMES:
-        assert json.loads((tmp_path / name / f"{name}.json").read_bytes())["path"].endswith(
-            f"{name}.triasset"
-        )
+        document = json.loads((tmp_path / name / f"{name}.json").read_bytes())
+        assert document["path"].endswith(f"{name}.triasset")
         assert (tmp_path / name / f"{name}.log").exists()
 
 
-def is_utf8(name: str) -> bool:
-    """Return whether the file system's bytes of `name` are UTF-8."""
-    try:
-        os.fsencode(name).decode()
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
 NOT_HERE = {"compare", "devices", "view"}
-"""Two open a window; test_devices.py runs the examples of the other one."""
+"""Two open a window; tests/render/test_devices_command.py runs the examples of the other one."""
 
 
 @pytest.mark.slow
@@ -304,45 +273,29 @@ NOT_HERE = {"compare", "devices", "view"}
 @pytest.mark.parametrize("which", ["bake", "all others"])
 def test_every_help_example_runs(work: Path, which: str) -> None:
     pytest.importorskip("pymeshlab", reason="extra crosscheck is not installed")
-    examples = []
-    names = ["bake"] if which == "bake" else ["", *(name for name in COMMANDS if name != "bake")]
-    for helped in run_all([(*name.split(), "--help") for name in names], work):
+    examples: list[tuple[str, ...]] = []
+    names = [name for name in INSTALLED if (name == "bake") is (which == "bake")]
+    for helped in run_all([(name, "--help") for name in names], work):
         text = helped.out.decode().partition("Examples:")[2].partition("Exit status")[0]
         for line in filter(str.strip, text.replace("\\\n", " ").splitlines()):
             program, *words = shlex.split(line)
             if words[0] not in NOT_HERE:
-                examples.append((*(["audit"] if program == "msb-audit" else []), *words))
-    assert {one[0] for one in examples} >= {name.split()[0] for name in names if name} - NOT_HERE
-    ended = run_all(list(dict.fromkeys(examples)), work, **SHORT)
+                line_words = ["msb", *(["audit"] if program == "msb-audit" else []), *words]
+                examples.append(tuple(shortened(line_words)[1:]))
+    assert {words[0] for words in examples} >= {*names} - NOT_HERE
+    ended = run_all(list(dict.fromkeys(examples)), work)
     assert {one.words: one.err for one in ended if one.status or b"Traceback" in one.err} == {}
 
 
-@pytest.mark.slow
-def test_lines_fit_80_columns_and_numbers_stay_whole_in_40(work: Path) -> None:
-    commands = words_of(f"""
-        audit ASSET
-        info ASSET
-        methods
-        scenes tests/tiny/scenes
-        eval {GOLDEN}/pred {GOLDEN}/gt
-        run --dry-run --only pebble tests/tiny/protocol.toml""")
-    plain = {"NO_COLOR": None, "FORCE_COLOR": None, "TERM": "xterm"}
-    wide = run_all(commands, work, COLUMNS="80", **plain)
-    for one in wide:
-        assert one.status == 0
-        lines = one.out.decode().splitlines()
-        # A verdict is one line in a pipe, and a path is never broken.
-        prose = [line for line in lines if line.startswith((ASSET, str(work)))]
-        assert max(len(line) for line in lines if line not in prose) <= 80
-        assert all(c.isprintable() or c == "\n" for c in one.out.decode())
-    narrow = run_all(commands[:1], work, COLUMNS="40", **plain)
-    row = next(line for line in narrow[0].out.decode().splitlines() if line.startswith("this mesh"))
+def test_numbers_stay_whole_in_40_columns(msb: Msb) -> None:
+    lines = msb("audit", ASSET, COLUMNS="40", TERM="xterm").out.splitlines()
+    row = next(line for line in lines if line.startswith("this mesh"))
     assert row.split() == ["this", "mesh", "0.52", "6.46", "0.47", "0.17", "0.74", "0.72", "0.72", "5,799"]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="pipes are closed otherwise there")
-@pytest.mark.parametrize("line", ["methods", f"audit --json - {ASSET}"])
+@pytest.mark.parametrize("line", ["audit --help", f"audit --json - {ASSET}"])
 def test_a_reader_that_left_is_no_error(line: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)

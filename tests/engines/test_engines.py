@@ -17,7 +17,6 @@ from msb.errors import MsbError
 from msb.render import Frame
 from msb.render.backend import ENGINES, find_renderer
 from msb.scenes import Camera
-from tests.conftest import ROOT
 from tests.engines.conftest import need
 from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, camera, mesh_asset, random_colors, scene
@@ -145,15 +144,6 @@ def test_faces_a_threshold_hides_are_not_drawn(name: str) -> None:
             assert (theirs[0].face_id == ours[0].face_id).mean() > 0.998
 
 
-@pytest.mark.parametrize("name", ENGINES)
-def test_nothing_to_show_is_the_background(name: str) -> None:
-    view = golden_views("two_dts")[0]
-    asset = exported(view.folder / "checkpoint")
-    theirs, _ = frames(name, asset, [view.camera], settings={"ste_threshold": 1.0})
-    assert not theirs[0].alpha.any()
-    np.testing.assert_allclose(theirs[0].image, np.broadcast_to(BACKGROUND, theirs[0].image.shape), atol=1e-7)
-
-
 @pytest.mark.parametrize("name", ["wgpu", "threejs"])
 def test_no_gpu_is_told(name: str) -> None:
     factory = find_renderer(need(name))
@@ -175,12 +165,3 @@ def test_too_large_an_image_is_refused(name: str) -> None:
         renderer.render(camera(65_000, 8), BACKGROUND)
     assert info.value.code == "DEVICE_MEMORY"
     assert "pixels each way" in info.value.message
-
-
-@pytest.mark.parametrize("name", ENGINES)
-def test_an_opencl_device_and_another_tier_are_refused(name: str) -> None:
-    for options, code in (({"device": "pocl:0"}, "DEVICE_SELECTOR"), ({"tier": "reference"}, "USAGE")):
-        with pytest.raises(MsbError) as info:
-            msb.Renderer(msb.load(ROOT / "data_stubs" / "splat_like.triasset"), name=name, **options)
-        assert info.value.code == code
-        assert name in info.value.message

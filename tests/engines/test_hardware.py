@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -197,19 +196,6 @@ def test_a_lost_device_and_a_closed_renderer_are_told() -> None:
         renderer.close()
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="memory is read from /proc")
-@pytest.mark.parametrize("tier", ["standard", "dedicated"])
-def test_renderers_that_are_closed_hold_no_memory(tier: Any) -> None:
-    view = golden_views("triangle_splatting")[-1]
-    held = []
-    for _ in range(11):  # each that is not let go holds 10 MB or more
-        with msb.Renderer(asset_of(view), tier, name="wgpu") as renderer:
-            renderer.draw(view.camera)
-        held.append(int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE"))
-    assert held[-1] - held[5] < 30e6
-
-
 def test_a_renderer_like_ours() -> None:
     view = golden_views("mesh_splatting")[2]
     with msb.Renderer(asset_of(view), "dedicated", name="wgpu", settings=view.settings) as renderer:
@@ -273,16 +259,3 @@ def test_a_capture_of_139_000_faces(method: str, bar: float, garden: Path, share
             wanted, found = ours.render(camera), theirs.render(camera)
             np.testing.assert_array_equal(found.visible, wanted.visible)
             assert decibels(found.image, wanted.image) >= bar
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
-def test_a_million_faces(method: str) -> None:
-    from benchmarks.dedicated_scenes import camera, model
-
-    asset, view = model(method, 1_000_000), camera(310, 206)
-    with msb.Renderer(asset, "dedicated", name="wgpu") as renderer:
-        found = renderer.render(view)
-    wanted = msb.render(asset, view, tier="dedicated", outputs=())
-    np.testing.assert_array_equal(found.visible, wanted.visible)
-    assert decibels(found.image, wanted.image) >= FLOAT[method]

@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 import msb
-from benchmarks.dedicated_scenes import camera, grid_mesh
 from msb.asset import Asset
-from msb.engines.hardware import renderer as hardware
-from msb.engines.hardware.plan import Limits
 from msb.engines.hardware.renderer import HardwareRenderer
 from msb.errors import MsbError
 from msb.methods.diffsoup.look import Pipeline
@@ -21,7 +18,6 @@ from msb.render import Frame
 from tests.engines.conftest import need
 from tests.reference.golden import View, exported, golden_views, names, psnr
 from tests.render.random_cases import draw_case
-from tests.render.test_diffsoup_scenes import model as diffsoup_model
 
 VIEWS = golden_views("diffsoup")
 
@@ -92,34 +88,6 @@ def test_rectangles_are_the_reference_s_bit_for_bit(view: View) -> None:
     np.testing.assert_array_equal(rectangles[kept], (boxes[:, [0, 2, 1, 3]] + (0, 0, 1, 1))[kept])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("web", [False, True])
-def test_the_same_frame_has_the_same_bytes_however_it_is_cut(
-    web: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Lattices and records in parts, many bands, and a second frame of one renderer."""
-    view = VIEWS[3]
-    asset = view.web if web else asset_of(view)
-    wanted = drawn(HardwareRenderer, asset, view)
-    most = max(asset.buffers[name].nbytes for name in ("positions", "features.opacity"))
-    limits = Limits(most // 256 * 256 // (1 if web else 2), 1 << 24, 64)
-    monkeypatch.setattr(hardware, "_limits_of", lambda _: limits)
-    with HardwareRenderer(asset, settings=view.settings) as renderer:
-        assert "features 2" in renderer.memory()
-        assert web or "opacity 1" in renderer.memory()
-        for _ in range(2):
-            found = renderer.render(view.camera, view.background)
-            for name in ("image", "alpha", "depth", "visible"):
-                assert getattr(found, name).tobytes() == getattr(wanted, name).tobytes()
-
-
-def test_what_does_not_fit_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hardware, "_limits_of", lambda _: Limits(512, 1 << 24, 8192))
-    with pytest.raises(MsbError) as info:
-        drawn(HardwareRenderer, asset_of(VIEWS[0]), VIEWS[0])
-    assert info.value.code == "DEVICE_MEMORY"
-
-
 def test_planes_that_are_no_range_are_refused() -> None:
     view = VIEWS[0]
     settings = {"z_near": 2.0, "z_far": 1.0}
@@ -141,13 +109,3 @@ def test_whatever_is_drawn_is_as_in_opencl(seed: int) -> None:
     options = {name: case.options[name] for name in ("order", "sampling")}
     found = drawn(HardwareRenderer, case.asset, case, **options)
     equal(found, drawn(Pipeline, case.asset, case, outputs=(), **options), within=2e-3)
-
-
-@pytest.mark.slow
-def test_a_million_faces() -> None:
-    mesh = grid_mesh(1_000_000)
-    asset = diffsoup_model(mesh["positions"], mesh["indices"], 0, seed=1)
-    view = camera(310, 206)
-    with msb.Renderer(asset, "dedicated", name="wgpu") as renderer:
-        found = renderer.render(view)
-    equal(found, msb.render(asset, view, tier="dedicated", outputs=()))

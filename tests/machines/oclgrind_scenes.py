@@ -15,9 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msb.bake.lessons import Lessons
-from msb.bake.painting import Painting
-from msb.bake.stencils import Pyramid
 from msb.cl import Device, exclusive_scan, sort_pairs
 from msb.meshes.mesh import Mesh
 from msb.reference import render_reference
@@ -203,15 +200,17 @@ def test_textures(device: Device, watch: Watch) -> None:
 
 def test_texture_by_least_squares(gpu: Device, watch: Watch) -> None:
     """Of one picture of a square: what is asked of its texels, and their solution."""
+    painting_of, stencils = (pytest.importorskip(f"msb.bake.{name}") for name in ("painting", "stencils"))
+    lessons = pytest.importorskip("msb.bake.lessons")
     place = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     corners = np.concatenate([place - 0.5, np.full((4, 1), 3, np.float32)], axis=1)
     faces, grey = np.array([[0, 1, 2], [0, 2, 3]]), np.full((8, 8, 3), 99, np.uint8)
     square = Mesh(corners, faces, corner_uvs=place[faces].reshape(-1, 2), textures=(grey,))
     lesson = np.full((9, 12, 3), 0.75, np.float32)
     with (
-        Lessons([front_camera(12, 9)], BACKGROUND, lambda _: lesson) as view,
-        closing(Pyramid(8, gpu)) as pyramid,
-        closing(Painting(square, view, gpu)) as painting,
+        lessons.Lessons([front_camera(12, 9)], BACKGROUND, lambda _: lesson) as view,
+        closing(stencils.Pyramid(8, gpu)) as pyramid,
+        closing(painting_of.Painting(square, view, gpu)) as painting,
     ):
         pyramid.tie(np.zeros((8, 8), np.int32))
         assert [*painting.ask(pyramid)] == [1]

@@ -1,28 +1,16 @@
 """An image metric in another package: that of docs/extending.md, failing, broken, and not installed."""
 
-import json
-import math
-import os
 import re
-import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from msb.base.packages import PackageWarning
-from msb.bench.aggregate import METRICS as ALL_METRICS
-from msb.bench.records import ImageQuality, Quality, read_result
-from msb.errors import InputError
 from msb.metrics import IMAGE_METRICS, METRICS, Measures, registry
-from msb.report.results import read_results
-from tests.bench.protocols import protocol
-from tests.cli.conftest import Msb, msb
-from tests.conftest import ROOT
-from tests.report.factory import make_result, write
+from tests.cli.conftest import msb
 from tests.test_docs_commands import installed
 
 __all__ = ["msb"]
@@ -116,64 +104,3 @@ def test_one_that_is_none_is_one_warning(
     with pytest.warns(PackageWarning, match=f"^PACKAGE_LEFT_OUT: .*{why}") as caught:
         assert list(IMAGE_METRICS) == OURS
     assert len(caught) == 1
-
-
-def test_no_metric_may_have_the_key_of_something_else() -> None:
-    fields = {*Quality.model_fields, *ImageQuality.model_fields, *ALL_METRICS, "pred"}
-    assert fields - {*OURS} == registry.RESERVED
-
-
-@pytest.mark.slow
-def test_runs_and_reports_have_it(site: Path, msb: Msb, tmp_path: Path) -> None:
-    file = protocol(tmp_path, ("two_dts",), each='conditions = ["dedicated", "standard"]')
-    file.path.write_bytes(file.text)
-    where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
-    ran = msb("run", "--jobs", "2", file.path, **where)
-    assert ran.status == 0, ran.err
-    records: dict[str, Any] = {
-        path.parent.name: json.loads(path.read_text())["quality"]
-        for path in file.results.rglob("result.json")
-    }
-    for quality in records.values():
-        values = [image["edges"] for image in quality["images"]]
-        assert quality["edges"] == pytest.approx(math.fsum(values) / len(values))
-    # A record of before the metric is read beside them.
-    write(file.results, make_result("mipnerf360", "garden", "two_dts", "standard"))
-    report = tmp_path / "report"
-    assert msb("report", "--allow-mixed", "-o", report, file.results, **where).status == 0
-    tables = {path.stem: path.read_text() for path in report.rglob("*.csv")}
-    loss = records["standard"]["edges"] - records["dedicated"]["edges"]
-    (row,) = (line for line in tables["gaps-nerf_synthetic"].splitlines() if line.startswith("Edges ↓,2DTS"))
-    assert f"{loss:.4f}," in row
-    assert "Edges ↓" in tables["renderer_comparison-nerf_synthetic"]
-    assert ">Edges" in (report / "verdict-nerf_synthetic-pebble-two_dts.html").read_text()
-    shutil.rmtree(file.results / "cells" / "mipnerf360")
-    # Without the package the records are read, and a note says what is left out.
-    without = msb("report", "-o", tmp_path / "without", file.results)
-    assert without.status == 0, without.err
-    pages = "".join(path.read_text() for path in (tmp_path / "without").glob("*.html"))
-    assert "Edges ↓" not in pages
-    # With a broken one the run goes on, and says so.
-    text = (site / "msb_edges.py").read_text()
-    (site / "msb_edges.py").write_text(text.replace("    steps = [", "    1 / 0\n    steps = ["))
-    again = msb("run", "--redo", file.path, **where)
-    assert again.status == 0
-    assert again.err.count("METRIC_FAILED") == 1
-    held = [read_result(path).quality for path in file.results.rglob("result.json")]
-    assert all(quality is not None and quality.values["psnr"] and quality.missing for quality in held)
-
-
-def test_a_record_with_a_metric_that_is_not_installed_is_read(tmp_path: Path) -> None:
-    path = write(tmp_path, make_result("mipnerf360", "garden", "two_dts", "standard"))
-    data = json.loads(path.read_text())
-    data["quality"]["edges"] = 0.5
-    data["quality"]["metrics"].append({"name": "edges", "version": 1})
-    for image in data["quality"]["images"]:
-        image["edges"] = 0.5
-    path.write_text(json.dumps(data))
-    (note,) = read_results(tmp_path).notes
-    assert "edges" in note
-    data["quality"]["metrics"].pop()
-    path.write_text(json.dumps(data))
-    with pytest.raises(InputError, match="edges"):
-        read_results(tmp_path)

@@ -10,7 +10,6 @@ import pytest
 from msb.reference import ReferenceFrame, render_reference
 from msb.scenes import Camera
 from tests.reference.soups import (
-    METHODS,
     SPLATTING,
     channel_major,
     constant_color,
@@ -116,16 +115,6 @@ def test_ties_go_to_the_lower_index(method: str, settings: dict[str, Any]) -> No
         assert (middle[..., channel] > middle[..., 1 - channel] + 0.02).all()
 
 
-@pytest.mark.parametrize("settings", [settings for _, settings in VARIANTS[-2:]])
-def test_ties_show_the_lower_index(settings: dict[str, Any]) -> None:
-    triangle = np.float32([[-2, 2, 3], [2, 2, 3], [0, -2.5, 3]])
-    opaque = np.ones((3, 6), np.float32)
-    opaque[0] = 0
-    soup_ = soup("diffsoup", np.stack([triangle] * 3), **{"features.opacity": opaque})
-    frame = render_reference(soup_, front_camera(), settings=settings)
-    assert set(np.unique(frame.face_id).tolist()) == {-1, 1}
-
-
 def test_gamma_is_stored_or_overridden() -> None:
     triangles = random_triangles(5)
     stored = soup("two_dts", triangles, settings={"gamma": 20.0, "ste_threshold": 0.6})
@@ -210,12 +199,3 @@ def test_infinite_opacity_logits_are_zero_and_one() -> None:
     alone = render_reference(soup("two_dts", triangles, opacity=np.float32([90, -90])), front_camera())
     same(frame, alone)
     assert frame.visible.tolist() == [True, True]
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_one_face_that_covers_everything(method: str) -> None:
-    triangle = np.float32([[-25, 12, 5], [25, 12, 5], [0, -24, 5]])
-    opaque = {"features.opacity": np.ones((1, 6), np.float32)} if method == "diffsoup" else {}
-    frame = render_reference(soup(method, triangle[None], **opaque), front_camera())
-    assert (frame.alpha > 0).all()
-    np.testing.assert_allclose(frame.depth, 5, rtol=1e-3)

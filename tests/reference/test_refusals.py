@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import msb
 from msb.asset import Asset, build_asset
 from msb.errors import AssetError, Unsupported, UsageError
 from msb.reference import render_reference
@@ -84,14 +83,6 @@ def test_parameters_we_do_not_know(method: str, section: str, key: str, value: A
     assert caught.value.pointer == f"/{section}/{key}"
 
 
-def test_a_level_that_is_not_the_lattices() -> None:
-    asset = soup("diffsoup", random_triangles(1, count=4))
-    manifest = replace(asset.manifest, appearance={**asset.manifest.appearance, "level": 2})
-    with pytest.raises(AssetError) as caught:
-        render_reference(replace(asset, manifest=manifest), front_camera())
-    assert caught.value.code == "TRIASSET_BUFFER"
-
-
 def test_a_mesh_has_no_reference_tier() -> None:
     vertices, faces = TETRAHEDRON
     asset = build_asset({"positions": vertices, "indices": faces.astype(np.uint32)}, {})
@@ -109,10 +100,3 @@ def test_settings_that_are_none() -> None:
         render_reference(asset, front_camera(), settings={"gama": 2.0})
     with pytest.raises(UsageError, match="degree 0"):
         render_reference(asset, front_camera(), settings={"sh_degree": 2})
-
-
-def test_dtypes_that_are_none() -> None:
-    with pytest.raises(UsageError, match="float16"):
-        render_reference(soup("two_dts", random_triangles(1)), front_camera(), dtype=np.float16)
-    with pytest.raises(UsageError, match="float99"):
-        msb.Renderer(soup("two_dts", random_triangles(1)), tier="reference", dtype="float99")

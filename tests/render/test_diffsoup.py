@@ -10,10 +10,10 @@ import pytest
 from msb.cl import Device
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.render import Frame
-from tests.cl.conftest import STYLES, WITHOUT_ATOMICS, open_styled
+from tests.cl.conftest import WITHOUT_ATOMICS, open_styled
 from tests.golden.views import compare
 from tests.reference.golden import View, exported, golden_views, names
-from tests.render.frames import assert_same, frame_of
+from tests.render.frames import frame_of
 
 VIEWS = golden_views("diffsoup")
 TAME = [view for view in VIEWS if not view.name.startswith("soup")]
@@ -87,31 +87,8 @@ def test_official_viewer(device: Device, view: View) -> None:
 
 
 @pytest.mark.slow
-def test_styles_agree_to_the_bit() -> None:
-    frames: list[list[Frame]] = []
-    for style in STYLES:
-        with open_styled(style) as device:
-            frames.append([draw(device, view) for view in (VIEWS[2], VIEWS[4], VIEWS[5])])
-    for first, *others in zip(*frames, strict=True):
-        for other in others:
-            assert_same(first, other)
-
-
-@pytest.mark.slow
 def test_a_gpu_without_64_bit_atomics_draws_with_its_work_groups() -> None:
     """Bands, one work-item a group, are right there too, and no way to use a GPU."""
     asset = exported(VIEWS[0].folder / "checkpoint")
     with open_styled(WITHOUT_ATOMICS) as device:
-        assert DiffSoupPipeline(asset, device=device)._program.name == "msb.methods.diffsoup/diffsoup_gpu.cl"
-
-
-def test_same_image_again_and_after_another_camera(device: Device) -> None:
-    large, small = TAME[0], TAME[2]
-    asset = exported(large.folder / "checkpoint")
-    pipeline = DiffSoupPipeline(asset, device=device, settings=large.settings)
-    first = pipeline.render(large.camera, (1, 1, 1))
-    pipeline.render(small.camera, (0, 0, 0))
-    again = pipeline.render(large.camera, (1, 1, 1))
-    np.testing.assert_array_equal(first.image, again.image)
-    np.testing.assert_array_equal(first.visible, again.visible)
-    pipeline.close()
+        assert DiffSoupPipeline(asset, device=device)._program.name.endswith("/diffsoup_gpu.cl")

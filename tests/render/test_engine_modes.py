@@ -9,16 +9,15 @@ import pytest
 
 import msb
 from msb.asset import Asset
-from msb.cl import Device, open_device
+from msb.cl import Device
 from msb.errors import Unsupported, UsageError
 from msb.methods.diffsoup.look import Pipeline as DiffSoupPipeline
 from msb.reference import render_reference
 from msb.render.dedicated import dedicated_renderer
 from msb.render.frame import Frame
 from msb.scenes import Camera
-from tests.cl.conftest import SELECTOR
 from tests.reference.golden import names
-from tests.reference.soups import METHODS, SPLATTING, constant_color, front_camera, random_triangles, soup
+from tests.reference.soups import SPLATTING, constant_color, front_camera, random_triangles, soup
 from tests.render.frames import assert_near, frame_of
 from tests.render.test_diffsoup import TAME, VIEWS
 from tests.render.test_splatting import model
@@ -95,16 +94,6 @@ def test_an_engine_sees_what_the_official_renderers_drop(device: Device) -> None
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
-def test_tiles_do_not_matter_to_an_engine(method: str, device: Device) -> None:
-    asset = soup(method, random_triangles(2))
-    first, second = (
-        draw(asset, device, front_camera(), order=order, sampling="engine") for order in ("tile", "global")
-    )
-    np.testing.assert_array_equal(first.image, second.image)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("method", SPLATTING)
 def test_one_triangle_through_the_camera_plane_covers_everything(method: str, device: Device) -> None:
     rows = 3 if method == "mesh_splatting" else 1
@@ -117,24 +106,6 @@ def test_one_triangle_through_the_camera_plane_covers_everything(method: str, de
     assert frame.alpha.min() > 0.3
     np.testing.assert_allclose(frame.image, wanted.image, atol=2e-5)
     np.testing.assert_allclose(frame.depth, wanted.depth, rtol=1e-4)
-
-
-@pytest.mark.slow
-def test_an_8k_image() -> None:
-    """Positions are as exact at the far corner as at the first one."""
-    spread = random_triangles(1, 20)
-    far = random_triangles(1, 20, 0.1) * (0.1, 0.1, 1) + spread[..., 2:] * (0.45, 0.24, 0)
-    asset = soup("triangle_splatting", far.astype(np.float32))
-    camera = Camera(7680, 4320, 8064, 8640, 3840, 2160, np.eye(4))
-    with open_device(SELECTOR) as opened:
-        frame = draw(asset, opened, camera, outputs=(), sampling="engine")
-    assert frame.image.shape == (4320, 7680, 3)
-    left, top, side = 7168, 3872, 256
-    part = frame.image[top : top + side, left : left + side]
-    assert (part != np.float32(GREEN)).any(axis=-1).mean() > 0.05
-    corner = Camera(side, side, 8064, 8640, 3840 - left, 2160 - top, np.eye(4))
-    wanted = render_reference(asset, corner, GREEN, None, np.float64, sampling="engine")
-    assert (np.abs(part - wanted.image).max(axis=-1) > 1e-3).mean() < 5e-3
 
 
 @pytest.mark.slow
@@ -157,10 +128,10 @@ def test_diffsoup_clips_as_its_official_viewer(view: Any, device: Device) -> Non
 
 def test_modes_are_refused_where_they_are_not() -> None:
     asset = soup("two_dts", random_triangles(1))
-    with pytest.raises(Unsupported, match='two_dts on tier standard: there is no option "order"') as caught:
+    with pytest.raises(Unsupported, match="order") as caught:
         msb.Renderer(asset, tier="standard", order="none")
     assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_OPTION", 4)
-    with pytest.raises(Unsupported, match="there are early_stop, exact_tiles, order, outputs, sampling"):
+    with pytest.raises(Unsupported, match="UNSUPPORTED_OPTION"):
         msb.Renderer(asset, tier="dedicated", viewer=True)
     for tier in ("dedicated", "reference"):
         with pytest.raises(UsageError, match="there is no sampling"):

@@ -39,16 +39,6 @@ def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> No
     assert found == wanted * (FRAMES // 2)
 
 
-def test_eight_threads_may_draw_with_renderers_of_their_own(asset: Asset) -> None:
-    def draw(number: int) -> bytes:
-        with msb.Renderer(asset, tier=TIERS[number % 2], device=SELECTOR) as renderer:
-            return picture(renderer, 0)
-
-    wanted = [draw(number) for number in range(2)]
-    with ThreadPoolExecutor(THREADS) as pool:
-        assert list(pool.map(draw, range(FRAMES))) == wanted * (FRAMES // 2)
-
-
 @pytest.mark.parametrize("tier", TIERS)
 def test_memory_is_a_renderers_own(asset: Asset, tier: Any) -> None:
     """What another one has drawn on the device, and draws, is no part of it."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from data_stubs.surface import icosphere
 from msb.cl import Device
-from msb.engines.agreement import interior
+from msb.render.frame import interior
 from msb.scenes import Camera
 from tests.render.standard_scenes import (
     BACKGROUND,

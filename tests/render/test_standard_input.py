@@ -11,7 +11,7 @@ import msb
 from msb.asset import Asset
 from msb.asset.sh import SH_C0
 from msb.cl import Device
-from msb.errors import AssetError, Unsupported, UsageError
+from msb.errors import AssetError, Unsupported
 from msb.render.standard.renderer import StandardRenderer
 from tests.reference.soups import random_triangles, soup
 from tests.render.standard_scenes import BACKGROUND, camera, draw, mesh_asset, random_colors, scene, twin
@@ -61,8 +61,7 @@ def test_refuses_what_has_no_static_color() -> None:
         with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
             msb.Renderer(data)
         assert raised.value.code == "UNSUPPORTED_TIER"
-        can_be_baked = method == "diffsoup"
-        assert raised.value.message.endswith("; msb bake makes a plain mesh of it") == can_be_baked
+        assert ("msb bake" in raised.value.message) == (method == "diffsoup")
 
 
 def _renamed(asset: Asset, method: str) -> Any:
@@ -100,33 +99,14 @@ def test_refuses_indices_out_of_range(styled: Device) -> None:
     assert raised.value.code == "TRIASSET_INDEX_OUT_OF_RANGE"
 
 
-@pytest.mark.parametrize("samples", [0, 2.5, True, 99])
-def test_refuses_samples(samples: Any) -> None:
-    with pytest.raises(UsageError, match=f"supersample is {samples}; it must be") as raised:
-        StandardRenderer(two_dts(3), supersample=samples)
-    assert raised.value.code == "SETTING_VALUE"
-
-
-def test_refuses_settings() -> None:
-    with pytest.raises(UsageError) as raised:
-        StandardRenderer(two_dts(3), settings={"gama": 1.0})
-    assert raised.value.code == "SETTING_UNKNOWN"
-
-
 def test_samples_are_an_option_of_the_standard_tier_alone(cpu: Device) -> None:
     """MeshSplatting's setting of that name is its own look's, and does nothing here."""
     asset = soup("mesh_splatting", random_triangles(1, 20), welded=True)
     plain = draw(cpu, asset, camera())
     own = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)
     np.testing.assert_array_equal(plain.image, own.image)
-    with pytest.raises(Unsupported, match=r"no option .supersample.*; the tier standard has it"):
+    with pytest.raises(Unsupported, match="UNSUPPORTED_OPTION"):
         msb.render(asset, camera(), "dedicated", device=cpu, supersample=2)
-
-
-def test_settings_of_other_tiers_do_nothing(styled: Device) -> None:
-    asset = two_dts(20)
-    one, other = draw(styled, asset, camera(), gamma=30.0, back_culling=True), draw(styled, asset, camera())
-    np.testing.assert_array_equal(one.image, other.image)
 
 
 @pytest.mark.slow
@@ -144,15 +124,6 @@ def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
     np.testing.assert_array_equal(again.image, out)
     assert not (again.depth == 7).any()
     renderer.close()
-
-
-@pytest.mark.slow
-def test_alpha_channel_is_not_used(styled: Device) -> None:
-    mesh = scene("small", 8)
-    colors = random_colors(8, len(mesh[0]))
-    with_alpha = np.concatenate([colors, np.zeros((len(colors), 1), np.uint8)], axis=1)
-    one, other = (draw(styled, mesh_asset(mesh, values), camera()) for values in (colors, with_alpha))
-    np.testing.assert_array_equal(one.image, other.image)
 
 
 def test_asset_may_go_once_the_renderer_is_made(styled: Device) -> None:

@@ -1,4 +1,4 @@
-"""The standard tier beside renderers of other people: VTK, a rasterizer, and Embree, a ray caster."""
+"""The standard tier beside a renderer of other people: VTK, a rasterizer."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from msb.cl import Device
-from msb.engines.agreement import interior
+from msb.render.frame import interior
 from tests.render.standard_scenes import Arrays, camera, draw, mesh_asset, random_colors, scene, unshared
 
 pytestmark = [pytest.mark.slow, pytest.mark.oracle]
@@ -80,25 +80,3 @@ def test_vtk(cpu: Device, tmp_path: Path) -> None:
     assert inner.sum() > 1000
     assert difference[inner].max() <= 1.01 / 255
     assert (difference > 1.01 / 255).mean() < 0.002
-
-
-@pytest.mark.parametrize("kind", ["small", "large", "needles"])
-def test_embree(cpu: Device, kind: str) -> None:
-    core = pytest.importorskip("embreex.rtcore_scene")
-    construction = pytest.importorskip("embreex.mesh_construction")
-    mesh = without_crossings(scene(kind, 37))
-    view = square_camera()
-    frame = draw(cpu, mesh_asset(mesh), view)
-    y, x = np.mgrid[: view.height, : view.width] + 0.5
-    rays = np.stack([(x - view.cx) / view.fx, (y - view.cy) / view.fy, np.ones_like(x)], axis=-1)
-    directions = rays.reshape(-1, 3).astype(np.float32)
-    embree = core.EmbreeScene()
-    construction.TriangleMesh(embree, mesh[0][mesh[1]])
-    found = embree.run(np.zeros_like(directions), directions, output=1)
-    faces = np.where(found["geomID"] >= 0, found["primID"], -1).reshape(view.height, view.width)
-    assert (faces == frame.face_id).mean() > 0.9995
-    inner = interior(faces)
-    assert inner.sum() > 500 or kind == "needles"
-    np.testing.assert_array_equal(frame.face_id[inner], faces[inner])
-    depth = found["tfar"].reshape(view.height, view.width)  # rays have z 1: the parameter is the depth
-    np.testing.assert_allclose(frame.depth[inner], depth[inner], rtol=1e-4)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+pytest.importorskip("msb.bench", reason="msb.bench was removed")
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 from tests.cli.conftest import Here

@@ -11,9 +11,8 @@ import pytest
 from msb.base.matrices import inverse
 from msb.errors import SceneError
 from msb.scenes import Camera, interpolated, turntable
-from msb.scenes.between import between
 from msb.scenes.poses import look_at_pose
-from msb.scenes.walk import PACE, walk
+from msb.scenes.walk import PACE, between, walk
 
 from .builders import pose, some_cameras
 

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike
 from msb.trial.mesh import TriedMesh
 from msb.trial.registry import TASKS
 from msb.trial.task import Judgement, Made
+from tests.cli.conftest import here, msb
+
+__all__ = ["here", "msb"]
 
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 

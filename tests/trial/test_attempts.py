@@ -47,14 +47,11 @@ def test_meshes_and_arrays_travel_as_arrays() -> None:
 @pytest.mark.parametrize(
     ("reply", "expected"),
     [
-        (
-            Reply(why="it did not end within 1 s", ended_by="time", seconds=1.0),
-            ("it did not end within 1 s (--seconds gives more)", "time", 1.0, False),
-        ),
-        (Reply(why="there are holes", seconds=2.0), ("there are holes", None, 2.0, True)),
+        (Reply(why="too slow", ended_by="time", seconds=1.0), ("too slow", "time", 1.0, False)),
+        (Reply(why="holes", seconds=2.0), ("holes", None, 2.0, True)),
         (
             Reply({}, {f"a.{key}": np.full((1, 3), np.nan) for key in ("vertices", "faces", "colors")}),
-            ("vertices of the mesh a are not all finite", "crash", None, False),
+            ("finite", "crash", None, False),
         ),
     ],
 )
@@ -63,7 +60,8 @@ def test_why_nothing_was_made_is_told(
 ) -> None:
     monkeypatch.setattr(attempts, "run_apart", lambda *_: reply)
     tried = ask()
-    assert (tried.why, tried.ended_by, tried.seconds, tried.version is not None) == expected
+    assert expected[0] in tried.why
+    assert (tried.ended_by, tried.seconds, tried.version is not None) == expected[1:]
     assert tried.made is None
 
 
@@ -71,37 +69,36 @@ def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr(registry, "is_installed", lambda module: module not in ("coacd", "igl"))
     found = try_asset(msb.load(demo_asset), ["collision", "subdivide"])
     assert [one.outcome for one in found.trials] == ["not_run", "not_run"]
-    assert "coacd and igl not installed" in found.trials[1].why
-    assert 'pip install "meshsplatbench[trial]"' in found.trials[1].why
+    assert all(word in found.trials[1].why for word in ("coacd", "igl", "meshsplatbench[trial]"))
+
+
+ALL = "xatlas fast_simplification pymeshlab igl manifold3d coacd trimesh"
 
 
 @pytest.mark.parametrize(
-    ("tasks", "absent", "said"),
+    ("tasks", "absent", "needed"),
     [
-        ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd trimesh",
-         "trying uv, decimate_50, decimate_25, decimate_10, subdivide, boolean, collision, solid needs"),
-        ("", "xatlas fast_simplification pymeshlab igl manifold3d coacd trimesh",
-         "self_intersections can be tried without it"),
-        ("uv", "xatlas", "trying uv needs the extra trial (xatlas is not installed)"),
-        ("uv,intersections", "xatlas", "self_intersections can be tried without it"),
-        ("uv,boolean", "xatlas", None),
-        ("solid", "manifold3d", None),
-        ("intersections", "manifold3d", None),
+        ("", ALL, ["solid", "self_intersections", "xatlas"]),
+        ("uv", "xatlas", ["uv", "xatlas"]),
+        ("uv,intersections", "xatlas", ["uv", "self_intersections"]),
+        ("uv,boolean", "xatlas", []),
+        ("solid", "manifold3d", []),
+        ("intersections", "manifold3d", []),
     ],
-)  # fmt: skip
-def test_where_no_library_is_there_for_some_task_the_extra_is_missing(
-    monkeypatch: pytest.MonkeyPatch, tasks: str, absent: str, said: str | None
+)
+def test_the_extra_is_missing_if_no_library_can_do_a_task(
+    monkeypatch: pytest.MonkeyPatch, tasks: str, absent: str, needed: list[str]
 ) -> None:
     for module in (registry, extras):
         monkeypatch.setattr(module, "is_installed", lambda name: name not in absent.split())
     chosen = chosen_tasks([tasks] if tasks else [])
-    if said is None:
+    if not needed:
         registry.check_libraries(chosen)
         return
     with pytest.raises(UsageError) as caught:
         registry.check_libraries(chosen)
     assert caught.value.code == "EXTRA_MISSING"
-    assert said in caught.value.message
+    assert all(word in caught.value.message for word in needed)
 
 
 @pytest.mark.parametrize("weld", [-1e-3, 0, True, float("nan"), float("inf"), "EXACT"])
@@ -111,12 +108,6 @@ def test_a_weld_that_is_none_is_refused_as_an_audit_refuses_it(weld: Any, demo_a
     assert caught.value.code == "WELD_DISTANCE"
 
 
-@pytest.mark.parametrize("wrong", [{"tasks": 3}, {"tasks": [3]}])
-def test_what_is_no_task_is_wrong_usage(wrong: dict[str, Any], demo_asset: Path) -> None:
-    with pytest.raises(UsageError):
-        msb.trial(demo_asset, **wrong)
-
-
 def test_a_word_of_a_name_chooses_all_tasks_that_have_it() -> None:
     names = [task.name for task in chosen_tasks(["intersections", "decimate"])]
     assert names == ["decimate_50", "decimate_25", "decimate_10", "self_intersections"]
@@ -124,5 +115,6 @@ def test_a_word_of_a_name_chooses_all_tasks_that_have_it() -> None:
     assert [task.name for task in chosen_tasks("solid, uv")] == ["uv", "solid"]
     assert [task.name for task in chosen_tasks(["solid,uv"])] == ["uv", "solid"]
     assert [task.name for task in chosen_tasks([])] == list(TASKS)
-    with pytest.raises(UsageError, match="there is no task"):
-        chosen_tasks(["uvs"])
+    for wrong in (["uvs"], 3, [3]):
+        with pytest.raises(UsageError):
+            chosen_tasks(wrong)

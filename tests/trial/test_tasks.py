@@ -14,6 +14,7 @@ from msb.trial.task import Made
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import TASKS as COLLISION
 from msb.trial.tasks.collision import points_inside
+from msb.trial.tasks.self_intersections import slivers
 from msb.trial.tasks.solid import section
 from msb.trial.tasks.subdivide import cut_apart
 from msb.trial.tasks.uv import TASKS as UV
@@ -49,7 +50,7 @@ def test_solids_are_what_is_closed(task: str, name: str, outcome: str) -> None:
 @pytest.mark.parametrize("task", ["solid", "boolean"])
 def test_a_box_wound_inwards_is_a_solid_with_care(task: str) -> None:
     _, judged = attempt(task, made_of(box().vertices, box().faces[:, ::-1]))
-    assert (judged.outcome, judged.why) == ("care", "it is wound inwards: its volume is negative")
+    assert (judged.outcome, "inwards" in judged.why) == ("care", True)
     assert judged.numbers["volume"] == pytest.approx(-1.0)
 
 
@@ -85,28 +86,15 @@ def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("charts", "faces", "outcome", "why", "says"),
-    [
-        (1, 1, "works", None, "1 chart, packing 50 %, stretch 1.00"),
-        (2, 2, "fails", "it falls into charts of one face", "2 charts, packing 50 %, stretch 1.00"),
-        (5, 22, "care", "it falls into charts of 4.4 faces in the mean", None),
-    ],
+    ("charts", "faces", "outcome"), [(1, 1, "works"), (2, 2, "fails"), (5, 22, "care"), (1, 22, "works")]
 )
-def test_charts_are_said_in_whole_sentences(
-    charts: int, faces: int, outcome: str, why: str | None, says: str | None
-) -> None:
+def test_charts_of_few_faces_count_against_an_unwrap(charts: int, faces: int, outcome: str) -> None:
     (task,) = UV
-    numbers = {
-        "charts": charts,
-        "charts_per_1000_faces": 1000 * charts / faces,
-        "packing": 0.5,
-        "faces_left_out": 0,
-        "stretch_l2": 1.0,
-    }
+    per_1000 = 1000 * charts / faces
+    numbers = {"charts": charts, "charts_per_1000_faces": per_1000, "packing": 0.5, "faces_left_out": 0}
     look: Any = NoLook()
-    judged = task.judge(box(), {"xatlas": Made(numbers)}, look)
-    assert (judged.outcome, judged.why) == (outcome, why)
-    assert says is None or task.says(judged.numbers) == says
+    judged = task.judge(box(), {"xatlas": Made({**numbers, "stretch_l2": 1.0})}, look)
+    assert (judged.outcome, judged.why is None) == (outcome, outcome == "works")
 
 
 @pytest.mark.slow
@@ -216,13 +204,10 @@ def test_what_is_seen_is_as_far_from_the_shape_as_from_the_nearest_of_its_faces(
     assert made.numbers["distance_95"] == pytest.approx(np.quantile(wanted, 0.95), rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("name", "pairs"),
-    [("box", 0), ("two boxes", 0), ("open grid", 0), ("bow-tie", 0), ("soup", 0), ("pages", 0)],
-)
-def test_neighbours_do_not_cross(name: str, pairs: int) -> None:
+@pytest.mark.parametrize("name", sorted(MESHES.keys() - {"boxes that cross"}))
+def test_neighbours_do_not_cross(name: str) -> None:
     _, judged = attempt("self_intersections", MESHES[name])
-    assert (judged.outcome, judged.numbers["pairs"], judged.numbers["slivers"]) == ("works", pairs, 0)
+    assert (judged.outcome, judged.numbers["pairs"], judged.numbers["slivers"]) == ("works", 0, 0)
 
 
 def test_crossing_boxes_and_slivers_are_counted() -> None:
@@ -275,3 +260,8 @@ def test_a_cut_through_a_box_is_its_outline() -> None:
     lines = section(box())
     assert len(lines) == 8
     assert np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum() == pytest.approx(4.0)
+
+
+def test_slivers_are_thin_or_without_area() -> None:
+    rows = [[[0, 0, 0], [1, 0, 0], [0.5, h, 0]] for h in (0.5, 0.02, 0.009, 0.0)] + [[[1, 1, 1]] * 3]
+    assert slivers(np.array(rows, np.float64)).tolist() == [False, False, True, True, True]

@@ -1,4 +1,4 @@
-"""Comparisons to test with: the demo asset's checkpoint at small sizes, and pictures made up."""
+"""Comparisons to test with: the demo asset's checkpoint at small sizes, and shots of one colour."""
 
 from __future__ import annotations
 
@@ -42,14 +42,6 @@ def comparison(views: list[View] | None = None, tiers: tuple[str, ...] = TIERS, 
     chosen = dataset_views(small_cameras()) if views is None else views
     asset = more.pop("asset", None) or checkpoint_asset()
     return Comparison("demo.triasset", asset, tiers, more.pop("missing", {}), tuple(chosen), **more)
-
-
-def seen_by_vtk(camera: Any, size: tuple[int, int], points: np.ndarray) -> np.ndarray:
-    """Return where a camera of VTK sees points, in pixels from the middle of its window, y down."""
-    matrix = camera.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1, 1)
-    rows = np.array([[matrix.GetElement(i, j) for j in range(4)] for i in range(4)])
-    ends = np.c_[points, np.ones(len(points))] @ rows.T
-    return ends[:, :2] / ends[:, 3:] * size * [0.5, -0.5]
 
 
 def flat_shots(tiers: tuple[str, ...], size: tuple[int, int] = (WIDTH, HEIGHT)) -> dict[str, Shot]:

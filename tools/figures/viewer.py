@@ -14,7 +14,7 @@ from PIL import Image
 
 import msb
 from msb.topology import audit_arrays
-from msb_viewers.deployment.compose import Composer
+from msb_viewers.deployment.compose import compose as compose_tiers
 from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import CompareState, Layout
 from msb_viewers.deployment.views import View
@@ -73,14 +73,13 @@ def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     asset = msb.open(TRAINED)
     camera = msb.read_cameras(SCENE / "transforms_test.json")[0].scaled(2)
     view = View(str(camera.name), camera)
-    tiers, missing = choose_tiers(asset, [], None, headless=True)
+    tiers, missing = choose_tiers(asset, [], None)
     comparison = Comparison("pebble.triasset", asset, tiers, missing, views=(view,))
     state = CompareState.first(comparison, layout=layout)
-    state.message = ""
     with TierRenderers(state.comparison) as renderers:
         renderers.shoot_all(view, state.wanted_tiers())  # once before: drivers take their time at first
         shots = renderers.shoot_all(view, state.wanted_tiers())
-    return Image.fromarray(Composer().compose(state, shots, size).image)
+    return Image.fromarray(compose_tiers(state, shots, size).image)
 
 
 def repaired_picture() -> Image.Image:

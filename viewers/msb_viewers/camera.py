@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from msb.scenes import Camera
     from msb_viewers.model import ViewModel
 
 FOV_Y = math.radians(30)
@@ -55,26 +54,6 @@ def default_pose(axis: str, aspect: float) -> Pose:
     level = math.cos(AZIMUTH) * first + math.sin(AZIMUTH) * second
     direction = math.cos(ELEVATION) * level + math.sin(ELEVATION) * up
     return Pose(_fitting(aspect) * direction, np.zeros(3), up)
-
-
-def scene_camera(pose: Pose, like: Camera) -> Camera:
-    """Return the package's camera at `pose`, with the size and intrinsics of `like` and no name.
-
-    `pose` is what VTK's camera says of itself: position, focal point and view up, which need not be at a
-    right angle. VTK looks along -z with y up, our axes are OpenCV's; `look_at_pose` makes them from the same
-    three vectors, so a point appears at the same pixel.
-    """
-    from msb.scenes.poses import look_at_pose
-
-    matrix = look_at_pose(pose.eye, pose.target, pose.up)
-    return replace(like, world_to_camera=matrix, name=None, image_path=None, split=None)
-
-
-def pose_of(camera: Camera, distance: float) -> Pose:
-    """Return the pose of the package's camera; its target lies `distance` in front of it."""
-    right_down_forward = camera.world_to_camera[:3, :3]
-    eye = np.array(camera.center)
-    return Pose(eye, eye + distance * right_down_forward[2], -right_down_forward[1])
 
 
 def element_pose(model: ViewModel, vertices: NDArray[Any], current: Pose) -> Pose | None:

@@ -34,8 +34,8 @@ NO_GL = (
     "mesa-dri-drivers, without root conda install -c conda-forge mesalib. --html needs none of this"
 )
 NO_DISPLAY = (
-    "there is no display to open a window on; msb view and msb compare draw without one, given "
-    "--screenshot FILE.png or --html FILE.html"
+    "there is no display to open a window on; msb view draws without one, given --screenshot FILE.png or "
+    "--html FILE.html"
 )
 _SECONDS = 60
 """Seconds to wait. A software GL on a loaded machine takes a few; a hanging driver must not hang us."""
@@ -50,8 +50,7 @@ class GlProbe:
     @classmethod
     def start(cls) -> GlProbe:
         """Ask whether VTK can draw."""
-        instead = "pages (--html) and pictures of msb compare need none"
-        need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead=instead)
+        need_extra("view", "pyvista", "vtkmodules", what="the viewer", instead="pages (--html) need none")
         if sys.platform in ("win32", "darwin"):
             return cls(None)  # both bring a GL stack
         command = [sys.executable, "-c", PROBE]

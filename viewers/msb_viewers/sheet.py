@@ -1,4 +1,4 @@
-"""Text as pictures: sheets of lines, lists and paragraphs that any viewer lays over its window."""
+"""Text as pictures: sheets of lines, lists and paragraphs that a viewer lays over its window."""
 
 from __future__ import annotations
 
@@ -23,6 +23,9 @@ PAPER = (255, 255, 255, 246)
 EDGE = (190, 192, 196, 255)
 LEGEND_WIDTH, ROW, PAD = 322, 25, 12
 """Width of a legend, height of a row and width of the free border, in pixels at scale 1."""
+
+_SMALLEST, _LARGEST = 0.62, 2.0
+"""The least and the greatest scale of text; smaller text cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,3 +179,22 @@ def grown(write: Callable[[Sheet], None], width: float, scale: float) -> Panel:
     sheet.draw.rounded_rectangle((0, 0, sheet.width - 1, trial.y), sheet.px(6), PAPER, EDGE)
     write(sheet)
     return Panel(np.array(sheet.picture), tuple(sheet.targets))
+
+
+def text_scale(size: tuple[int, int]) -> float:
+    """Return the scale of all text in a window of `size` pixels.
+
+    >>> text_scale((1280, 800)), text_scale((320, 200))
+    (1.0, 0.62)
+    """
+    return float(np.clip(min(size[0] / 1280, size[1] / 800), _SMALLEST, _LARGEST))
+
+
+def write_png(image: NDArray[np.uint8], path: Path) -> None:
+    """Write a picture (H, W, 3)."""
+    from PIL import Image
+
+    from msb.base.atomic import new_file
+
+    with new_file(path) as file:
+        Image.fromarray(image).save(file, "PNG", optimize=True)

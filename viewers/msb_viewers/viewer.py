@@ -47,7 +47,7 @@ class TopologyViewer(Window):
     ) -> None:
         from vtkmodules.vtkRenderingCore import vtkRenderer
 
-        super().__init__(model.name, "view", size, off_screen=off_screen)
+        super().__init__(model.name, size, off_screen=off_screen)
         self.model, self.up, self._extent = model, up or model.up, model.extent
         self.state: ViewState = state or ViewState.first(model)
         self.renderer.SetTwoSidedLighting(True)

@@ -76,7 +76,6 @@ def audit(
         typed.reject(["elements", "csv_file", *gates], "needs a mesh")
     if options.version:
         typed.reject(["json_file", "json_lines", "explain"], "does not go with --version")
-    if options.version:
         from msb.cli.app import print_version
 
         print_version()
@@ -97,13 +96,16 @@ class _Task:
 
     def __init__(self, options: AuditOptions, conditions: GateOptions, output: Output) -> None:
         from msb.topology.weld import parse_weld
-        from msb_viewers.commands.window import Window, open_probe
 
         self.options, self.output = options, output
         self.gates = conditions.gates()
         with option_value("--weld"):
             self.weld = None if options.weld is None else parse_weld(options.weld)
-        self.probe = open_probe(Window()) if options.view else None
+        self.probe = None
+        if options.view:
+            from msb_viewers.commands.window import Window, open_probe
+
+            self.probe = open_probe(Window())
         self.audits: dict[str, Audit] = {}
         self.failed_gates = 0
         self.seen: tuple[Path, StoredMesh, Audit, Analysis] | None = None

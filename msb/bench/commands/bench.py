@@ -34,7 +34,10 @@ class BenchOptions:
     compare: Annotated[Path | None, Option("Show ratios to an earlier --json.", metavar="OLD.json")] = None
     fail_slower: Annotated[
         str | None,
-        Option("Fail if P50 is more than this above that of OLD.json, e.g. 10%.", metavar="PERCENT"),
+        Option(
+            "With --compare: fail if P50 is more than this above that of OLD.json, e.g. 10%.",
+            metavar="PERCENT",
+        ),
     ] = None
 
     @property

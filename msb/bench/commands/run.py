@@ -90,7 +90,7 @@ class RunOptions:
 class RunOutput(Output):
     """Output whose JSON may replace that of a run, for a run is started again and again; no other file."""
 
-    _way_out: ClassVar[str] = "msb run replaces only what its --json wrote; name another file"
+    _remedy: ClassVar[str] = "msb run replaces only what its --json wrote; name another file"
 
     def may_replace(self, path: Path) -> bool:
         """Return whether what is at `path` is the JSON of a run."""

@@ -1,10 +1,7 @@
 // A vote of views on what is solid: the mean over them of how far each cell lies before the surface that they see.
 
-#define UNKNOWN 2.0f
-
 // Numbers of a view: the rows of its pose (12), fx, fy, cx, cy, the width and height of its picture, and the unit of its
-// depths.
-#define RECORD 19
+// depths. RECORD is their count. UNKNOWN marks a cell on which no view votes. msb/bake/fusion.py defines both.
 
 // What some views say of every cell. Poses are for places in units of a space; `grid` has the lowest corner and the
 // size of a cell. A cell that lies more than `behind` what is seen is hidden; how far it lies before that counts up to

@@ -1,7 +1,6 @@
 // The equations of msb/bake/stencils.py, solved by conjugate gradients: red, green and blue at a time, in x, y and z.
 // Each work-item has RUN texels one after the other, so that sums are the same on every run.
-#define RUN 64
-#define NOTHING 1e-12f
+// msb/bake/stencils.py defines RUN, and NOTHING, up to which a residual counts as 0.
 
 // Tie neighbours of one chart to each other; a texel without any, to what it is. Else what no picture shows would be
 // whatever its mean with others, in a smaller level, asks for.

@@ -46,13 +46,11 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
 }
 
 #if LANES == 8
-#define GROUP 64 // faces
-
-// The spheres about groups of GROUP consecutive faces, laid out as `bounds`; inradius is the largest of a face.
+// The spheres about groups of FACE_GROUP consecutive faces, laid out as `bounds`; inradius is the largest of a face.
 __kernel void bound_groups(__global const float *bounds, __global float *groups, uint stride,
                            uint group_stride, uint count)
 {
-    size_t g = get_global_id(0), begin = g * GROUP, end = begin + GROUP < count ? begin + GROUP : count;
+    size_t g = get_global_id(0), begin = g * FACE_GROUP, end = begin + FACE_GROUP < count ? begin + FACE_GROUP : count;
     if (begin >= count)
         return;
     __global const float *x = bounds, *y = x + stride, *z = y + stride;

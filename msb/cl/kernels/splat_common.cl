@@ -5,7 +5,6 @@
 // round as the official kernels do, and a default of "fuse where you like" differs between devices.
 #pragma OPENCL FP_CONTRACT OFF
 
-#define TILE 16
 #define MIN_ALPHA (1.0f / 255.0f)
 #define MIN_TRANSMITTANCE 1e-4f
 
@@ -30,10 +29,9 @@ typedef struct {
     uint columns, rows;        // of tiles
     uint degree;               // of the spherical harmonics to evaluate
     uint rest_stride;          // floats of f_rest a row; red, green, blue of coefficient 1, then of 2, ...
-    uint tile_rule;            // which tiles list a face: one of
-#define TILES_REACHED 0        //   those it reaches
-#define TILES_BOTH 1           //   its official ones that it reaches: nothing else is seen officially
-#define TILES_OFFICIAL 2       //   its official ones
+    // Which tiles list a face: those it reaches (TILES_REACHED), its official ones (TILES_OFFICIAL), or its official
+    // ones that it reaches (TILES_BOTH): nothing else is seen officially. msb/render/splat/pipeline.py defines them.
+    uint tile_rule;
     Limits limits;
 #ifdef OWN_MEMBERS
     struct {

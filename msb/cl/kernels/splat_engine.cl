@@ -7,7 +7,7 @@
 
 // `lines` are barycentric coordinates over depth, times `weight`, which makes the least of them 1 in the
 // middle, then 1 / depth: of each the factors of a sample's x and y, and a constant.
-#define ENGINE_NEAR 0.01f
+// msb/render/splat/pipeline.py defines ENGINE_NEAR, the depth in scene units in front of which all is clipped.
 #define ENGINE_SLACK 0.1f // samples by which a box is wider than the corners, so that rounding cuts nothing
 
 // The ray's step from sample to sample, and the sample the optical axis meets.

@@ -5,7 +5,7 @@
 //
 // Source of the curve: G. M. Morton, A computer oriented geodetic data base (1966).
 
-#define AXIS_BITS 18 // three make 54 bits; below them there is room for an exponent
+// msb/render/splat/order.py defines AXIS_BITS.
 #define CELLS ((float)(1 << AXIS_BITS))
 
 // Bit b of 18 goes to bit 3 b.

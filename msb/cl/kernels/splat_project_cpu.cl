@@ -84,10 +84,10 @@ __kernel void project(__constant View *view, __global const float *groups, __glo
     size_t queue[QUEUE], head = 0, tail = 0, place = begin, colored = begin;
     for (size_t i = begin; i < end; i++)
         visible[i] = 0;
-    for (size_t block = begin; block < end; block += LANES * GROUP) {
-        uint near = bits8(may_be_kept(view, groups, group_stride, block / GROUP, group_growth));
-        for (near &= first_bits((end - block + GROUP - 1) / GROUP); near; near &= near - 1) {
-            size_t first = block + GROUP * LOWEST_BIT(near), last = first + GROUP < end ? first + GROUP : end;
+    for (size_t block = begin; block < end; block += LANES * FACE_GROUP) {
+        uint near = bits8(may_be_kept(view, groups, group_stride, block / FACE_GROUP, group_growth));
+        for (near &= first_bits((end - block + FACE_GROUP - 1) / FACE_GROUP); near; near &= near - 1) {
+            size_t first = block + FACE_GROUP * LOWEST_BIT(near), last = first + FACE_GROUP < end ? first + FACE_GROUP : end;
             for (size_t i = first; i < last; i += LANES) {
                 uint kept = bits8(may_be_kept(view, bounds, stride, i, depth_growth)) & first_bits(last - i);
                 for (; kept; kept &= kept - 1) {

@@ -2,7 +2,7 @@
 // depths are seldom equal, so that is put right after the sort.
 
 #define LONGEST_RUN 32
-#define MOST_SETTLED 1024 // a multiple of LANES
+// msb/render/splat/pipeline.py defines MOST_SETTLED, a multiple of LANES.
 
 // keys: sorted; places: of the faces. Sorts places by number in the run of equal keys that begins at `first`, if
 // one does; or says that it is too long for that.

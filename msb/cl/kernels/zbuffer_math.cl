@@ -5,7 +5,9 @@
 // No addition below has a product on both sides, so that whoever fuses multiplications and additions fuses the
 // same ones.
 
-#define SUBPIXEL_BITS 12
+// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (the floats of a record) and the values of COLORS:
+// BYTES_OF_CORNERS and FLOATS_OF_FACE, which the record holds, FLOATS_OF_CORNERS, nine in a buffer of their own, and
+// TEXTURES (zbuffer_texture.cl), of which CUTOFF says whether alpha decides what is there.
 #define UNIT (1 << SUBPIXEL_BITS) // of screen coordinates: 1/4096 pixel
 #define HALF (UNIT / 2)
 #define SMALL_EXTENT (64 * UNIT) // up to here a CPU draws eight triangles at once,
@@ -31,17 +33,12 @@ typedef float real;
 //   12     its face
 //   13     1 if it is longer than FAR / 2, else 0; but with textures
 //   13..15 v1, u2, v2
-#define WORDS 16
 #define UV_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
 // What is no float goes in and out as an integer: as a float it may be subnormal or NaN, which a device need
 // not keep when it moves one.
 #define INTEGERS(record) ((__global int *)(record))
-#define BYTES_OF_CORNERS 0 // COLORS: RGBA8 for each corner, in the record
-#define FLOATS_OF_FACE 1   // RGB for the face, in the record
-#define FLOATS_OF_CORNERS 2 // RGB for each corner, nine floats in a buffer of their own
-#define TEXTURES 3 // zbuffer_texture.cl; CUTOFF says whether alpha decides what is there
 #define NO_FACE (-1)
 
 // The camera, VIEW in msb/render/standard/view.py. Its rotation R has rows r0, r1, r2.

@@ -8,10 +8,7 @@
 //   row 1       alpha below which there is nothing, as a float; whether there are tints; several textures
 //   row 2 + 5t  texture t: width, height, last level; in the next four rows the first texels of levels 0 to 15
 
-#define CLAMPED 1 // wraps; 0 repeats
-#define MIRRORED 2
-#define FIRST_ROW 2
-#define TEXTURE_ROWS 5
+// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wraps CLAMPED and MIRRORED; any other repeats.
 #define TINT_WORDS 12
 // Within the loops of a row what is the same for all pixels is computed once.
 #if LANES == 8 && defined(__clang__)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from msb.engines.browser import VARIABLE, Page, browser_name, find_browser
 from msb.engines.webpage import read_script
 from msb.errors import DeviceError
+from msb.metrics import psnr
 
 FAITHFUL = 45.0
 """The PSNR in dB from which a page counts as faithful."""
@@ -28,8 +29,8 @@ class Measured:
         What drew.
     format : str
         The format that was blended into.
-    psnr : list of float or None
-        In dB, None where all bytes are equal.
+    psnr : list of float
+        In dB, inf where all bytes are equal.
     milliseconds : list of float
         Of each frame, from the call until its pixels were read; the first one includes what WebGPU puts off.
     """
@@ -37,25 +38,19 @@ class Measured:
     browser: str
     device: str
     format: str
-    psnr: list[float | None]
+    psnr: list[float]
     milliseconds: list[float]
 
     @property
-    def worst(self) -> float | None:
-        """The lowest PSNR; None if all views are equal."""
-        return min((value for value in self.psnr if value is not None), default=None)
+    def worst(self) -> float:
+        """The lowest PSNR; inf if all views are equal."""
+        return min(self.psnr, default=math.inf)
 
     @property
     def by(self) -> str:
         """Who drew, in words."""
         half = ", blended in half floats" if self.format == "rgba16float" else ""
         return f"{self.browser}, {self.device}{half}"
-
-
-def byte_psnr(found: NDArray[np.uint8], wanted: NDArray[np.uint8]) -> float | None:
-    """Return the PSNR of bytes in dB, for a peak of 255; None if all are equal."""
-    error = float(np.square(found.astype(np.float64) - wanted).mean())
-    return 20 * math.log10(255) - 10 * math.log10(error) if error else None
 
 
 def find_web_browser() -> str:
@@ -96,20 +91,19 @@ def measure_page(
     script = f"<script>\n{read_script('verify.js')}</script>\n</body>".encode()
     before, _, after = data.rpartition(b"</body>")
     page = Page(browser, {"page.html": before + script + after}, "bare", software=software, webgpu=True)
-    psnr: list[float | None] = []
-    times = []
+    values, times = [], []
     try:
         for k, image in enumerate(images):
             head, body = page.ask({"test": k})
             found = np.frombuffer(body, np.uint8)
             if found.size != image.size:
                 raise DeviceError("ENGINE_FAILED", f"the page draws {found.size} bytes, not {image.size}")
-            psnr.append(byte_psnr(found.reshape(image.shape), image))
+            values.append(psnr(found.reshape(image.shape), image))
             times.append(float(head["ms"]))
             step()
     finally:
         page.close()
     about = page.about
     return Measured(
-        browser_name(str(about["browser"])), str(about["device"]), str(about["format"]), psnr, times
+        browser_name(str(about["browser"])), str(about["device"]), str(about["format"]), values, times
     )

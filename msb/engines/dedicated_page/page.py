@@ -60,6 +60,11 @@ _ARRAY = re.compile(rb'<script type="text/plain" data-array="([^"]*)">([^<]*)</s
 _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
 
+def json_psnr(value: float) -> float | None:
+    """Return a PSNR as JSON has it: None if the images are equal."""
+    return None if math.isinf(value) else value
+
+
 @dataclass(frozen=True)
 class CheckView:
     """A view by which a page is measured: what it should show, (H, W, 3) uint8."""
@@ -74,7 +79,7 @@ class Cost:
     """What making a page smaller took: what was done, and the worst PSNR in dB to what was there before."""
 
     what: str
-    psnr: float | None
+    psnr: float
 
 
 @dataclass(frozen=True)
@@ -106,9 +111,9 @@ class DedicatedPage:
         encoded = base64.b64encode(self.glb).decode("ascii")
         return filled(self.scene, SCRIPTS, glb=encoded, arrays=self.arrays)
 
-    def record(self, by: str, psnr: Sequence[float | None]) -> None:
-        """Note what the page's pixels have to its test views, in dB (None: equal), and who drew them."""
-        self.scene["dedicated"]["measured"] = {"by": by, "psnr": list(psnr)}
+    def record(self, by: str, psnr: Sequence[float]) -> None:
+        """Note the PSNR of the page's pixels to each test view, in dB, and who drew them."""
+        self.scene["dedicated"]["measured"] = {"by": by, "psnr": list(map(json_psnr, psnr))}
 
 
 def make_page(
@@ -197,7 +202,7 @@ def make_page(
         "tests": listed,
         "against": against,
         "measured": None,
-        "costs": [{"what": cost.what, "psnr": cost.psnr} for cost in costs],
+        "costs": [{"what": cost.what, "psnr": json_psnr(cost.psnr)} for cost in costs],
         "baked": None if baked is None else {"psnr": baked.psnr, "plain": baked.plain},
     }
     elements = "\n".join(_elements((key, data) for key, (_, data) in kept.items()))

@@ -25,7 +25,7 @@ _GROUP = 64
 _MOST_GROUPS = 65535
 """Work-groups along an axis: what WebGPU guarantees."""
 _BLOCK = 2048
-"""Items of a work-group of the sort; equals BLOCK in sort.wgsl."""
+"""Items of a work-group of the sort."""
 _DIGIT_BITS = 4
 _KEY_BITS = 32
 STOPS = 32
@@ -124,8 +124,8 @@ def make_plan(
     modules = {
         "project": text(own, "project.wgsl", COMPUTE=True, KEYING=True, COLORING=packed.soup),
         "record": text(own, "project.wgsl", COMPUTE=True, RECORDING=True),
-        "sort first": text("sort.wgsl", FIRST=True),
-        "sort": text("sort.wgsl"),
+        "sort first": text("sort.wgsl", FIRST=True, BLOCK=_BLOCK),
+        "sort": text("sort.wgsl", BLOCK=_BLOCK),
         "draw": as_attributes(text(own, "draw.wgsl", **_between(members)), members),
         "resolve": text("resolve.wgsl"),
     }

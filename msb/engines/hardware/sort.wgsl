@@ -7,8 +7,7 @@
 
 const DIGITS = 16u;
 const WORKERS = 128u;
-const RUN = 16u;                // items of an invocation
-const BLOCK = WORKERS * RUN;    // items of a work-group
+const RUN = BLOCK / WORKERS;    // items of an invocation; program.py defines BLOCK, those of a work-group
 const UNLISTED = 0xfffffffeu;   // keys from here on are not drawn: DROPPED and UNSEEN of project.wgsl
 
 struct Step {

@@ -56,22 +56,24 @@ class RenderOptions:
             metavar="N[,DEGREES]",
         ),
     ] = None
-    up: Annotated[Up | None, Option("Axis of the turntable that points up. Default: the asset's.")] = None
+    up: Annotated[Up | None, Option("With --turntable: the axis that points up. Default: the asset's.")] = (
+        None
+    )
     flight: Annotated[int | None, Option("N cameras on a smooth path through the chosen ones.", least=1)] = (
         None
     )
-    format: Annotated[Literal["png", "npy", "exr"], Option("Format of the images.")] = "png"
+    format: Annotated[Literal["png", "npy", "exr"], Option("With --out: format of the images.")] = "png"
     name: Annotated[
         str | None,
         Option(
-            "Names of the files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
+            "With --out: names of files: {camera}, {tier}, {index}. Default: {camera}, or {camera}_{tier}.",
             metavar="TEMPLATE",
         ),
     ] = None
-    depth: Annotated[bool, Option("Also write depths (npy, or exr with it).")] = False
-    ids: Annotated[bool, Option("Also write face ids; -1 means no face.")] = False
+    depth: Annotated[bool, Option("With --out: also write depths (npy, or exr with it).")] = False
+    ids: Annotated[bool, Option("With --out: also write face ids; -1 means no face.")] = False
     film: Annotated[Path | None, file_option("Also write a film, .mp4 or .gif.")] = None
-    fps: Annotated[int, Option("Frames per second of the film.", least=1, most=240)] = 24
+    fps: Annotated[int, Option("With --film: frames per second.", least=1, most=240)] = 24
 
     @property
     def tiers(self) -> tuple[Tier, ...]:

@@ -23,8 +23,8 @@ LANES = {"cpu": 8, "gpu": 1}
 (docs/opencl.md)."""
 WORK_GROUP = 64
 """Work-items of a group of the stages over faces."""
-_SETTLED = 1024
-"""Equals MOST_SETTLED in splat_ties.cl."""
+SETTLED = 1024
+"""Places that a work-item of a CPU looks through for equal depths; a multiple of the lanes."""
 
 
 class Projected(NamedTuple):
@@ -97,7 +97,7 @@ class DepthSort:
         unsettled.fill(0)
         arguments = depths, places, projected.faces, unsettled, np.uint32(places.size)
         if self._device.style == "cpu":
-            self._program.settle_ties(-(-places.size // _SETTLED), 1, *arguments, np.uint32(_SETTLED))
+            self._program.settle_ties(-(-places.size // SETTLED), 1, *arguments, np.uint32(SETTLED))
         else:
             self._program.settle_ties(places.size, WORK_GROUP, *arguments)
         return not unsettled.read()[0]

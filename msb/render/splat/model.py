@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
     Settings = Mapping[str, Any]
 
-_ENGINE_NEAR = 0.01
-"""Equals ENGINE_NEAR in splat_engine.cl."""
+ENGINE_NEAR = 0.01
+"""Depth in scene units in front of which an engine clips."""
 _LEAST = -105.0
 """The logarithm of what is 0 in float32. Powers that end below it are slow to raise to, and where sigma is as
 small as after training most do."""
-CLIPPED = Culling(nearest=_ENGINE_NEAR, dilation=1.0, clipped=True)
+CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
 
 
 @dataclass(frozen=True)

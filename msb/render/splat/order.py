@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from msb.render.backend import Group
     from msb.render.device_scope import DeviceScope
 
-_GROUP = 64
-"""Faces in a group; equals GROUP in splat_bounds.cl."""
+FACE_GROUP = 64
+"""Faces in a group with a common bounding sphere."""
 _AXIS_BITS = 18
-"""Bits of a sort key for each axis; equals AXIS_BITS in splat_order.cl."""
+"""Bits of a sort key for each axis. Three make 54 bits; below them there is room for an exponent."""
 _SIZE_BITS = 8
 """Bits of a sort key for the size of a face."""
 _PIECE = 1 << 14
@@ -69,7 +69,7 @@ def keep_model(scope: DeviceScope, program: Program, count: int, arrays: Arrays)
     kept["bounds"] = device.allocate((4, _lanes_up(device, count)), np.float32, "bounds", "geometry")
     if device.style == "cpu":
         kept["groups"] = device.allocate(
-            (4, _lanes_up(device, -(-count // _GROUP))), np.float32, "groups", "geometry"
+            (4, _lanes_up(device, -(-count // FACE_GROUP))), np.float32, "groups", "geometry"
         )
     _bound(scope, program, count)
 
@@ -128,7 +128,7 @@ def _bound(scope: DeviceScope, program: Program, count: int) -> None:
     if style == "cpu":
         groups = kept["groups"]
         strides = stride, np.uint32(groups.shape[1])
-        program.bound_groups(-(-count // _GROUP), WORK_GROUP, bounds, groups, *strides, faces)
+        program.bound_groups(-(-count // FACE_GROUP), WORK_GROUP, bounds, groups, *strides, faces)
 
 
 def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -> NDArray[np.uint32]:
@@ -142,7 +142,7 @@ def _curve_order(device: Device, points: Buffer, count: int, *, by_size: bool) -
     scale = np.float32(((1 << _AXIS_BITS) - 1) / span if 0 < span < np.inf else 0)
     keys = device.scratch("splat order keys", count, np.uint64)
     sizes = np.uint32(points.shape[1]), np.uint32(count)
-    order_keys = device.program("splat_order").order_keys
+    order_keys = device.program("splat_order", {"AXIS_BITS": _AXIS_BITS}).order_keys
     order_keys(count, WORK_GROUP, points, keys, *sizes, *low, scale, np.uint32(by_size))
     bits = 3 * _AXIS_BITS + (_SIZE_BITS if by_size else 0)
     return sort_pairs(device, keys, bits=bits, name="splat face sort")[1].read()

@@ -19,9 +19,9 @@ from msb.base.version import __version__
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
-from msb.render.splat.bins import LANES, WORK_GROUP, DepthSort, Projected, TileLists, bin_faces
-from msb.render.splat.model import make_model, sh_buffers
-from msb.render.splat.order import Arrays, keep_model, order_model
+from msb.render.splat.bins import LANES, SETTLED, WORK_GROUP, DepthSort, Projected, TileLists, bin_faces
+from msb.render.splat.model import ENGINE_NEAR, make_model, sh_buffers
+from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
 
 if TYPE_CHECKING:
@@ -40,8 +40,16 @@ _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
 samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB."""
 _MOST_RECORDS = 1024
 """Records of bands that stay on the device from frame to frame."""
-_TILES_REACHED, _TILES_BOTH, _TILES_OFFICIAL = range(3)
-"""Values of `tile_rule` in splat_common.cl."""
+_TILE_RULES = {"TILES_REACHED": 0, "TILES_BOTH": 1, "TILES_OFFICIAL": 2}
+"""Values of `tile_rule`, which splat_common.cl explains."""
+_CONSTANTS: dict[str, Define] = {
+    "ENGINE_NEAR": ENGINE_NEAR,
+    "FACE_GROUP": FACE_GROUP,
+    "MOST_SETTLED": SETTLED,
+    "TILE": TILE,
+    **_TILE_RULES,
+}
+"""Constants of the kernels that this side needs, too."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
 _EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
 _SPREAD_PLANES = ("red", "green", "blue", "share")
@@ -115,11 +123,11 @@ class SplattingPipeline(OnDevice):
         self._culling = model.engine_culling if engine else model.culling
         rows = asset.manifest.vertex_count if model.vertex_colors else self._count
         f_dc, f_rest = sh_buffers(asset, rows)
-        tile_rule = _TILES_BOTH if exact_tiles else _TILES_OFFICIAL
+        tile_rule = "TILES_BOTH" if exact_tiles else "TILES_OFFICIAL"
         self._fields = {
             "degree": values.get("sh_degree", asset.manifest.sh_degree),
             "rest_stride": 0 if f_rest is None else f_rest.shape[1],
-            "tile_rule": tile_rule if order == "tile" else _TILES_REACHED,
+            "tile_rule": _TILE_RULES[tile_rule if order == "tile" else "TILES_REACHED"],
         }
         # Upstream's background depth is the farthest corner, as stored.
         self._stored_positions = asset.buffers["positions"]
@@ -135,6 +143,7 @@ class SplattingPipeline(OnDevice):
         self._chunk = _CHUNK[self._device.style]
         with self._scope.setting_up():
             self._defines: dict[str, Define] = {
+                **_CONSTANTS,
                 **model.defines,
                 **own_members(model.own),
                 "LANES": LANES[self._device.style],

@@ -16,15 +16,15 @@ from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, box_mean, checked_supersample, enlarged
-from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, make_triangles
+from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, SUBPIXEL_BITS, make_triangles
 
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Buffer, Device
     from msb.scenes import Camera
 
-_UNITS = 4096
-"""Steps per pixel of the grid that corners are snapped to; equals UNIT in zbuffer_math.cl."""
+_UNITS = 1 << SUBPIXEL_BITS
+"""Steps per pixel of the grid that corners are snapped to."""
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
 """Widths and heights of tiles in pixels, the largest first; zbuffer_cpu.cl keeps coarse depths for at most
 256 x 128 pixels."""

@@ -15,8 +15,14 @@ if TYPE_CHECKING:
     from msb.cl import Buffer, Device
 
 _FIRST_ROW, _TEXTURE_ROWS = 2, 5
-"""As in zbuffer_texture.cl: rows before those of textures, and rows of a texture."""
+"""Rows before those of textures, and rows of a texture; zbuffer_texture.cl says what they hold."""
 _WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
+_DEFINES = {
+    "FIRST_ROW": _FIRST_ROW,
+    "TEXTURE_ROWS": _TEXTURE_ROWS,
+    "CLAMPED": _WRAPS["clamp"],
+    "MIRRORED": _WRAPS["mirror"],
+}
 _MOST = 2**31 - 1
 """Texels that the kernels can number."""
 
@@ -76,7 +82,7 @@ def put_texels(device: Device, textured: Textured, slots: int, *, tinted: bool) 
         texels,
         device.upload(rows, "standard texture rows", "appearance"),
     )
-    return Texels(held, {"CUTOFF": int(sampler.alpha_cutoff is not None)}, tinted, several)
+    return Texels(held, {**_DEFINES, "CUTOFF": int(sampler.alpha_cutoff is not None)}, tinted, several)
 
 
 def _bordered(image: NDArray[np.uint8], sampler: Sampler) -> NDArray[np.uint8]:

@@ -18,7 +18,22 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Buffer, Device
 
+SUBPIXEL_BITS = 12
+"""Bits of the grid that corners are snapped to: 1/4096 pixel."""
 WORDS = 16
+"""Floats of a triangle's record."""
+BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
+"""The kinds of colours: RGBA8 of each corner, RGB of the face (both in the record), RGB of each corner in
+a buffer of its own, and textures."""
+RECORD_DEFINES = {
+    "SUBPIXEL_BITS": SUBPIXEL_BITS,
+    "WORDS": WORDS,
+    "BYTES_OF_CORNERS": BYTES_OF_CORNERS,
+    "FLOATS_OF_FACE": FLOATS_OF_FACE,
+    "FLOATS_OF_CORNERS": FLOATS_OF_CORNERS,
+    "TEXTURES": TEXTURES,
+}
+"""What every program that includes zbuffer_math.cl is built with."""
 BLOCK = 8
 """Number of triangles that a CPU draws at once."""
 CLUSTER = 2 * BLOCK
@@ -30,8 +45,6 @@ _PREPARATION = "standard preparation"
 """Prefix of the names of scratch buffers that are given back before the first frame."""
 _SAMPLES = 1 << 14
 _MORTON_BITS = 30
-_COLOR_TYPES = {0: "__global const uchar *", **dict.fromkeys((1, 2, 3), "__global const float *")}
-_TEXTURES = 3
 
 
 @dataclass(frozen=True)
@@ -47,7 +60,7 @@ class Triangles:
     boxes: Buffer
     """(6, stride) float32: centre and half extent of the clusters of triangles."""
     kind: int
-    """The value of COLORS in zbuffer_math.cl, which says where colours are."""
+    """The kind of colours, COLORS in the kernels."""
     slots: int
     clusters: int
     stride: int
@@ -74,7 +87,7 @@ class Triangles:
     @property
     def defines(self) -> dict[str, int]:
         """What the kernels that draw are told of the colours."""
-        return {"COLORS": self.kind, **(self.texels.defines if self.texels else {})}
+        return {**RECORD_DEFINES, "COLORS": self.kind, **(self.texels.defines if self.texels else {})}
 
 
 def make_triangles(
@@ -92,12 +105,14 @@ def make_triangles(
     texels, tint = None, None
     if (textured := textures_of(asset)) is None:
         kind, colors, domain = _arranged(drawn_colors(asset))
-        wide = 9 if kind == 2 else 0
+        wide = 9 if kind == FLOATS_OF_CORNERS else 0
     else:
-        kind, colors, domain, tint = _TEXTURES, textured.uvs.reshape(-1, 2), "corner", tint_of(asset)
+        kind, colors, domain, tint = TEXTURES, textured.uvs.reshape(-1, 2), "corner", tint_of(asset)
         wide = 0 if tint is None else 12
         texels = put_texels(device, textured, slots, tinted=tint is not None)
-    defines: dict[str, Any] = {"COLORS": kind, "COLOR_TYPE": _COLOR_TYPES[kind], "LANES": 1}
+    number = "uchar" if kind == BYTES_OF_CORNERS else "float"
+    color_type = f"__global const {number} *"
+    defines: dict[str, Any] = {**RECORD_DEFINES, "COLORS": kind, "COLOR_TYPE": color_type, "LANES": 1}
     defines |= {"CHANNELS": colors.shape[1], **(texels.defines if texels else {})}
     program = device.program("zbuffer_prepare", defines)
 
@@ -158,8 +173,8 @@ def _arranged(colors: StaticColors) -> tuple[int, NDArray[Any], str]:
     if colors.domain == "face":
         if values.dtype == np.uint8:
             values = values.astype(np.float32) / np.float32(255)
-        return 1, values, "face"
-    return (0 if values.dtype == np.uint8 else 2), values, colors.domain
+        return FLOATS_OF_FACE, values, "face"
+    return (BYTES_OF_CORNERS if values.dtype == np.uint8 else FLOATS_OF_CORNERS), values, colors.domain
 
 
 def _cells(asset: Asset) -> tuple[NDArray[np.float32], np.float32]:

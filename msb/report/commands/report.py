@@ -121,7 +121,7 @@ def report(
     from msb.report.pages import report_files
 
     require(folders or options.paper, "give folders of results, or --paper")
-    if folders:
+    if folders and options.paper:
         typed.reject(["paper"], "replaces folders of results, and both are given")
     if options.paper:
         typed.reject(["views", "published", "against", "allow_mixed"], "needs results and excludes --paper")
@@ -227,13 +227,11 @@ def _check_target(target: Path, output: Output) -> bool:
 
     They are replaced without --force, too: a report is made again and again.
     """
-    from msb.base.own_folder import check_own_folder, is_own_folder
+    from msb.base.own_folder import listed_files
 
-    if is_own_folder(target):
-        check_own_folder(target)
-        return True
-    output.check_folder(target)
-    return output.force
+    replace = output.force or "report.json" in (listed_files(target) or ())
+    output.check_folder(target, replace=replace)
+    return replace
 
 
 def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
@@ -255,7 +253,7 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
         from msb_viewers.gl import GlProbe
 
         GlProbe.start().check()
-    except UsageError as error:
+    except (ImportError, UsageError) as error:  # the viewers can be missing
         output.note(f"warning: no topology figures: {error}")
         return {}
     with output.counted("drawing topology figures", len(audited)) as step:

@@ -6,9 +6,9 @@ does. docs/datasets.md describes layouts and rules.
 
 from __future__ import annotations
 
-from msb.scenes.datasets.catalog import CUSTOM, DATASETS, Dataset
+from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
-from msb.scenes.datasets.layout import find_layout, find_scenes
+from msb.scenes.datasets.layout import find_scenes
 from msb.scenes.datasets.neus import read_matrices
 from msb.scenes.datasets.notes import (
     over_another,
@@ -19,7 +19,6 @@ from msb.scenes.datasets.notes import (
 )
 from msb.scenes.datasets.read import SceneAt, dataset_of, read_scene, scene_at, scene_of
 from msb.scenes.datasets.rulebook import (
-    OURS,
     RULES,
     evaluation_background,
     own_background,
@@ -29,11 +28,8 @@ from msb.scenes.datasets.rules import Photographs, Rules
 from msb.scenes.datasets.scene import Scene
 
 __all__ = [
-    "CUSTOM",
     "DATASETS",
-    "OURS",
     "RULES",
-    "Dataset",
     "Photographs",
     "Rules",
     "Scene",
@@ -43,7 +39,6 @@ __all__ = [
     "dataset_of",
     "describe_scene",
     "evaluation_background",
-    "find_layout",
     "find_scenes",
     "over_another",
     "own_background",

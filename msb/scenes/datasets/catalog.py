@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from msb.scenes.colors import WHITE
-
-if TYPE_CHECKING:
-    from msb.scenes.colors import Color
+from msb.scenes.colors import WHITE, Color
 
 CUSTOM = "custom"
 """The name of a capture that belongs to none of `DATASETS` and was given no name."""

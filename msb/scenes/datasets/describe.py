@@ -5,25 +5,22 @@ from __future__ import annotations
 import contextlib
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.files import is_file
 from msb.errors import Finding, MsbError, error_finding, finding
+from msb.scenes.camera import Camera
 from msb.scenes.colmap import find_model, read_points
 from msb.scenes.colors import NAMED
-from msb.scenes.datasets.catalog import DATASETS, guess_dataset
+from msb.scenes.datasets.catalog import DATASETS, Layout
 from msb.scenes.datasets.layout import TRAIN, find_layout, folders, images_in
 from msb.scenes.datasets.neus import MATRICES
 from msb.scenes.datasets.photographs import MASKS
-from msb.scenes.datasets.read import read_scene
+from msb.scenes.datasets.read import dataset_of, read_scene
 from msb.scenes.datasets.rulebook import OURS, RULES
+from msb.scenes.datasets.rules import Size
+from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
-
-if TYPE_CHECKING:
-    from msb.scenes.camera import Camera
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Size
-    from msb.scenes.datasets.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ def describe_scene(path: Path, **options: Any) -> SceneReport:
         scene = read_scene(path, **options)
     except MsbError as error:
         problem = error
-    dataset = options.get("dataset") or guess_dataset(layout, place.name, place.parent.name)
+    dataset = options.get("dataset") or dataset_of(path)
     images = _image_folders(path, scene)
     points, missing = _points(path, layout)
     findings = [*(scene.warnings if scene else ()), *missing]

@@ -6,20 +6,17 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.files import check_folder, is_file, is_folder
 from msb.errors import SceneError
+from msb.scenes.camera import Camera
 from msb.scenes.colmap import find_model
+from msb.scenes.datasets.catalog import Layout
 from msb.scenes.datasets.neus import MATRICES, read_neus
+from msb.scenes.datasets.rules import Rules
 from msb.scenes.image_size import IMAGE_SUFFIXES
 from msb.scenes.read import read_cameras
 from msb.scenes.sets import split_every_8th, stem
-
-if TYPE_CHECKING:
-    from msb.scenes.camera import Camera
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Rules
 
 TRAIN, TEST, SINGLE = "transforms_train.json", "transforms_test.json", "transforms.json"
 

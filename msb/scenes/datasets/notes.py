@@ -7,22 +7,19 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.files import is_file, is_folder
 from msb.base.paths import SpelledFiles, given_path
 from msb.errors import Finding, MsbError, finding, shorten
+from msb.scenes.camera import Camera
 from msb.scenes.colmap import find_model
+from msb.scenes.colors import Color
 from msb.scenes.datasets.describe import color_name
 from msb.scenes.datasets.layout import folders
-from msb.scenes.datasets.rules import AS_IS, half_even
+from msb.scenes.datasets.rules import AS_IS, Size, half_even
+from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
-
-if TYPE_CHECKING:
-    from msb.scenes.camera import Camera
-    from msb.scenes.colors import Color
-    from msb.scenes.datasets.rules import Size
-    from msb.scenes.datasets.scene import Scene
 
 _FAR = 1.5
 """Cameras are far larger than photographs if they are this many times as wide."""

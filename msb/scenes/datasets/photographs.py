@@ -3,38 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.files import is_file, is_folder
-from msb.errors import SceneError, finding, shorten
-from msb.scenes.datasets.catalog import DATASETS
+from msb.errors import Finding, SceneError, finding, shorten
+from msb.scenes.camera import Camera
+from msb.scenes.datasets.catalog import DATASETS, Layout
 from msb.scenes.datasets.layout import folders, images_in
+from msb.scenes.datasets.rules import Photographs, Rounding, Rules, Size
+from msb.scenes.datasets.scene import MaskSource
 from msb.scenes.image_size import has_alpha, image_size
-
-if TYPE_CHECKING:
-    from msb.errors import Finding
-    from msb.scenes.camera import Camera
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Compositing, Rounding, Rules, Size
-    from msb.scenes.datasets.scene import MaskSource
 
 MASKS = "mask"
 """The mask folder of DTU in the packages of 2DGS and NeuS: one image per photograph, paired by their sorted
 order."""
 _ROUNDED_AWAY = 1.5
 """Pixels by which a photograph's height may differ from its camera's at the same width."""
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """The photographs of one scene: `Photographs` of the rules, with the user's wishes and what exists."""
-
-    folder: str
-    resolution: int
-    rounding: Rounding
-    compositing: Compositing
 
 
 def choose_photographs(
@@ -46,8 +31,12 @@ def choose_photographs(
     image_folder: str | None,
     resolution: int | None,
     warnings: list[Finding],
-) -> Chosen:
-    """Return which photographs of the scene at `root` count; add to `warnings` what should be known."""
+) -> tuple[Photographs, Rounding]:
+    """Return which photographs of the scene at `root` count, and how their size is rounded.
+
+    They are those of the rules, with the user's wishes and what exists. What should be known is added to
+    `warnings`.
+    """
     group = ""
     if dataset in DATASETS:
         scenes = DATASETS[dataset].scenes
@@ -72,7 +61,7 @@ def choose_photographs(
             wanted, rounding = rule.instead[1], "half_up"
         text = f"{rule.folder} is not there; {folder} is resized instead, which changes PSNR by up to 0.5 dB"
         warnings.append(finding("SCENE_IMAGE_RESIZED", text, severity="warning", file=str(root)))
-    return Chosen(folder, wanted, rounding, rule.compositing)
+    return replace(rule, folder=folder, resolution=wanted), rounding
 
 
 def _no_folder(root: Path, folder: str) -> SceneError:

@@ -7,25 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from msb.asset.manifest import Manifest
 from msb.base.files import check_folder
 from msb.base.paths import SpelledFiles, given_path
-from msb.errors import SceneError, finding, shorten
-from msb.scenes.datasets.catalog import guess_dataset
+from msb.errors import Finding, SceneError, finding, shorten
+from msb.scenes.camera import Camera
+from msb.scenes.colors import Color
+from msb.scenes.datasets.catalog import Layout, guess_dataset
 from msb.scenes.datasets.layout import find_layout, find_scenes, read_views
 from msb.scenes.datasets.photographs import choose_photographs, find_masks, photograph_sizes
 from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, stated_background
-from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, check_resolution
+from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, Convention, Rules, check_resolution
 from msb.scenes.datasets.scene import Scene
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Manifest
-    from msb.errors import Finding
-    from msb.scenes.camera import Camera
-    from msb.scenes.colors import Color
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Convention, Rules
 
 MAX_SHIFT = 0.5
 """Pixels by which gs_fov may move the principal point without a warning."""
@@ -84,11 +78,14 @@ def read_scene(
     by = rules_of(rules)
     place = _place(root)
     key = dataset or guess_dataset(layout, place.name, place.parent.name)
-    convention = _convention(camera_convention or by.convention)
+    convention = camera_convention or by.convention
+    if convention not in CONVENTIONS:
+        text = f"the camera convention is {shorten(repr(convention), 40)}; it must be "
+        raise SceneError("SCENE_ARGUMENT", text + " or ".join(CONVENTIONS))
     wish = None if resolution is None else check_resolution(resolution)
     color = evaluation_background(key) if rules == OURS else by.background_of(key)
     warnings: list[Finding] = []
-    chosen = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
+    chosen, how = choose_photographs(root, key, layout, place.name, by, image_folder, wish, warnings)
     files = SpelledFiles(root / chosen.folder)
     views = [
         replace(view, image_path=files.find(str(view.name)))
@@ -96,7 +93,7 @@ def read_scene(
     ]
     native = photograph_sizes(root, views, warnings)
     masks = (None, {}) if chosen.compositing == "none" else find_masks(root, key, views)
-    rounding = ROUNDINGS[chosen.rounding]
+    rounding = ROUNDINGS[how]
     cameras = [
         view.resized(*rounding(size, chosen.resolution)) for view, size in zip(views, native, strict=True)
     ]
@@ -157,13 +154,6 @@ def rules_of(name: str) -> Rules:
     return RULES[name]
 
 
-def _convention(name: Convention) -> Convention:
-    if name not in CONVENTIONS:
-        text = f"the camera convention is {shorten(repr(name), 40)}; it must be {' or '.join(CONVENTIONS)}"
-        raise SceneError("SCENE_ARGUMENT", text)
-    return name
-
-
 def _color(values: Sequence[float]) -> Color:
     if len(values) != 3 or not all(0 <= value <= 1 for value in values):
         text = f"the background is {shorten(repr(values), 60)}; it must be red, green and blue from 0 to 1"
@@ -196,9 +186,10 @@ class SceneAt:
     background: Color
     camera_convention: Convention
 
+    @lru_cache(maxsize=8)  # noqa: B019 - a few are kept as long as they are the last
     def read(self) -> Scene:
         """Return the scene; the last few are kept."""
-        return _read(self)
+        return read_scene(**{key: value for key, value in vars(self).items() if key != "name"})
 
 
 def scene_at(
@@ -247,8 +238,3 @@ def scene_of(
         resolution=resolution,
     )
     return at.read()
-
-
-@lru_cache(maxsize=8)
-def _read(scene: SceneAt) -> Scene:
-    return read_scene(**{key: value for key, value in vars(scene).items() if key != "name"})

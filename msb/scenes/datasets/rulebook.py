@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
+from msb.asset.manifest import Manifest
 from msb.registry import METHODS
-from msb.scenes.colors import parse_color
+from msb.scenes.colors import Color, parse_color
 from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 from msb.scenes.datasets.rules import Photographs, Rules
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Manifest
-    from msb.scenes.colors import Color
 
 OURS = "ours"
 _OURS = Rules(
     "MeshSplatBench",
     "docs/datasets.md",
-    rounding="half_even",
     photographs={
         "mipnerf360/outdoor": Photographs("images_4", instead=("images", 4)),
         "mipnerf360/indoor": Photographs("images_2", instead=("images", 2)),

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from msb.errors import Finding
-    from msb.scenes.camera import Camera
-    from msb.scenes.colors import Color
-    from msb.scenes.datasets.catalog import Layout
-    from msb.scenes.datasets.rules import Compositing, Convention
+from msb.errors import Finding
+from msb.scenes.camera import Camera
+from msb.scenes.colors import Color
+from msb.scenes.datasets.catalog import Layout
+from msb.scenes.datasets.rules import Compositing, Convention
 
 MaskSource = Literal["png_alpha", "mask_folder"]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.trial.geometry import signed_volume
+from msb.topology.faces import signed_volume
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task
 from msb.trial.tasks.decimate import beside
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
-TOLERANCE = 0.01
-"""The largest relative error of a volume."""
+TOLERANCE = 0.01  # largest relative error of a volume
 
 
 def _work(mesh: TriedMesh, _: Arrays) -> Made:

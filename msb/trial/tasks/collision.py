@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.trial.geometry import areas, random_colors, signed_volume
+from msb.topology.faces import face_areas, signed_volume
+from msb.topology.hulls import HULL_CORNERS, hull_directions
+from msb.trial.geometry import random_colors
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, graded, judged, worst
 from msb.trial.tasks.decimate import beside, by_pymeshlab
@@ -22,18 +24,13 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
+# Largest distance from the visible surface to the shape for 95 % of the points, relative to the diagonal.
 NEAR, FAR = 0.02, 0.05
-"""Distance from the visible surface to the shape that 95 % keep, of the bounds' diagonal."""
+# Share of the shape's volume that cameras see to be empty.
 LITTLE, MUCH = 0.1, 0.3
-"""Share of the shape's volume that some camera sees to be empty: what one bumps into in mid-air."""
-TOLERANCE = 0.01
-"""How far before the surface, of the diagonal, a point of the shape must be to count as in mid-air."""
-_POINTS = 20_000
-"""Points of the visible surface, and of the shape's volume."""
-CORNERS = 128
-"""Most corners of a hull, and with them 252 faces: engines take 255 of either."""
-_PERCENT = 10
-"""Faces of the mesh that stands in, of the mesh's."""
+TOLERANCE = 0.01  # distance in front of the surface, relative to the diagonal, from which a point is outside
+_POINTS = 20_000  # sample points of the visible surface, and of the shape's volume
+_PERCENT = 10  # faces of the substitute mesh, in percent of the mesh's
 
 
 def _prepare(_: TriedMesh, look: Look) -> dict[str, NDArray[Any]]:
@@ -66,7 +63,7 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     import manifold3d
 
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
-    farthest = np.unique([int((used @ direction).argmax()) for direction in directions(CORNERS)])
+    farthest = np.unique([int((used @ direction).argmax()) for direction in hull_directions(HULL_CORNERS)])
     solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
     points, faces = (
         np.asarray(solid.vert_properties[:, :3], np.float64),
@@ -81,15 +78,6 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     return Made(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
 
 
-def directions(count: int) -> NDArray[np.float64]:
-    """Return the axes and, evenly over the sphere on a spiral, further directions: (count, 3)."""
-    turn = np.arange(count - 6) + 0.5
-    height = 1 - 2 * turn / (count - 6)
-    angle, radius = np.pi * (3 - np.sqrt(5)) * turn, np.sqrt(1 - height**2)
-    spiral = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
-    return np.concatenate([np.eye(3), -np.eye(3), spiral])
-
-
 def _fewer_faces(mesh: TriedMesh, given: Arrays) -> Made:
     import igl
 
@@ -99,7 +87,9 @@ def _fewer_faces(mesh: TriedMesh, given: Arrays) -> Made:
     # What one bumps into is a surface: points even over it, of which those far from the mesh are in mid-air.
     rng = np.random.default_rng(0)
     corners = shape.vertices[
-        shape.faces[rng.choice(len(shape.faces), _POINTS, p=_shares(areas(shape.vertices, shape.faces)))]
+        shape.faces[
+            rng.choice(len(shape.faces), _POINTS, p=_shares(face_areas(shape.vertices, shape.faces)[0]))
+        ]
     ]
     weights = rng.exponential(size=(_POINTS, 3))
     on_it = np.einsum("nk,nki->ni", weights / weights.sum(axis=1, keepdims=True), corners)

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
-SLACK = 1.05
-"""A target is reached with up to so many times its faces."""
+SLACK = 1.05  # a target counts as reached with up to this multiple of its faces
 
 
 def _target(mesh: TriedMesh, percent: int) -> int:

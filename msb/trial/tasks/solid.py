@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.trial.geometry import signed_volume
+from msb.topology.faces import signed_volume
 from msb.trial.task import Attempt, Judgement, Made, Task
 
 if TYPE_CHECKING:

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.metrics.likeness import decibels
-from msb.topology.faces import names_vertex_twice
+from msb.topology.faces import face_areas, names_vertex_twice
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps import turn_faces
 from msb.topology.steps.cut import split_vertices
 from msb.topology.weld import merged_vertices
-from msb.trial.geometry import areas
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Task, graded, judged
 from msb.trial.tasks.decimate import beside
@@ -30,10 +29,9 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
+# Share of the faces without a neighbour; they are no surface to smooth.
 FEW_LONE, MANY_LONE = 0.01, 0.1
-"""Share of the faces that have no neighbour: there is no surface to make smooth."""
-SMALL_GAPS = 0.001
-"""Area of the cracks, of the surface's: the most that a picture mostly hides."""
+SMALL_GAPS = 0.001  # area of the cracks, relative to the surface, that an image mostly hides
 
 
 def _work(mesh: TriedMesh, _: Arrays) -> Made:
@@ -55,7 +53,7 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
     colors = np.clip(matrix @ mesh.colors[used][origin].astype(np.float64), 0, 1)
     made = TriedMesh(points.astype(np.float32), faces.astype(np.int64), colors.astype(np.float32))
     gaps = gap_area(vertices[origin], cut, points, faces)
-    surface = float(areas(vertices, stored).sum())
+    surface = float(face_areas(vertices, stored)[0].sum())
     numbers = {
         "defined": not (crowded or clashes or len(origin) > len(used)),
         "edges_of_three_faces": crowded,

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from msb.trial.look import Look
     from msb.trial.task import Numbers
 
+# Charts per 1,000 faces. Charts of ten faces can still be painted and filtered. With fewer than two and a
+# half nearly every edge is a seam, and the padding between charts fills the texture.
 FEW_CHARTS, MANY_CHARTS = 100.0, 400.0
-"""Charts per 1,000 faces: charts of ten faces can still be painted and filtered; of fewer than two and a half
-nearly every edge is a seam, and the padding between the charts takes the texture."""
+# L2 stretch: mean size of the texels on the surface, relative to a map without distortion.
 LITTLE_STRETCH, MUCH_STRETCH = 1.5, 3.0
-"""L2 stretch: texels on the surface are, in the mean, so many times as large as without distortion."""
 
 
 def _work(mesh: TriedMesh, _: Arrays) -> Made:
@@ -49,8 +49,7 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
     return Made(numbers, {"uv": made}, {"chart": chart.astype(np.int64)})
 
 
-_NONE = np.uint32(0xFFFFFFFF)
-"""xatlas's number of no atlas."""
+_NONE = np.uint32(0xFFFFFFFF)  # xatlas's number of no atlas
 
 
 def l2_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any]) -> float | None:

@@ -1,4 +1,4 @@
-"""`msb compare`: what deployment makes of a model's look, tier beside tier, on a window or in a file."""
+"""`msb compare`: a model's tiers beside its photographs, as a page or a picture."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from msb.base.option import Option
-from msb.cli.command import Typed, command
+from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, PlainOutput, echo
 from msb.errors import about
 from msb.render.options import NO_CAMERAS, Drawing, Source, Views, check_factor
-from msb_viewers.commands.window import Window, open_probe
+from msb_viewers.commands.window import Window
 
 if TYPE_CHECKING:
     from msb.asset import Asset
@@ -39,7 +39,7 @@ class CompareOptions:
     scale: Annotated[
         float | None, Option("Size of the pictures relative to the cameras' own.", metavar="FACTOR")
     ] = None
-    layout: Annotated[Literal["side", "wipe", "difference"], Option("How pictures are shown at first.")] = (
+    layout: Annotated[Literal["side", "wipe", "difference"], Option("How pictures are shown (at first).")] = (
         "side"
     )
     tiers: Annotated[
@@ -70,7 +70,7 @@ class _Wish:
 
 
 @command(
-    "msb compare --cameras data_stubs/views.json data_stubs/checkpoint",
+    "msb compare --html out/compare.html data_stubs/checkpoint",
     "msb compare --layout wipe --screenshot out/w.png data_stubs/checkpoint",
     "msb compare --tiers dedicated,standard --html out/c.html \\\n"
     "      --cameras data_stubs/views.json --scale 0.25 data_stubs/checkpoint",
@@ -84,27 +84,17 @@ def compare(
     output: PlainOutput,
     typed: Typed,
 ) -> None:
-    """See what deployment makes of a model's look: its tiers and the dataset's photographs.
+    """Compare a model's tiers with each other and with the dataset's photographs.
 
-    Pictures stand side by side, with a wipe, or as a map of their difference with its PSNR. The command opens
-    a window; with --screenshot or --html it writes these instead and needs no display. Without --cameras
-    the views are those of its training where they lie beside it, else from around.
+    Pictures stand side by side, with a wipe, or as a map of their difference with its PSNR. --html writes a
+    page of all views that switches between these layouts, --screenshot a picture of the first view. Without
+    --cameras the views are those of its training where they lie beside it, else from around.
     """
     if views.cameras is None:
         typed.reject(["camera", "image_folder", "scale"], NO_CAMERAS)
+    require(window.written, "compare has no file to write; pass --html FILE.html or --screenshot FILE.png")
     wish = _Wish(options, views, drawing, window)
-    if window.written:
-        _write(_read(path, wish, output), wish, output)
-        return
-    probe = open_probe(window)
-    try:
-        state = _read(path, wish, output)
-        if probe is not None:
-            probe.check()
-    finally:
-        if probe is not None:
-            probe.close()
-    _open_window(state, wish)
+    _write(_read(path, wish, output), wish, output)
 
 
 def _read(path: Path, wish: _Wish, output: Output) -> CompareState:
@@ -128,13 +118,13 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
     from msb.scenes.datasets import over_another, stated_background
     from msb_viewers.deployment.shots import Comparison, choose_tiers
 
-    cameras, drawing, headless = wish.views.cameras, wish.drawing, bool(wish.window.written)
+    cameras, drawing = wish.views.cameras, wish.drawing
     photographs = any(view.photograph for view in views)
     if cameras is not None and not photographs:
         output.note(f"{cameras}: no photograph of its cameras is there; --image-folder names them")
     baked = None if wish.options.baked is None else open_baked(wish.options.baked, asset, output)
-    tiers, missing = choose_tiers(asset, views, wish.options.tiers or None, headless=headless, baked=baked)
-    if not wish.options.tiers and headless and "reference" not in tiers:
+    tiers, missing = choose_tiers(asset, views, wish.options.tiers or None, baked=baked)
+    if not wish.options.tiers and "reference" not in tiers:
         text = f"{asset.manifest.face_count:,} faces take NumPy minutes a view; --tiers names it if wanted"
         output.note(f"{path.name}: the reference is left out: {text}")
     settings = drawing.settings(asset)
@@ -172,14 +162,12 @@ def _given(wish: _Wish) -> list[View]:
 
 
 def _write(state: CompareState, wish: _Wish, output: Output) -> None:
-    from msb_viewers.deployment.compose import Composer
+    from msb_viewers.deployment.compose import compose
     from msb_viewers.deployment.page import write_page
     from msb_viewers.deployment.shots import TierRenderers
-    from msb_viewers.deployment.views import View
-    from msb_viewers.window import write_png
+    from msb_viewers.sheet import write_png
 
     window = wish.window
-    state.message = ""
     with TierRenderers(state.comparison) as renderers:
         if window.html is not None:
             views = list(state.comparison.views) or state.around.turntable(*TURNTABLE)
@@ -187,22 +175,7 @@ def _write(state: CompareState, wish: _Wish, output: Output) -> None:
                 write_page(state, renderers, views, window.html, step=step)
         if window.screenshot is not None:
             with output.progress(f"writing {window.screenshot.name}"):
-                view = state.view or View("free", state.picture_camera(window.pixels))
-                shots = renderers.shoot_all(view, state.wanted_tiers())
-                picture = Composer().compose(state, shots, window.pixels)
-                write_png(picture.image, window.screenshot)
+                shots = renderers.shoot_all(state.view(window.pixels), state.wanted_tiers())
+                write_png(compose(state, shots, window.pixels).image, window.screenshot)
     if not output.quiet:
         echo("\n".join(map(str, window.written)))
-
-
-def _open_window(state: CompareState, wish: _Wish) -> None:
-    from msb.cl import shared_device
-    from msb_viewers.deployment.viewer import CompareViewer
-
-    if any(tier in state.comparison.drawable for tier in ("dedicated", "standard")):
-        shared_device(wish.drawing.device)  # without one there is no window to be opened
-    viewer = CompareViewer(state, size=wish.window.pixels)
-    try:
-        viewer.show()
-    finally:
-        viewer.close()

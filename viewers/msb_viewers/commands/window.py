@@ -1,4 +1,4 @@
-"""Options that `msb view` and `msb compare` share: a window, or files instead of it."""
+"""Options that `msb view` and `msb compare` share: the files to write, and the size of a picture."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Window:
-    """The files to write, without any of which a window opens; its size, and what is up in it."""
+    """The files to write, and the size and up axis of the picture. Without one `msb view` opens a window."""
 
     screenshot: Annotated[
         Path | None,
-        file_option("Write what the window would show to a .png.", endings=(".png",)),
+        file_option("Write a picture: .png.", endings=(".png",)),
     ] = None
     figure: Annotated[
         Path | None,
@@ -32,7 +32,7 @@ class Window:
         file_option("Write a page that any browser opens, offline.", endings=(".html", ".htm")),
     ] = None
     up: Annotated[Up | None, Option("Axis that points up. Default: the asset's.")] = None
-    size: Annotated[str, Option("Size of the window or screenshot in pixels.", metavar="WxH")] = "1280x800"
+    size: Annotated[str, Option("Width and height of the picture in pixels.", metavar="WxH")] = "1280x800"
 
     def __post_init__(self) -> None:
         self.pixels  # noqa: B018 - refuses what is no size, before anything is read

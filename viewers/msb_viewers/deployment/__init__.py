@@ -1,6 +1,5 @@
-"""The deployment viewer: what becomes of a model's look on each tier, beside the photographs.
+"""The comparison of a model's tiers with its photographs: a picture, and a page for a browser.
 
-What is shown is plain data (`views`, `shots`, `state`, `difference`), composed into one picture (`arrange`,
-`canvas`, `compose`) with neither VTK nor a display. `painter` and `solver` draw beside the window's own
-thread; `viewer` is the window, `page` a page.
+`views` and `shots` are what is compared, `state` how it is shown, `difference` how far images are apart.
+`arrange`, `canvas` and `compose` make one picture of it, `page` a page. None of them needs VTK or a display.
 """

@@ -1,4 +1,4 @@
-"""The place of each picture in a window, in boxes of whole pixels, from the layout alone."""
+"""The place of each picture in the composed one, in boxes of whole pixels, from the layout alone."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from msb_viewers.deployment.state import Layout
 
-_GAP, _HEAD, _FOOT, _CAPTION, _BAR = 10, 72, 30, 64, 48
-"""Heights of gaps, title, status line, captions and the scale of differences, in pixels at scale 1."""
+_GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
+"""Heights of gaps, title, captions and the scale of differences, in pixels at scale 1."""
 _LEAST = 16
-"""The least width and height of a picture in pixels, however small the window is."""
+"""The least width and height of a picture in pixels, however small the whole is."""
 _THUMBNAIL = 0.3
 """The part of the width that A and B take beside their difference."""
 
@@ -33,10 +33,6 @@ class Box:
     @property
     def bottom(self) -> int:
         return self.top + self.height
-
-    def holds(self, x: float, y: float) -> bool:
-        """Return whether a pixel is inside."""
-        return self.left <= x < self.right and self.top <= y < self.bottom
 
     def fitting(self, width: int, height: int) -> Box:
         """Return the largest box of this shape in the middle of it."""
@@ -61,17 +57,15 @@ def arrange(
     size: tuple[int, int],
     scale: float,
     *,
-    captions: bool = True,
     aspect: float | None = None,
 ) -> list[Cell]:
-    """Return the cells of a window of `size` pixels.
+    """Return the cells of a picture of `size` pixels.
 
     `tiers` are those that the layout "side" shows; `aspect` is width over height of the pictures, None if
     they take any shape.
     """
-    gap, caption = round(_GAP * scale), round(_CAPTION * scale) if captions else 0
-    top = round(_HEAD * scale) if captions else gap
-    area = Box(gap, top, size[0] - 2 * gap, size[1] - top - round(_FOOT * scale))
+    gap, caption, top = round(_GAP * scale), round(_CAPTION * scale), round(_HEAD * scale)
+    area = Box(gap, top, size[0] - 2 * gap, size[1] - top - gap)
     if layout == "side":
         return _grid(tiers, area, gap, caption, aspect)
     if layout == "wipe":

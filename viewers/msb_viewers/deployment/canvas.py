@@ -1,4 +1,4 @@
-"""A picture of window size, and what is drawn on it: pictures, lines of text, badges, a divider."""
+"""The picture that is composed, and what is drawn on it: pictures, lines of text, badges, a divider."""
 
 from __future__ import annotations
 
@@ -58,14 +58,6 @@ class Canvas:
         from PIL import Image
 
         self.picture.paste(Image.fromarray(np.ascontiguousarray(image)), (box.left, box.top))
-
-    def lay(self, image: NDArray[np.uint8]) -> None:
-        """Lay a picture (H, W, 4) over the middle."""
-        from PIL import Image
-
-        over = Image.fromarray(image)
-        left, top = (max((self.size[axis] - over.size[axis]) // 2, 0) for axis in (0, 1))
-        self.picture.paste(over, (left, top), over)
 
     def placeholder(self, box: Box, title: str, text: str) -> None:
         """Fill a box in which there is no picture, and say why."""

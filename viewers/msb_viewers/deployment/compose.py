@@ -1,11 +1,11 @@
-"""What the window shows as one picture: panels, captions, divider, scale. It needs no VTK or display."""
+"""A comparison as one picture: panels, captions, the divider of a wipe, the scale. It needs no VTK."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from msb.metrics import psnr
 from msb_viewers.deployment.arrange import Box
 from msb_viewers.deployment.canvas import Canvas
 from msb_viewers.deployment.difference import (
+    TOP,
     colorize,
     decibel_text,
     fitted,
@@ -21,18 +22,15 @@ from msb_viewers.deployment.difference import (
     squared_error,
 )
 from msb_viewers.deployment.shots import LABELS
-from msb_viewers.deployment.state import HELP, LAYOUT_LABELS
 from msb_viewers.palette import INK
-from msb_viewers.sheet import FAINT, help_panel
-from msb_viewers.window import text_scale
+from msb_viewers.sheet import FAINT, text_scale
 
 if TYPE_CHECKING:
     from msb_viewers.deployment.arrange import Cell
     from msb_viewers.deployment.shots import Shot
     from msb_viewers.deployment.state import CompareState
 
-_KEPT = 32
-"""The number of resized pictures and comparisons that are kept for the next composition."""
+_LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
 _LEAST_CAPTION = 300
 """The least width of a caption, in pixels at scale 1, if there is room below a narrower picture."""
 _LINE = 18
@@ -41,68 +39,37 @@ _LINE = 18
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """The picture (H, W, 3), where tiers, "wipe" or "difference" are in it, and what moves the wipe."""
+    """The picture (H, W, 3), and the place of each tier, of "wipe" or of "difference" in it."""
 
     image: NDArray[np.uint8]
     pictures: dict[str, Box]
-    divider: Box | None
 
 
-class Composer:
-    """Composes pictures, and keeps what the next one can use again."""
+def compose(state: CompareState, shots: Mapping[str, Shot], size: tuple[int, int]) -> Composition:
+    """Return a picture of `size` pixels that shows the shots of one view."""
+    return _Sheet(state, shots, Canvas(size, text_scale(size))).draw()
 
-    def __init__(self) -> None:
-        self._kept: dict[Any, Any] = {}
 
-    def compose(
-        self,
-        state: CompareState,
-        shots: Mapping[str, Shot],
-        size: tuple[int, int],
-        *,
-        busy: Mapping[str, str] | None = None,
-    ) -> Composition:
-        """Return the window of `size` pixels, with what is being computed for tiers that have no shot yet."""
-        return _Sheet(self, state, shots, busy or {}, Canvas(size, text_scale(size))).draw()
-
-    def decibels(self, a: Shot | None, b: Shot | None) -> float | None:
-        """Return the PSNR of two shots; None where one has no picture or they are of two sizes."""
-        if a is None or b is None or a is b or a.image is None or b.image is None:
-            return None
-        if a.image.shape != b.image.shape:
-            return None
-        return float(self.once(("dB", a, b), partial(psnr, a.image, b.image)))
-
-    def once(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what `make` made for this key the last time, or makes now."""
-        if key not in self._kept:
-            while len(self._kept) >= _KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = make()
-        return self._kept[key]
+def decibels(a: Shot | None, b: Shot | None) -> float | None:
+    """Return the PSNR of two shots; None where one has no picture or they are of two sizes."""
+    if a is None or b is None or a is b or a.image is None or b.image is None:
+        return None
+    return psnr(a.image, b.image) if a.image.shape == b.image.shape else None
 
 
 @dataclass(eq=False)
 class _Sheet:
     """A composition that is being drawn."""
 
-    composer: Composer
     state: CompareState
     shots: Mapping[str, Shot]
-    busy: Mapping[str, str]
     canvas: Canvas
-    divider: Box | None = field(default=None)
 
     def draw(self) -> Composition:
-        state, canvas = self.state, self.canvas
         size = next((shot.image.shape for shot in self.shots.values() if shot.image is not None), None)
-        pictures = {cell.kind: self.cell(cell) for cell in state.cells(canvas.size)}
-        if state.captions:
-            self.title(size)
-        self.foot()
-        if state.help:
-            canvas.lay(help_panel(HELP, canvas.scale).image)
-        return Composition(np.array(canvas.picture), pictures, self.divider)
+        pictures = {cell.kind: self.cell(cell) for cell in self.state.cells(self.canvas.size)}
+        self.title(size)
+        return Composition(np.array(self.canvas.picture), pictures)
 
     def cell(self, cell: Cell) -> Box:
         """Draw a cell; its caption stands close below the picture."""
@@ -113,18 +80,17 @@ class _Sheet:
         else:
             box = self.panel(cell.kind, cell.box)
             write = partial(self.caption, cell.kind)
-        if self.state.captions:
-            wide = box.width >= self.canvas.px(_LEAST_CAPTION)
-            across = box if wide else cell.box
-            write(Box(across.left, box.bottom, across.width, cell.caption.height))
+        wide = box.width >= self.canvas.px(_LEAST_CAPTION)
+        across = box if wide else cell.box
+        write(Box(across.left, box.bottom, across.width, cell.caption.height))
         return box
 
     def panel(self, tier: str, cell: Box) -> Box:
         image = self.image(tier)
         if image is None:
-            return self.empty(cell, *self.absence(tier))
+            return self.empty(cell, tier)
         box = cell.fitting(image.shape[1], image.shape[0])
-        self.canvas.paste(self.fitted(tier, box), box)
+        self.canvas.paste(fitted(image, box.width, box.height), box)
         return box
 
     def pair_captions(self, box: Box) -> None:
@@ -134,43 +100,36 @@ class _Sheet:
             self.caption(tier, Box(box.left + index * (half + gap), box.top, half, box.height))
 
     def wipe(self, cell: Box) -> Box:
-        absent = [tier for tier in self.state.pair if self.image(tier) is None]
-        if absent:
-            return self.empty(cell, *self.absence(absent[0]))
         a, b = self.state.pair
-        first = self.drawn(a)
+        first, second = self.image(a), self.image(b)
+        if first is None or second is None:
+            return self.empty(cell, a if first is None else b)
         box = cell.fitting(first.shape[1], first.shape[0])
-        x = round(self.state.divider * box.width)
-        picture = self.fitted(a, box).copy()
-        picture[:, x:] = self.fitted(b, box)[:, x:]
+        x = box.width // 2
+        picture = fitted(first, box.width, box.height).copy()
+        picture[:, x:] = fitted(second, box.width, box.height)[:, x:]
         self.canvas.paste(picture, box)
         self.canvas.divider(box.left + x, box)
         self.canvas.chip("A", LABELS[a], box.left, box.top)
         self.canvas.chip("B", LABELS[b], box.right, box.top, from_right=True)
-        grip = self.canvas.px(11)
-        self.divider = Box(box.left + x - grip, box.top, 2 * grip, box.height)
         return box
 
     def difference(self, cell: Box) -> Box:
         a, b = self.state.pair
-        absent = [tier for tier in (a, b) if self.image(tier) is None]
-        found = self.composer.decibels(self.shots.get(a), self.shots.get(b))
-        if absent or found is None:
-            title, text = self.absence(absent[0]) if absent else ("", "the two are not of one size yet")
-            return self.empty(cell, title, text)
-        first, second = self.drawn(a), self.drawn(b)
-        key = self.shots[a], self.shots[b]
-        squared = self.composer.once(("squared", *key), lambda: squared_error(first, second))
+        first, second = self.image(a), self.image(b)
+        if first is None or second is None:
+            return self.empty(cell, a if first is None else b)
+        if first.shape != second.shape:
+            return self.placeholder(cell, "", "the two images have different sizes")
         box = cell.fitting(first.shape[1], first.shape[0])
-        size = box.width, box.height
-        small = self.composer.once(("shrunk", *key, size), lambda: fitted(squared, *size))
-        self.canvas.paste(colorize(small, self.state.top), box)
+        squared = fitted(squared_error(first, second), box.width, box.height)
+        self.canvas.paste(colorize(squared, TOP), box)
         return box
 
     def scale(self, box: Box) -> None:
         """Draw the figure, and what the colours mean."""
-        canvas, px, top = self.canvas, self.canvas.px, self.state.top
-        found = self.composer.decibels(*(self.shots.get(tier) for tier in self.state.pair))
+        canvas, px = self.canvas, self.canvas.px
+        found = decibels(*(self.shots.get(tier) for tier in self.state.pair))
         if found is None:
             return
         a, b = (LABELS[tier].lower() for tier in self.state.pair)
@@ -186,7 +145,7 @@ class _Sheet:
         for index in range(5):
             x = bar.left + round((bar.width - 1) * index / 4)
             canvas.draw.line((x, bar.bottom, x, bar.bottom + px(4)), INK)
-            text = f"{top * index / 4:g}" + (" and more" if index == 4 and top < 1 else "")
+            text = f"{TOP * index / 4:g}" + (" and more" if index == 4 else "")
             canvas.write(
                 x,
                 bar.bottom + px(12),
@@ -202,13 +161,13 @@ class _Sheet:
         x, y = float(box.left), box.top + px(14)
         if tier in pair and pair[0] != pair[1]:
             x += canvas.badge("AB"[pair.index(tier)], x, y)
-        found = self.composer.decibels(self.shots.get(pair[0]), self.shots.get(tier))
+        found = decibels(self.shots.get(pair[0]), self.shots.get(tier))
         room = box.right - x
         if found is not None:
             text = f"{decibel_text(found)} to A"
             room -= canvas.write(box.right, y, text, 13, bold=True, anchor="rm") + px(8)
         canvas.write(x, y, LABELS[tier], 14, bold=True, anchor="lm", room=room)
-        for row, line in enumerate(caption_lines(self.shots.get(tier), self.busy.get(tier))):
+        for row, line in enumerate(caption_lines(self.shots.get(tier))):
             place = y + px(_LINE * (row + 1))
             canvas.write(box.left, place, line, 12, FAINT, anchor="lm", room=box.width)
 
@@ -216,7 +175,7 @@ class _Sheet:
         canvas, px, state = self.canvas, self.canvas.px, self.state
         scene = state.comparison
         left, right = px(12), canvas.size[0] - px(12)
-        layout = LAYOUT_LABELS[state.layout]
+        layout = _LAYOUTS[state.layout]
         room = right - left - canvas.write(right, px(16), layout, 13, bold=True, anchor="rm") - px(16)
         width = canvas.write(left, px(16), scene.name, 15, bold=True, anchor="lm", room=room)
         manifest = scene.asset.manifest
@@ -227,54 +186,32 @@ class _Sheet:
         canvas.write(left, px(37), camera_text(state, size), 12, anchor="lm", room=right - left)
         canvas.write(left, px(56), scene.settings_text(), 12, FAINT, anchor="lm", room=right - left)
 
-    def foot(self) -> None:
-        canvas, px = self.canvas, self.canvas.px
-        y = canvas.size[1] - px(15)
-        hint = canvas.write(canvas.size[0] - px(12), y, "H: help", 12, FAINT, anchor="rm")
-        canvas.write(px(12), y, self.state.message, 13, anchor="lm", room=canvas.size[0] - px(40) - hint)
+    def image(self, tier: str) -> NDArray[np.uint8] | None:
+        shot = self.shots.get(tier)
+        return None if shot is None else shot.image
 
-    def empty(self, cell: Box, title: str, text: str) -> Box:
-        """Write in the place of a picture why there is none."""
+    def empty(self, cell: Box, tier: str) -> Box:
+        """Say in the place of a tier's picture why there is none."""
+        return self.placeholder(cell, "N/A", self.shots[tier].why)
+
+    def placeholder(self, cell: Box, title: str, text: str) -> Box:
         aspect = self.state.aspect
         box = cell if aspect is None else cell.fitting(round(1000 * aspect), 1000)
         self.canvas.placeholder(box, title, text)
         return box
 
-    def image(self, tier: str) -> NDArray[np.uint8] | None:
-        shot = self.shots.get(tier)
-        return None if shot is None else shot.image
-
-    def drawn(self, tier: str) -> NDArray[np.uint8]:
-        image = self.shots[tier].image
-        assert image is not None
-        return image
-
-    def absence(self, tier: str) -> tuple[str, str]:
-        """Return title and text for a tier without a picture."""
-        shot = self.shots.get(tier)
-        if shot is None:
-            return "", self.busy.get(tier, f"{LABELS[tier].lower()}: waiting")
-        return "N/A", shot.why
-
-    def fitted(self, tier: str, box: Box) -> NDArray[np.uint8]:
-        size = box.width, box.height
-        key = "fitted", self.shots[tier], size
-        return np.asarray(self.composer.once(key, partial(fitted, self.drawn(tier), *size)))
-
 
 def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
     """Return which camera is shown, and the size (H, W, ...) of its pictures."""
     pixels = "" if size is None else f", {size[1]} x {size[0]} pixels"
-    view, count = state.view, len(state.comparison.views)
-    if view is not None and state.at is not None:
-        return f"camera {state.at + 1} of {count}: {view.name}{pixels}"
-    return f"free camera{pixels}"
+    views = state.comparison.views
+    return f"camera 1 of {len(views)}: {views[0].name}{pixels}" if views else f"free camera{pixels}"
 
 
-def caption_lines(shot: Shot | None, busy: str | None) -> list[str]:
-    """Return what is said below a tier's picture: how long it took, what it holds, and where."""
+def caption_lines(shot: Shot | None) -> list[str]:
+    """Return the lines below a tier's picture: the time it took, what it holds, and what computed it."""
     if shot is None or shot.image is None:
-        return [busy] if busy else []
+        return []
     parts = []
     if shot.milliseconds is not None:
         parts.append(
@@ -284,4 +221,4 @@ def caption_lines(shot: Shot | None, busy: str | None) -> list[str]:
         parts.append(f"{shot.nbytes / 1e6:.1f} MB on the device")
     height, width = shot.image.shape[:2]
     parts.append(f"{width} x {height}")
-    return [", ".join(parts), busy or shot.where]
+    return [", ".join(parts), shot.where]

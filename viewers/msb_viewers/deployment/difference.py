@@ -19,6 +19,8 @@ scale of matplotlib to within 3 / 255 (S. van der Walt and N. Smith, 2015), whic
 ordered by lightness alone, so that it is read the same under every kind of colour blindness."""
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
 """The differences for which the brightest colour can stand."""
+TOP = 0.25
+"""The difference for which it stands at first."""
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from msb.metrics import psnr
 from msb_viewers.deployment.compose import caption_lines
-from msb_viewers.deployment.difference import ERROR_SCALE, TOPS
+from msb_viewers.deployment.difference import ERROR_SCALE, TOP, TOPS
 from msb_viewers.deployment.shots import LABELS
 from msb_viewers.template import filled
 
@@ -55,7 +55,7 @@ def page(state: CompareState, rows: list[dict[str, Any]]) -> bytes:
         "settings": scene.settings_text(),
         "layout": state.layout,
         "pair": state.pair,
-        "top": state.top,
+        "top": TOP,
         "tops": TOPS,
         "scale": ERROR_SCALE,
         "cap": PSNR_CAP,
@@ -85,7 +85,7 @@ def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
             tier: {
                 "image": None if shot.image is None else _data(shot.image),
                 "why": shot.why,
-                "lines": caption_lines(shot, None),
+                "lines": caption_lines(shot),
             }
             for tier, shot in shots.items()
         },

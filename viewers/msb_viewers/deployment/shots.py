@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.cl import Device
     from msb.render import Renderer
-    from msb.scenes import Camera
     from msb_viewers.deployment.views import View
 
 TRUTH: Final = "truth"
@@ -54,8 +53,8 @@ class Shot:
 class Comparison:
     """What is compared, and how it is drawn.
 
-    `missing` says for a tier why the method does not have it; without `views`, those of a dataset, there are
-    free views only; `settings` override the asset's; `supersample` is of the standard tier, on which `baked`,
+    `missing` says for a tier why the method does not have it; without `views`, those of a dataset, the views
+    are from around; `settings` override the asset's; `supersample` is of the standard tier, on which `baked`,
     a plain asset made of it, is drawn, too.
     """
 
@@ -96,19 +95,18 @@ def choose_tiers(
     views: Sequence[View],
     wanted: Iterable[str] | None,
     *,
-    headless: bool,
     baked: Asset | None = None,
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Return the tiers to show, and why some of them have no picture.
 
-    `wanted` None means all, the truth if there is a photograph, and what was `baked` if that is given. Where
-    every picture is waited for, `headless`, a reference of minutes is left out unless asked for.
+    `wanted` None means all, the truth if there is a photograph, and what was `baked` if that is given. A
+    reference that takes minutes is left out unless it is requested.
     """
     from msb.render.backend import check_supported
 
     photographs = any(view.photograph is not None for view in views)
     if wanted is None:
-        slow = headless and asset.manifest.face_count > MOST_REFERENCE_FACES
+        slow = asset.manifest.face_count > MOST_REFERENCE_FACES
         left_out = {TRUTH} if not photographs else set()
         left_out |= {REFERENCE} if slow else set()
         left_out |= {BAKED} if baked is None else set()
@@ -144,32 +142,24 @@ def choose_tiers(
 class TierRenderers:
     """Draws what a comparison shows. A tier's renderer is made when it is first needed.
 
-    It must be used from one thread. `close` it, or use it in a ``with`` block.
+    `close` it, or use it in a ``with`` block.
     """
 
     def __init__(self, comparison: Comparison) -> None:
         self.comparison = comparison
         self._renderers: dict[str, Renderer] = {}
         self._device: Device | None = None
-        self._photograph: tuple[Any, Shot] | None = None
 
-    def shoot(
-        self,
-        tier: str,
-        camera: Camera,
-        view: View | None = None,
-        background: tuple[float, float, float] | None = None,
-    ) -> Shot:
-        """Return what `tier` makes of `camera`, which belongs to `view`, if to any."""
+    def shoot(self, tier: str, view: View) -> Shot:
+        """Return what `tier` makes of a view."""
         if tier in self.comparison.missing:
             return Shot(tier, why=self.comparison.missing[tier])
-        color = background or self.comparison.background
         if tier == TRUTH:
-            return self._truth(view, color)
+            return self._truth(view)
         from msb.render.images import to_bytes
 
         renderer = self._renderer(tier)
-        frame = renderer.render(camera, color)
+        frame = renderer.render(view.camera, self.comparison.background)
         spent = sum(time for stage, time in frame.timings.items() if stage != "read")
         nbytes = sum(renderer.memory().values()) or None
         return Shot(tier, to_bytes(frame.image), "", spent, nbytes, self._where(tier))
@@ -177,7 +167,7 @@ class TierRenderers:
     def shoot_all(self, view: View, tiers: Iterable[str] | None = None) -> dict[str, Shot]:
         """Return a shot of each tier shown, or of `tiers`, from one view."""
         chosen = self.comparison.tiers if tiers is None else tiers
-        return {tier: self.shoot(tier, view.camera, view) for tier in chosen}
+        return {tier: self.shoot(tier, view) for tier in chosen}
 
     def close(self) -> None:
         """Release all renderers. Twice is harmless."""
@@ -217,20 +207,13 @@ class TierRenderers:
             return "NumPy"
         return f"OpenCL on {self._device.record.name}"
 
-    def _truth(self, view: View | None, background: tuple[float, float, float]) -> Shot:
+    def _truth(self, view: View) -> Shot:
         from msb_viewers.deployment.views import read_photograph
 
-        if view is None:
-            return Shot(
-                TRUTH, why="only the dataset's own cameras have a photograph; N and P step through them"
-            )
         if view.photograph is None:
             return Shot(TRUTH, why=view.why)
-        key = view, background
-        if self._photograph is None or self._photograph[0] != key:
-            image = read_photograph(view, background)
-            self._photograph = key, Shot(TRUTH, image, where=f"photograph {view.photograph.name}")
-        return self._photograph[1]
+        image = read_photograph(view, self.comparison.background)
+        return Shot(TRUTH, image, where=f"photograph {view.photograph.name}")
 
 
 def _value(value: Any) -> str:

@@ -1,0 +1,75 @@
+"""The options of a bake applied to a model, and the libraries they need, checked before any work."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from msb.asset.look import tint_of
+from msb.asset.texture import textures_of
+from msb.asset.tiers import why_not
+from msb.bake.atlas import need_xatlas
+from msb.bake.options import parse_collision
+from msb.bake.soup import is_uncut_soup
+from msb.base.extras import is_installed, need_extra
+from msb.base.soup import is_soup
+from msb.topology import audit_arrays
+from msb.topology.weld import weld_vertices
+
+if TYPE_CHECKING:
+    from msb.asset import Asset
+    from msb.bake.options import BakeOptions, Geometry, Look
+
+_BOX = "box needs nothing"
+
+
+def choose_look(options: BakeOptions, geometry: Geometry, asset: Asset) -> Look:
+    """Return whether the colours of a geometry go to a texture or to the vertices."""
+    is_vertex = geometry == "kept" and options.texture is None and _fits_vertices(asset)
+    return options.color or ("vertex" if is_vertex else "texture")
+
+
+def check_model(options: BakeOptions, asset: Asset) -> None:
+    """Reject options whose libraries are not installed, as far as the model decides which are needed.
+
+    Raises
+    ------
+    UsageError
+        EXTRA_MISSING.
+    """
+    points, faces = asset.buffers["positions"], asset.buffers["indices"]
+    is_auto = options.geometry == "auto" and options.faces is None and not options.for_solid
+    if is_auto or options.geometry == "kept":
+        if choose_look(options, "kept", asset) == "texture" and not is_soup(faces):
+            need_xatlas()
+        if options.shares and not is_uncut_soup(points, faces):
+            need_extra("trial", "fast_simplification", what="a level of detail of a connected mesh")
+    if options.collision is None or options.collision == "box":
+        return
+    kind, _ = parse_collision(options.collision)
+    modules = ("fast_simplification", "coacd") if kind == "hulls" else ("fast_simplification",)
+    need_extra("trial", *modules, what=f"a collision mesh {options.collision}", instead=_BOX)
+    # Kept triangles without a boundary stay closed: a repair cuts and turns faces, but opens nothing.
+    if options.geometry == "kept":
+        welded = weld_vertices(points, faces, "exact")
+        if not audit_arrays(*welded)[0].counts.boundary_edges:
+            return
+    need_enclosure()
+
+
+def need_enclosure() -> None:
+    """Reject the enclosure of an open mesh if its library is not installed."""
+    need_extra("bench", "skimage", what="a collision mesh of an open mesh", instead=_BOX)
+
+
+def _fits_vertices(asset: Asset) -> bool:
+    """Return whether vertex colours can show the model.
+
+    They cannot if its colours vary within a face, nor if its faces are uniform and share vertices, unless the
+    library that makes a texture for such faces is missing.
+    """
+    if why_not(asset.manifest, "standard") is not None:
+        return False
+    tint = tint_of(asset)
+    is_unshared = is_soup(asset.buffers["indices"])
+    is_smooth = tint is not None and (is_unshared or tint.domain == "vertex")
+    return (is_smooth and textures_of(asset) is None) or not (is_unshared or is_installed("xatlas"))

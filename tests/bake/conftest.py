@@ -1,0 +1,39 @@
+"""The command line, and a small mesh with the words of its quick bake."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import msb as library
+from msb.meshes import Mesh
+from msb.meshes.assets import asset_from_mesh
+from msb.scenes import write_cameras
+from tests.bake.test_views import ring
+from tests.cli.conftest import here, msb
+from tests.conftest import TETRAHEDRON
+
+__all__ = ["here", "msb"]
+COLORS = np.linspace(0.1, 0.9, 12, dtype=np.float32).reshape(4, 3)
+
+
+def solid(faces: int = 4, at: float = 0.0) -> library.Asset:
+    points, corners = TETRAHEDRON
+    points = points + np.float32(at)
+    return asset_from_mesh(Mesh(points, corners[:faces].astype(np.int64), vertex_colors=COLORS))
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """Return a plain mesh with vertex colours, beside which `cameras.json` has nine views of it."""
+    solid().save(tmp_path / "solid.triasset")
+    write_cameras(ring(9), tmp_path / "cameras.json")
+    return tmp_path / "solid.triasset"
+
+
+def line_of(model: Path, *words: object, out: str = "a.glb") -> list[object]:
+    """Return the words of a quick bake with given cameras."""
+    cameras = model.parent / "cameras.json"
+    return ["bake", "--geometry", "kept", "--cameras", cameras, model, "-o", model.parent / out, *words]

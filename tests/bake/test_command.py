@@ -1,0 +1,243 @@
+"""`msb bake`: its files and its JSON, what it rejects before any work, and that a failure writes nothing."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import signal
+import struct
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import msb
+from msb.asset import build_asset
+from msb.bake.start import Guide
+from msb.errors import DeviceError, UsageError
+from msb.meshes import Mesh, read_mesh
+from msb.scenes import write_cameras
+from tests.bake.conftest import COLORS, line_of, solid
+from tests.bake.test_views import SCENE, ring
+from tests.cli.conftest import Here
+from tests.conftest import ROOT
+
+WALLED = ROOT / "data_stubs" / "scenes" / "mipnerf360" / "pebble"
+
+
+def test_all_outputs_are_written_and_measured(here: Here, model: Path) -> None:
+    outs = [model.parent / name for name in ("a.glb", "b.triasset", "c.ply")]
+    line = line_of(model, "--json", "-")
+    result = here(*line, "-o", outs[1], "-o", outs[2])
+    assert result.status == 0, result
+    data = result.json
+    assert (data["schema"], data["path"], data["output"]) == ("msb.bake/1", str(model), str(outs[0]))
+    assert data["bytes"] == outs[0].stat().st_size
+    assert (data["geometry"], data["color"], data["texture"], data["faces"]) == ("kept", "vertex", None, 4)
+    assert (data["views"]["taught"], data["views"]["held_back"]) == (7, 2)
+    # The standard tier supervises a plain mesh: with as many samples only rounding is lost.
+    own = data["psnr"]["own"]
+    assert own["after_16"] > 40
+    assert own["before"] == pytest.approx(own["after"], abs=1)
+    assert data["psnr"]["photographs"] is None
+    assert data["verdict_before"]["level"] == data["verdict_after"]["level"] == "ok"
+    glb = outs[0].read_bytes()
+    (size,) = struct.unpack_from("<I", glb, 12)
+    extras = json.loads(glb[20 : 20 + size])["asset"]["extras"]["bake"]
+    assert extras["psnr"] == data["psnr"]
+    assert str(model.parent) not in json.dumps(extras)
+    assert msb.load(outs[1]).buffers["color"].dtype == np.uint8
+    assert len(read_mesh(outs[2]).faces) == 4
+    here(*line).ends(2, "OUTPUT_EXISTS: ")
+    assert here(*line, "-f").status == 0
+    assert outs[0].read_bytes() == glb, "one seed gives one result"
+
+
+@pytest.mark.slow
+def test_levels_and_a_collision_shape_stand_beside_each_output(here: Here, model: Path) -> None:
+    line = line_of(model, "--lods", "0.5", "--collision", "box")
+    result = here(*line, "-o", model.parent / "b.ply", "--json", "-")
+    assert result.status == 0, result
+    (level,), shape = result.json["lods"], result.json["collision"]
+    assert [Path(each["output"]).name for each in (level, shape)] == ["a_lod1.glb", "a_collision.glb"]
+    assert (level["share"], shape["kind"], shape["faces"], shape["parts"]) == (0.5, "box", 12, 1)
+    assert level["bytes"] == Path(level["output"]).stat().st_size
+    assert msb.audit(model.parent / "b_collision.ply").verdict == "ok"
+    assert len(read_mesh(model.parent / "b_lod1.ply").faces) == level["faces"]
+    here(*line_of(model, "-o", model.parent / "a_lod1.glb", out="c.glb")).ends(2, "OUTPUT_EXISTS: ")
+
+
+def test_a_cache_of_renderings_makes_the_same(here: Here, model: Path) -> None:
+    cache, outs = model.parent / "cache", [model.parent / name for name in ("a.glb", "b.glb")]
+    for out in outs:
+        assert here(*line_of(model, "--cache", cache, out=out.name)).status == 0
+    assert outs[0].read_bytes() == outs[1].read_bytes()
+    a_file = here(*line_of(model, "--cache", model, out="c.glb"))
+    assert (a_file.status, (model.parent / "c.glb").exists()) == (3, False)
+
+
+def test_one_view_and_one_face_are_enough(here: Here, model: Path) -> None:
+    solid(faces=1).save(model, overwrite=True)
+    write_cameras(ring(1), model.parent / "cameras.json")
+    data = here(*line_of(model, "--json", "-")).json
+    assert (data["faces"], data["psnr"], data["views"]["held_back"]) == (
+        1,
+        {"own": None, "photographs": None},
+        0,
+    )
+
+
+USAGE = {
+    "no output": [],
+    "texture": ["-o", "a.glb", "--texture", "100000"],
+    "geometry": ["-o", "a.glb", "--geometry", "solid"],
+    "format": ["-o", "a.fbx"],
+    "photographs": ["-o", "a.glb", "--teacher", "photographs"],
+    "both": ["-o", "a.glb", "--scene", "x", "--cameras", "y"],
+    "images of no scene": ["-o", "a.glb", "--image-folder", "images_3"],
+    "up of cameras": ["-o", "a.glb", "--up", "+z", "--cameras", "cameras.json"],
+    "size of no cameras": ["-o", "a.glb", "--size", "9x9"],
+    "one place": ["-o", "a.obj", "-o", "b/../a.obj"],
+    "contradiction": ["-o", "a.glb", "--for-solid", "--geometry", "kept"],
+    "seconds": ["-o", "a.glb", "--seconds", "-1"],
+    "levels": ["-o", "a.glb", "--lods", "0.5,half"],
+    "shape": ["-o", "a.glb", "--collision", "ball"],
+}
+
+
+@pytest.mark.parametrize("words", USAGE.values(), ids=USAGE)
+def test_invalid_arguments_are_rejected_and_nothing_is_written(
+    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    monkeypatch.chdir(model.parent)
+    before = sorted(model.parent.rglob("*"))
+    here("bake", model.name, *words).ends(2, "USAGE: ")
+    assert sorted(model.parent.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "code"),
+    [
+        ("xatlas", ["--color", "texture"], "EXTRA_MISSING"),
+        ("xatlas", ["--geometry", "auto", "--color", "texture"], "EXTRA_MISSING"),
+        ("xatlas", ["--geometry", "surface"], "EXTRA_MISSING"),
+        ("skimage", ["--geometry", "auto", "--for-solid"], "EXTRA_MISSING"),
+        ("fast_simplification", ["--lods", "0.5"], "EXTRA_MISSING"),
+        ("fast_simplification", ["--collision", "mesh:10"], "EXTRA_MISSING"),
+        ("coacd", ["--collision", "hulls:4"], "EXTRA_MISSING"),
+        ("skimage", ["--geometry", "auto", "--collision", "mesh:10"], "EXTRA_MISSING"),
+        ("skimage", ["--collision", "mesh:10"], "USAGE"),
+        ("coacd", ["--collision", "box"], "USAGE"),
+    ],
+)
+def test_a_missing_library_is_reported_before_anything_is_drawn(
+    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch, module: str, words: list[str], code: str
+) -> None:
+    def go_on(*_: object, **__: object) -> None:
+        raise UsageError("USAGE", "nothing is missing")
+
+    monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != module)
+    monkeypatch.setattr("msb.bake.run.bake_views", go_on)
+    here(*line_of(model, *words)).ends(2, f"{code}: ")
+
+
+def test_a_solid_mesh_is_kept_for_solids(here: Here, model: Path) -> None:
+    data = here(*line_of(model, "--for-solid", "--geometry", "auto", "--json", "-")).json
+    assert (data["geometry"], data["faces"], data["verdict_after"]["level"]) == ("kept", 4, "ok")
+
+
+def test_cameras_of_another_scene_see_nothing(here: Here, model: Path) -> None:
+    solid(at=900.0).save(model, overwrite=True)
+    here(*line_of(model)).ends(3, "METRIC_NOTHING_SHOWN: ")
+    here("bake", "--scene", SCENE, model, "-o", model.parent / "a.glb").ends(3, "METRIC_NOTHING_SHOWN: ")
+
+
+def test_inputs_that_cannot_supervise_have_their_codes(
+    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = ["-o", model.parent / "a.glb"]
+    here("bake", model, "--scene", "nowhere", *out).ends(3, "FILE_NOT_FOUND: ")
+    here("bake", "--scene", WALLED, "--image-folder", "images_3", model, *out).ends(
+        3, "SCENE_IMAGE_MISSING: "
+    )
+    with monkeypatch.context() as patch:
+        patch.setattr("msb.bake.teacher.why_not", lambda _, tier: f"there is no {tier}")
+        here(*line_of(model)).ends(4, "UNSUPPORTED_TIER: ")
+    parts, colors = solid().buffers, COLORS.copy()
+    colors[2] = np.nan
+    buffers = {"positions": parts["positions"], "indices": parts["indices"], "color": colors}
+    build_asset(buffers, {"color": "vertex"}).save(model, overwrite=True)
+    here(*line_of(model)).ends(3, "TRIASSET_VALUE_NONFINITE: ")
+
+
+FAILURES = {
+    "device": ("msb.bake.making.kept", DeviceError("DEVICE_COMMAND", "the device is lost"), 5),
+    "interrupt": ("msb.bake.making.kept", KeyboardInterrupt(), 130),
+    "full disk": ("msb.bake.written.write_packed", OSError(28, "No space left on device"), 3),
+}
+
+
+@pytest.mark.parametrize(("place", "error", "status"), FAILURES.values(), ids=FAILURES)
+def test_a_failure_leaves_all_files_as_they_were(
+    here: Here,
+    model: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    place: str,
+    error: BaseException,
+    status: int,
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr(place, fail)
+    (model.parent / "a.glb").write_bytes(b"the old one")
+    before = sorted(model.parent.rglob("*"))
+    assert here(*line_of(model, "-f", "-o", model.parent / "b.triasset")).status == status
+    assert (model.parent / "a.glb").read_bytes() == b"the old one"
+    assert sorted(model.parent.rglob("*")) == before
+
+
+def test_a_full_temporary_folder_is_reported_as_such(
+    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full(io.BytesIO):
+        def write(self, _: object) -> int:
+            raise OSError(28, "No space left on device")
+
+    # Only in this module: OpenCL also makes temporary files when it is first used.
+    monkeypatch.setattr("msb.bake.lessons.tempfile", SimpleNamespace(TemporaryFile=Full))
+    result = here(*line_of(model))
+    result.ends(3, "OUTPUT_UNWRITABLE: ")
+    assert "TMPDIR" in result.err
+    assert not (model.parent / "a.glb").exists()
+
+
+def test_an_interrupt_ends_with_the_best_so_far_on_request(
+    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from msb.bake import making
+
+    ended = []
+
+    def interrupt(asset: msb.Asset, guide: Guide, shares: Any) -> Mesh:
+        os.kill(os.getpid(), signal.SIGINT)
+        ended.append(guide.watch("choosing faces", 1, 9))
+        return kept(asset, guide, shares)
+
+    kept = making.kept
+    monkeypatch.setattr(making, "kept", interrupt)
+    monkeypatch.setattr(making, "fitted", lambda *_, **__: pytest.fail("there was no time for more"))
+    handler = signal.getsignal(signal.SIGINT)
+    assert here(*line_of(model, "--geometry", "auto", "--keep-best")).status == 0
+    assert (ended, (model.parent / "a.glb").exists()) == ([True], True)
+    assert signal.getsignal(signal.SIGINT) is handler
+    assert here(*line_of(model, out="b.glb")).status == 130
+    assert not (model.parent / "b.glb").exists()
+
+
+def test_the_files_of_a_texture_beside_an_output_are_not_overwritten(here: Here, model: Path) -> None:
+    (model.parent / "a.mtl").write_bytes(b"mine")
+    here(*line_of(model, out="a.obj")).ends(2, f"OUTPUT_EXISTS: {model.parent / 'a.mtl'}")

@@ -1,0 +1,143 @@
+"""`msb bake -o FOLDER`: its files, its page, and that only files of an earlier bake are replaced."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+import msb
+from msb.errors import UsageError
+from msb.meshes import read_mesh
+from msb.scenes import write_cameras
+from tests.bake.conftest import line_of
+from tests.bake.test_views import ring
+from tests.cli.conftest import Here
+
+NAMES = {"asset.glb", "bake.json", "index.html", "preview.png"}
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()} - {"msb-files.json"}
+
+
+def scene_of(folder: Path) -> Any:
+    """Return the data of a folder's page."""
+    text = (folder / "index.html").read_text("utf-8")
+    found = re.search(r'<script type="application/json" id="scene">(.*?)</script>', text)
+    assert found is not None
+    return json.loads(found[1])["baked"]
+
+
+@pytest.mark.slow
+def test_a_folder_has_all_that_was_made(here: Here, model: Path) -> None:
+    out = model.parent / "out"
+    result = here(*line_of(model, "--lods", "0.5", "--collision", "box", "--json", "-", out="out/"))
+    assert result.status == 0, result
+    assert names(out) == NAMES | {"asset_lod1.glb", "asset_collision.glb"}
+    document, data = json.loads((out / "bake.json").read_text()), result.json
+    # In the folder, which may be moved, files are called by their names alone.
+    outputs = [[each["output"], each["lods"][0]["output"]] for each in (document, data)]
+    assert outputs[0] == ["asset.glb", "asset_lod1.glb"]
+    assert outputs[1] == [str(out / name) for name in outputs[0]]
+    same = {"schema", "tool_version", "psnr", "sentence", "seconds", "bytes"}
+    assert {key: document[key] for key in same} == {key: data[key] for key in same}
+    assert data["bytes"] == (out / "asset.glb").stat().st_size
+    assert len(read_mesh(out / "asset_collision.glb").faces) == 12
+    with Image.open(out / "preview.png") as picture:
+        # Native rendering, plain mesh and bake, in two views.
+        assert picture.size == (3 * ring(1)[0].width, 2 * ring(1)[0].height)
+        assert picture.getbbox() is not None
+    own = [data["psnr"]["own"][name] for name in ("before", "after", "after_16")]
+    assert [row[1] for row in scene_of(out)["losses"][1:]] == [f"{value:.1f}" for value in own]
+    assert [term for term, _ in scene_of(out)["facts"]] == [
+        *("asset.glb", "asset_lod1.glb", "asset_collision.glb", "Before", "Now")
+    ]
+
+
+@pytest.mark.slow
+def test_only_files_of_an_earlier_bake_are_replaced(here: Here, model: Path) -> None:
+    out = model.parent / "out"
+    out.mkdir()
+    assert here(*line_of(model, "-q", "--collision", "box", out="out")).status == 0
+    here(*line_of(model, out="out")).ends(2, "OUTPUT_EXISTS: ")
+    (out / "notes.txt").write_text("mine")
+    assert here(*line_of(model, "-f", out="out")).status == 0
+    assert names(out) == NAMES | {"notes.txt"}
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+def test_an_invalid_place_for_a_folder_is_rejected(here: Here, model: Path) -> None:
+    page = model.parent / "site" / "index.html"
+    page.parent.mkdir()
+    page.write_text("not ours")
+    (model.parent / "plain").write_text("a file")
+    before = sorted(model.parent.rglob("*"))
+    here(*line_of(model, "-f", out="site")).ends(2, "OUTPUT_EXISTS: ")
+    here(*line_of(model, "-f", out="plain")).ends(2, "OUTPUT_EXISTS: ")
+    here(*line_of(model, "-o", model.parent / "new")).ends(2, f"USAGE: {model.parent / 'new'}: ")
+    here(*line_of(model, out="plain/below")).ends(3, "OUTPUT_UNWRITABLE: ")
+    assert sorted(model.parent.rglob("*")) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_folder_is_complete_or_as_it_was(
+    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    assert here(*line_of(model, "-q", "--collision", "box", out="out")).status == 0
+    before = sorted(model.parent.rglob("*"))
+    monkeypatch.setattr("msb.bake.folder._page", fail)
+    for place in ("out", "new"):
+        assert here(*line_of(model, "-f", out=place)).status == (3 if isinstance(error, OSError) else 130)
+    assert sorted(model.parent.rglob("*")) == before
+
+
+def test_python_writes_the_same_folder(model: Path) -> None:
+    write_cameras(ring(1), model.parent / "cameras.json")
+    cameras = msb.read_cameras(model.parent / "cameras.json")
+    baked = msb.bake(model, cameras=cameras, geometry="kept")
+    out = model.parent / "out"
+    assert baked.save(out).output == str(out / "asset.glb")
+    assert names(out) == NAMES
+    assert len(baked.preview.columns) == 3
+    # The only view supervised, so there are images and no numbers.
+    assert scene_of(out)["losses"] == []
+    for places, code in (((out,), "OUTPUT_EXISTS"), ((model.parent / "b", model.parent / "a.glb"), "USAGE")):
+        with pytest.raises(UsageError) as caught:
+            baked.save(*places)
+        assert caught.value.code == code
+
+
+@pytest.mark.slow
+def test_the_page_shows_each_file(here: Here, model: Path, in_browser: Callable[..., Any]) -> None:
+    assert here(*line_of(model, "-q", "--collision", "box", out="out")).status == 0
+    script = """
+        await ready;
+        const shown = () => [byId("name").textContent, byId("facts").textContent, canvas.toDataURL()];
+        showNow();
+        const first = shown(), select = byId("file-shown");
+        select.value = "asset_collision.glb";
+        select.dispatchEvent(new Event("change"));
+        for (let i = 0; i < 500 && byId("facts").textContent === first[1]; i += 1)
+          await new Promise((done) => setTimeout(done, 20));
+        showNow();
+        const kinds = [...document.querySelectorAll("[data-for]")].filter((part) => !part.hidden);
+        return [first, shown(), [...select.options].map((option) => option.value), byId("losses").textContent,
+          kinds.map((part) => part.dataset.for), byId("preview").naturalWidth > 0,
+          byId("message").textContent];"""
+    page = (model.parent / "out" / "index.html").read_bytes()
+    first, second, listed, losses, kinds, picture, message = in_browser(page, script)
+    assert (first[:2], second[:2]) == (["asset.glb", "4 faces"], ["asset_collision.glb", "12 faces"])
+    assert first[2] != second[2]
+    assert listed == ["asset.glb", "asset_collision.glb"]
+    assert losses.startswith("dB")
+    assert (kinds, picture, message) == (["baked", "baked"], True, "")

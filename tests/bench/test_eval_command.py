@@ -1,0 +1,120 @@
+"""`msb eval` as its users meet it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.cli.conftest import Msb
+from tests.metrics.conftest import GOLDEN, golden, needs_torch
+
+PRED, GT = GOLDEN / "pred", GOLDEN / "gt"
+EXPECTED = ("smooth_plus_noise_37x53", "blurred_37x53", "identical_37x53")
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    return shutil.copytree(PRED, tmp_path / "pred"), shutil.copytree(GT, tmp_path / "gt")
+
+
+def test_table(msb: Msb) -> None:
+    result = msb("eval", PRED, GT, status=0)
+    lines = [line.split() for line in result.out.splitlines()]
+    assert lines[:5] == [
+        ["Image", "Size", "PSNR", "SSIM", "LPIPS"],
+        ["r_0", "53x37", "33.84", "0.966", "--"],
+        ["r_1", "53x37", "26.41", "0.851", "--"],
+        ["r_2", "53x37", "inf", "1.000", "--"],
+        ["mean", "of", "3", "images", "53.42", "0.939", "--"],
+    ]
+    quiet = msb("eval", "-q", PRED, GT).out.splitlines()
+    assert [line.split() for line in quiet] == [lines[0], lines[4]]
+
+
+@pytest.mark.slow
+def test_json_and_csv_hold_full_doubles(msb: Msb, tmp_path: Path) -> None:
+    cases = {case["id"]: case for case in golden("psnr_ssim.json")["cases"]}
+    data = msb("eval", "--json", "-", "--csv", tmp_path / "rows.csv", PRED, GT).json
+    assert (data["schema"], data["count"], data["partial"]) == ("msb.eval/1", 3, False)
+    for row, name in zip(data["images"], EXPECTED, strict=True):
+        assert float(row["psnr"]) == pytest.approx(float(cases[name]["psnr"]), abs=1e-6)
+        assert row["ssim"] == pytest.approx(cases[name]["ssim"], abs=1e-9)
+        assert row["lpips"] is None
+    finite = [cases[name]["psnr"] for name in EXPECTED[:2]]
+    assert data["mean"]["psnr"] == pytest.approx((sum(finite) + 100) / 3, abs=1e-6)
+    assert (data["psnr_inf_count"], data["lpips_reason"] is None) == (1, False)
+    assert [metric["name"] for metric in data["metrics"]] == ["psnr", "ssim"]
+    rows = list(csv.DictReader((tmp_path / "rows.csv").read_text().splitlines()))
+    assert float(rows[1]["psnr"]) == data["images"][1]["psnr"]
+    assert (rows[2]["psnr"], rows[2]["lpips"]) == ("inf", "")
+    msb("eval", "--csv", tmp_path / "rows.csv", PRED, GT).ends(2, "OUTPUT_EXISTS: ")
+    (one,) = msb("eval", "--json", "-", PRED / "r_0.png", GT / "r_1.png").json["images"]
+    assert one["name"] == "r_0"
+
+
+@pytest.mark.slow
+def test_every_bad_image_is_a_line_and_the_rest_is_compared(msb: Msb, folders: tuple[Path, Path]) -> None:
+    pred, gt = folders
+    (pred / "r_0.png").write_bytes((pred / "r_0.png").read_bytes()[:200])
+    Image.fromarray(np.zeros((5, 5, 3), np.uint8)).save(gt / "r_2.png")
+    result = msb("eval", "--json", "-", pred, gt, status=3)
+    first, second = result.err.splitlines()
+    assert first.startswith(f"METRIC_IMAGE: {pred / 'r_0.png'}: ")
+    assert second.startswith(f"METRIC_SIZES_DIFFER: {pred / 'r_2.png'}: ")
+    data = result.json
+    assert (data["count"], data["partial"]) == (1, True)
+    assert data["mean"]["psnr"] == data["images"][0]["psnr"]
+    assert [failure["name"] for failure in data["failed"]] == ["r_0", "r_2"]
+    (pred / "r_1.npy").write_bytes(b"")
+    alone = msb("eval", "--json", "-", pred, gt, status=3)
+    assert (alone.json["mean"]["psnr"], len(alone.err.splitlines())) == (None, 3)
+    (pred / "r_1.npy").unlink()
+    msb("eval", pred, gt).ends(3, f"METRIC_IMAGE_NAMES: {pred}: ")
+    assert len(msb("eval", "--subset", "--json", "-", pred, gt, status=3).json["failed"]) == 2
+
+
+@pytest.mark.slow
+def test_alpha_needs_a_background(msb: Msb, tmp_path: Path) -> None:
+    red = np.zeros((20, 20, 4), np.uint8)
+    red[..., 0], red[:10, :, 3] = 255, 255
+    Image.fromarray(red).save(tmp_path / "a.png")
+    over_white = np.where(red[..., 3:] > 0, red[..., :3], 255).astype(np.uint8)
+    Image.fromarray(over_white).save(tmp_path / "b.png")
+    result = msb("eval", tmp_path / "b.png", tmp_path / "a.png", status=3)
+    assert result.err.startswith("METRIC_IMAGE_ALPHA: ")
+    data = msb("eval", "--background", "white", "--json", "-", tmp_path / "b.png", tmp_path / "a.png").json
+    assert data["images"][0]["psnr"] == "inf"
+    assert data["background"] == [1, 1, 1]
+    for background in ("official", "#12345", "2,0,0"):
+        msb("eval", "--background", background, PRED, GT).ends(2, "USAGE: --background")
+    for arguments in ((tmp_path / "none", GT), (PRED, tmp_path / "none")):
+        msb("eval", *arguments).ends(3, "FILE_NOT_FOUND: ")
+
+
+@needs_torch
+def test_lpips(msb: Msb, vgg_file: Path, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    result = msb("eval", "--vgg-weights", vgg_file, "--json", file, PRED, GT, OMP_NUM_THREADS="1", status=0)
+    assert result.err.startswith(f"warning: METRIC_VGG_UNKNOWN: {vgg_file}: ")
+    data = json.loads(file.read_text())
+    assert data["lpips_reason"] is None
+    assert data["images"][2]["lpips"] == 0
+    assert data["mean"]["lpips"] == pytest.approx(sum(row["lpips"] for row in data["images"]) / 3)
+    assert data["warnings"] == [result.err.strip()]
+    assert data["metrics"][2]["weights"]["vgg"]["sha256"]
+    msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT).ends(3, "METRIC_WEIGHTS: ")
+
+
+def test_what_all_images_fail_by_is_said_once(msb: Msb, tmp_path: Path) -> None:
+    for folder, size in (("pred", (8, 6)), ("gt", (16, 12))):
+        (tmp_path / folder).mkdir()
+        for number in range(3):
+            Image.new("RGB", size).save(tmp_path / folder / f"{number}.png")
+    first, note = msb("eval", tmp_path / "pred", tmp_path / "gt", status=3).err.splitlines()
+    assert (first.partition(":")[0], note.partition(":")[0]) == ("METRIC_SIZES_DIFFER", "note")

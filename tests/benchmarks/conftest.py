@@ -1,0 +1,7 @@
+"""Benchmarks measure all capabilities together."""
+
+from __future__ import annotations
+
+from tests.conftest import WHOLE
+
+collect_ignore_glob = [] if WHOLE else ["test_*.py"]

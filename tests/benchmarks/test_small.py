@@ -1,0 +1,60 @@
+"""Every benchmark runs, on very little: what it measures, and holds against a peer, changes under it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("msb.bench", reason="msb.bench was removed")
+from benchmarks import pages
+from tests.conftest import ROOT
+
+SMALL = {
+    "audit": "--sizes 5 --main 5 --rounds 1 --tools msb scatter --parts peers threads",
+    "before": "HEAD --faces 2000 --rounds 1 --row standard/mesh_splatting",
+    "bake_scale": "--faces 2000 --views 3 --size 64 48 --geometry kept",
+    "delivery": "data_stubs/models/pebble/two_dts",
+    "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
+    "export": "--triangles 2000 --rounds 1",
+    "repair": "--sizes 5 --rounds 1",
+    "scale": "--faces 2000 --method triangle_splatting_plus",
+    "sizes": "--faces 2000 --command info",
+    "standard": "--scenes large --tools msb --rounds 1",
+}
+"""Benchmark -> options with which it takes seconds."""
+
+
+def run(*words: str) -> str:
+    """Run a benchmark to its end, and return what it prints."""
+    command = [sys.executable, "-m", *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SMALL)
+def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) -> None:
+    if name == "before" and not (ROOT / ".git").exists():
+        pytest.skip("this copy has no commits to compare with")
+    kept = tmp_path / "results" / f"{name}.json"
+    printed = run(f"benchmarks.{name}", *SMALL[name].split(), "--json", str(kept))
+    assert "not run" not in printed
+    assert json.loads(kept.read_text())["machine"]["python"]
+
+
+@pytest.mark.slow
+def test_endurance_is_tried() -> None:
+    run("benchmarks.endurance", "renders", "--share", "0.01")
+
+
+def test_pages_are_what_the_results_say() -> None:
+    """Else: python -m benchmarks.pages."""
+    made = pages.pages()
+    assert made == {path.name: path.read_text(encoding="utf-8") for path in pages.PAGES.glob("*.md")}
+    assert pages.readme(made) == pages.README.read_text(encoding="utf-8")
+    assert {path.suffix for path in pages.RESULTS.iterdir()} == {".json"}

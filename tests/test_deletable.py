@@ -1,0 +1,125 @@
+"""Each capability can be deleted: the rest then imports, lists its commands and passes its tests.
+
+This is tried on a copy of the tree. ``python -m tests.test_deletable bake`` also runs all quick tests that
+remain.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from msb.cli.commands import BUILT_IN
+from tests.conftest import CAPABILITIES, ROOT, of_the_whole
+
+IMPORT_ALL = """
+import importlib, pkgutil, msb
+packages = [msb]
+try:
+    import msb_viewers
+    packages.append(msb_viewers)
+except ModuleNotFoundError:
+    pass
+modules = [pkgutil.walk_packages(each.__path__, each.__name__ + ".") for each in packages]
+names = [module.name for found in modules for module in found]
+for name in names:
+    if not name.endswith("__main__"):
+        importlib.import_module(name)
+print(len(names), *(each.__path__[0] for each in packages))
+"""
+# An editable installation puts the viewers of another checkout into the search path.
+SITE = """
+import os, sys
+others = [place for place in sys.path if place not in {places!r} and os.path.isdir(place + "/msb_viewers")]
+sys.path[:] = [place for place in sys.path if place not in others]
+"""
+
+
+def copy_without(capability: str, copy: Path) -> None:
+    """Copy the files of this checkout, except the folders of a capability."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, check=True, text=True,
+    )  # fmt: skip
+    removed = tuple(f"{folder}/" for folder in CAPABILITIES[capability])
+    for name in filter(None, listed.stdout.split("\0")):
+        if not name.startswith(removed) and (ROOT / name).is_file():
+            (copy / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(ROOT / name, copy / name)
+
+
+def run(copy: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in the copy, which must not find the packages of another checkout."""
+    places = [str(copy), str(copy / "viewers")]
+    site = copy.parent / "site"
+    site.mkdir(exist_ok=True)
+    (site / "sitecustomize.py").write_text(SITE.format(places=places))
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), *places]), "COLUMNS": "80"}
+    return subprocess.run(
+        [sys.executable, *words], cwd=copy, env=env, capture_output=True, text=True, check=False
+    )
+
+
+def commands_of(capability: str) -> set[str]:
+    """Return the commands whose modules are deleted."""
+    folders = [folder.replace("/", ".") for folder in CAPABILITIES[capability] if folder.startswith("msb/")]
+    modules = tuple(f"{folder}." for folder in folders or ["msb_viewers"])
+    entries = {name: place.module for places in BUILT_IN.values() for name, place in places.items()}
+    return {name for name, module in entries.items() if module.startswith(modules)}
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("this is no checkout of git")
+    return tmp_path / "copy"
+
+
+def check(capability: str, copy: Path) -> None:
+    """Check that modules load, commands are listed and tests are found."""
+    copy_without(capability, copy)
+    loaded = run(copy, "-c", IMPORT_ALL)
+    assert loaded.returncode == 0, loaded.stderr
+    assert all(place.startswith(str(copy)) for place in loaded.stdout.split()[1:])
+    helped = run(copy, "-m", "msb", "--help")
+    assert (helped.returncode, helped.stderr) == (0, "")
+    listed = {line.split()[0] for line in helped.stdout.splitlines() if line.startswith("  ")}
+    entries = {name for places in BUILT_IN.values() for name in places}
+    assert listed & entries == entries - commands_of(capability)
+    for name in commands_of(capability):
+        missing = run(copy, "-m", "msb", name, "--help")
+        assert (missing.returncode, missing.stderr.split(":")[0]) == (2, "EXTRA_MISSING"), name
+    found = run(copy, "-m", "pytest", "--collect-only", "-q", "-p", "no:cacheprovider", "-m", "not slow")
+    assert found.returncode == 0, found.stdout[-3000:]
+
+
+@pytest.mark.slow
+@of_the_whole
+@pytest.mark.parametrize("capability", CAPABILITIES)
+def test_the_rest_works_without(capability: str, copy: Path) -> None:
+    check(capability, copy)
+
+
+@pytest.mark.parametrize("capability", CAPABILITIES)
+def test_a_capability_has_commands(capability: str) -> None:
+    assert commands_of(capability)
+
+
+def main() -> None:
+    """Check one capability, and run all quick tests that remain."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "copy"
+        check(sys.argv[1], copy)
+        tests = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *sys.argv[2:])
+        print(tests.stdout)
+        sys.exit(tests.returncode)
+
+
+if __name__ == "__main__":
+    main()
