@@ -59,16 +59,10 @@ def forge(
     end: Fields | None = None,
     end64: Fields | None = None,
 ) -> bytes:
-    """Return a ZIP of `entries`.
+    """Return a ZIP of `entries`, with `before_directory` between the last member and the central directory.
 
-    Parameters
-    ----------
-    entries : list of Entry
-    before_directory : bytes
-        Put between the last member and the central directory.
-    end, end64 : dict, optional
-        Fields of the end record (disk, first_disk, here, count, length, start, comment) to override; a ZIP64
-        end record and locator are written if `end64` is given (also: record_size, at, disks).
+    `end` and `end64` replace fields of the end record: disk, first_disk, here, count, length, start, comment.
+    A ZIP64 end record and locator are written if `end64` is given (also: record_size, at, disks).
     """
     out = bytearray()
     offsets = []
