@@ -72,7 +72,7 @@ def export(path: Path, method: str | None = None) -> None:
 
 
 def two_dts_config(path: Path) -> None:
-    from msb.methods.two_dts.adapter_config import read_config as read
+    from msb.methods.two_dts.adapter import read_config as read
 
     read(path.parent, path)
 
@@ -190,10 +190,10 @@ def protocol(path: Path) -> None:
 
 @cache
 def commands() -> Any:
+    from msb.cli.defaults import single_commands
     from typer.main import get_command
 
     from msb.cli.app import app
-    from msb.cli.defaults import single_commands
 
     return single_commands(get_command(app))
 

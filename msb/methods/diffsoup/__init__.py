@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.registry.declare import AWARE, Method, Native, PaperNote, Retained, Setting
+from msb.registry import AWARE, Method, Native, PaperNote, Retained, Setting
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM
 from msb.scenes.datasets.rules import Photographs, Rules

@@ -14,9 +14,13 @@ from numpy.typing import NDArray
 
 from msb.asset.settings import check_modes, effective_settings
 from msb.base.version import __version__
-from msb.methods.diffsoup.look_camera import diffsoup_matrices, pixel_centers
-from msb.methods.diffsoup.look_model import FEATURES, diffsoup_model
-from msb.methods.diffsoup.look_surface import surface_model
+from msb.methods.diffsoup.look_model import (
+    FEATURES,
+    diffsoup_matrices,
+    diffsoup_model,
+    pixel_centers,
+    surface_model,
+)
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras

@@ -40,26 +40,12 @@ def render(
     settings: Mapping[str, Any],
     dtype: type[Any],
     modes: Modes,
-) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`."""
-    return form_image(
-        asset, camera, background, settings, dtype, modes, max_alpha=MAX_ALPHA, flat_depth=False
-    )
-
-
-def form_image(
-    asset: Asset,
-    camera: Camera,
-    background: Reals,
-    settings: Mapping[str, Any],
-    dtype: type[Any],
-    modes: Modes,
     *,
-    max_alpha: float,
-    flat_depth: bool,
+    max_alpha: float = MAX_ALPHA,
+    flat_depth: bool = False,
     tiles_of: TilesOf | None = None,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`, as MeshSplatting or Triangle Splatting+ has it.
+    """Return `asset` seen by `camera`; see `render_reference`. The defaults are MeshSplatting's.
 
     `max_alpha` caps alpha. With `flat_depth` a face has the depth of its centroid everywhere, otherwise that
     of its corners is interpolated. `tiles_of` gives the tiles of faces, `corner_tiles` if it is not given.
