@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -128,22 +129,13 @@ class ReferenceRenderer:
         sampling: Sampling = "official",
     ) -> None:
         check_modes(order, sampling)
-        self._asset, self._settings = asset, settings
-        self._order, self._sampling = order, sampling
-        self._dtype = precision(dtype)
+        rules: dict[str, Any] = {"order": order, "sampling": sampling, "dtype": precision(dtype)}
+        self._draw = partial(render_reference, asset, settings=settings, **rules)
 
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
         """Draw the asset from `camera` over `background`; `timings` has the time NumPy took."""
         start = time.perf_counter()
-        frame = render_reference(
-            self._asset,
-            camera,
-            background,
-            self._settings,
-            self._dtype,
-            order=self._order,
-            sampling=self._sampling,
-        )
+        frame = self._draw(camera, background)
         frame.timings["numpy"] = 1000 * (time.perf_counter() - start)
         return frame
 

@@ -57,7 +57,10 @@ def render_standard(
     """
     points = np.asarray(positions, np.float64)
     faces = np.asarray(indices, np.int64)
-    surface, rgb = None, np.zeros((0, 3)) if colors is None else _unit_colors(colors)
+    surface, rgb = None, np.zeros((0, 3))
+    if colors is not None:
+        stored = np.asarray(colors)[:, :3]
+        rgb = np.clip(stored / (255.0 if stored.dtype == np.uint8 else 1.0), 0, 1)
     if textured is not None:
         tint = None if colors is None else StaticColors(np.asarray(colors), cast("Any", domain))
         surface = Surface(textured, tint, np.asarray(indices))
@@ -86,7 +89,7 @@ def render_standard(
             else:
                 light = surface.at(face, order, weights, steps_at(local[corners], rays, camera))
                 wins &= surface.is_there(light)
-                seen = shown(light)
+                seen = np.clip(linear_to_srgb(light[:, :3]), 0, 1)
             y, x = y[wins], x[wins]
             nearest[y, x] = depth[wins]
             face_id[y, x] = face
@@ -114,7 +117,8 @@ def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     screen = outline[:, :2] / outline[:, 2:] * focal + principal
     snapped = np.trunc(screen * UNITS + 0.5).astype(np.int64)
-    low, high = _depth_range(corners)
+    # The least and the greatest 1 / z that the face can have in front of the near plane.
+    low, high = 1 / float(corners[:, 2].max()), 1 / max(float(corners[:, 2].min()), NEAR)
     first = corners[nearest_corner(corners)]
     for k in range(1, len(snapped) - 1):
         y, x = inside(snapped[[0, k, k + 1]], camera.width, camera.height)
@@ -199,19 +203,6 @@ def weights_at(corners: Reals, rays: Reals) -> Reals:
     return np.where(total > 0, weights / np.where(total > 0, total, 1), (1.0, 0.0, 0.0))
 
 
-def _depth_range(corners: Reals) -> tuple[float, float]:
-    """Return the least and the greatest 1 / z that a face can have in front of the near plane."""
-    z = corners[:, 2]
-    return 1 / float(z.max()), 1 / max(float(z.min()), NEAR)
-
-
-def _unit_colors(colors: Any) -> Reals:
-    values = np.asarray(colors)
-    if values.dtype == np.uint8:
-        return values[:, :3].astype(np.float64) / 255
-    return np.clip(values[:, :3].astype(np.float64), 0, 1)
-
-
 class Surface:
     """The textures of a mesh with faces `indices` (F, 3), times `tint` if there is one."""
 
@@ -239,11 +230,6 @@ class Surface:
         """Return at which samples (n,) of `light` (n, 4) there is a surface."""
         cutoff = self._textured.sampler.alpha_cutoff
         return np.ones(len(light), bool) if cutoff is None else light[:, 3] >= cutoff - ROUNDING
-
-
-def shown(light: Reals) -> Reals:
-    """Return the sRGB colours (n, 3) of linear light (n, 4)."""
-    return np.asarray(np.clip(linear_to_srgb(light[:, :3]), 0, 1))
 
 
 def steps_at(corners: Reals, rays: Reals, camera: Camera) -> Reals:

@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from msb.render.machine import OF_THE_MOMENT
 from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import read_result
 from msb.bench.run import Report
+from msb.render.machine import OF_THE_MOMENT
 from tests.conftest import ROOT
 
 STUBS = ROOT / "tests" / "tiny"

@@ -110,7 +110,7 @@ def test_one_that_prints_and_changes_its_images_changes_nothing(
     [
         ("import numpy as np", "import sys; sys.exit()", None, "it cannot be loaded: SystemExit"),
         ("EDGES = ", "EDGES = 3\nOTHER = ", None, "it is no ImageMetric, but of type int"),
-        ("", "", "psnr = msb_edges:EDGES", "the name is taken by msb.metrics.images:PSNR"),
+        ("", "", "psnr = msb_edges:EDGES", "the name is taken by msb.metrics"),
         ("", "", "fps = msb_edges:EDGES", "something else in records or tables"),
         ("", "", "corners = msb_edges:EDGES", "must be that of its entry point, corners"),
         ("", "", "edges =", "names no module"),

@@ -26,12 +26,12 @@ from pathlib import Path
 from typing import Any
 
 from data_stubs.make import write_checkpoint
-from msb.adapters import export
+from msb.adapters.exporter import export
 from msb.asset import write_asset
 from msb.base.atomic import is_leftover
-from msb.render.machine import OF_THE_MOMENT
 from msb.bench.records import read_result
 from msb.bench.run import run_protocol
+from msb.render.machine import OF_THE_MOMENT
 from tests.bench.protocols import protocol
 from tests.conftest import ROOT
 

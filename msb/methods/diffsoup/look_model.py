@@ -15,15 +15,13 @@ from numpy.typing import NDArray
 from msb.asset.drawable import check_drawable, require, required_buffer
 from msb.asset.planes import invert_projection
 from msb.errors import AssetError
+from msb.methods.diffsoup import FEATURES, LAYERS, samples
 from msb.render.surface import Surface
 
 if TYPE_CHECKING:
     from msb.asset import Asset
     from msb.scenes import Camera
 
-FEATURES = 7
-LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-"""Layer of the decoder -> shape of its weight, [out, in]."""
 THRESHOLD = 0.5
 MAX_LEVEL = 8
 """The highest level of a lattice, which has 33,153 samples at level 8."""
@@ -76,11 +74,11 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
     check_drawable(asset)
-    faces, samples = asset.manifest.face_count, (2**level + 1) * (2**level + 2) // 2
+    faces = asset.manifest.face_count
     positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)
     indices = required_buffer(asset, "indices", faces, 3)
-    features = required_buffer(asset, "features.lattice", faces, samples, FEATURES)
-    opacity = required_buffer(asset, "features.opacity", faces, samples)
+    features = required_buffer(asset, "features.lattice", faces, samples(level), FEATURES)
+    opacity = required_buffer(asset, "features.opacity", faces, samples(level))
     if features.dtype != opacity.dtype:
         text = f"features.lattice is {features.dtype}, but features.opacity {opacity.dtype}; both must be one"
         raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")

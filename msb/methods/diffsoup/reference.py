@@ -17,6 +17,7 @@ from msb.asset.drawable import required_buffer
 from msb.asset.planes import invert_projection
 from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import AssetError
+from msb.methods.diffsoup import FEATURES, LAYERS, samples
 from msb.reference.arithmetic import Reals, dot, matrix_product, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
 
@@ -25,12 +26,9 @@ if TYPE_CHECKING:
     from msb.reference.tiles import Modes
     from msb.scenes import Camera
 
-FEATURES = 7
 OPACITY_THRESHOLD = 0.5
 BLEND_FEATURE = 3
 """The feature that weighs the decoder's colour against the base colour, features 0 to 2."""
-LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-"""Layer of the decoder -> shape of its weight, [out, in]."""
 MAX_LEVEL = 16
 _TOGETHER = 1 << 18
 """Pixels of the boxes of several faces that are looked at together."""
@@ -157,12 +155,11 @@ def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
-    samples = (2**level + 1) * (2**level + 2) // 2
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
         for array in (
-            required_buffer(asset, "features.lattice", count, samples, FEATURES),
-            required_buffer(asset, "features.opacity", count, samples),
+            required_buffer(asset, "features.lattice", count, samples(level), FEATURES),
+            required_buffer(asset, "features.opacity", count, samples(level)),
         )
     )
     return level, lattice, opacity

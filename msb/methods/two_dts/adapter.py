@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 from numpy.typing import NDArray
 
-from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance, soup_buffers
-from msb.adapters.setting_sources import Settings
+from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance, soup_buffers
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import missing, named_up, read_text, unusable
 from msb.asset import Description

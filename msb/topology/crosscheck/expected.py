@@ -74,11 +74,11 @@ class Facts:
             self.with_all_rows = pair_numbers(mesh.faces)
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
-    def same(self, quantity: str, call: str, shift: str | None = None, answer: str = "") -> Expected:
+    def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
         """Expect our count, shifted by what the peer makes of repeated-index rows."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
-        return Expected(quantity, call, answer or quantity, ours, ours + by, self.rows_kept(by))
+        return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
         """Return in words that the peer counts repeated-index rows, or nothing if that changes no number."""
