@@ -56,7 +56,7 @@ def cull_dtu(
     scale = [_matrix(each, "scale_mat") for each in scale_mats]
     if not world or len(world) != len(scale):
         raise _bad(
-            f"there are {len(world)} world_mat and {len(scale)} scale_mat; one of each per view is needed"
+            f"there are {len(world)} world_mat and {len(scale)} scale_mat; each view needs one of both"
         )
     views = 0
     for mask in masks:

@@ -40,9 +40,7 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
     place = regular_file(path)
     suffix = place.suffix.lower()
     if suffix not in IMAGE_SUFFIXES:
-        raise _bad(
-            place, f"the suffix is '{shorten(suffix, 20)}'; it must be one of {', '.join(IMAGE_SUFFIXES)}"
-        )
+        raise _bad(place, f"the suffix must be one of {', '.join(IMAGE_SUFFIXES)}")
     if suffix == ".exr":
         need_extra("bench", "OpenEXR", what="an EXR image")
     with _decoding(place):

@@ -76,7 +76,6 @@ def audit(
         typed.reject(["elements", "csv_file", *gates], "needs a mesh")
     if options.version:
         typed.reject(["json_file", "json_lines", "explain"], "does not go with --version")
-    if options.version:
         from msb.cli.app import print_version
 
         print_version()

@@ -172,12 +172,10 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
             settings.add(name, degree, "checkpoint")
             continue
         if name == "sh_degree" and isinstance(value, int) and value > degree:
-            text = (
-                f"model.{key} is {json_safe(value)}, but the checkpoint holds degree {degree}, which is used"
+            text = shorten(
+                f"model.{key} is {json_safe(value)}; the degree {degree} of the checkpoint is used", 200
             )
-            warnings.append(
-                finding("CHECKPOINT_CONFIG", shorten(text, 200), severity="warning", file=str(file))
-            )
+            warnings.append(finding("CHECKPOINT_CONFIG", text, severity="warning", file=str(file)))
             value = degree
         if name == "ste_threshold" and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)

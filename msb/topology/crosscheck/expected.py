@@ -278,9 +278,7 @@ def expect_nvidia(facts: Facts) -> list[Expected]:
     unused = counts.unreferenced_vertices - facts.shift["used"]
     vertices = facts.same("nonmanifold_vertices", "ManifoldChecker", "double_fans")
     theirs = counts.nonmanifold_vertices + facts.shift["double_fans"] + unused
-    idle = (
-        f"it takes {some(unused, 'vertex', 'vertices')} that no row uses for non-manifold" if unused else ""
-    )
+    idle = f"it calls {some(unused, 'vertex', 'vertices')} without faces non-manifold" if unused else ""
     consistent = sees_consistent = counts.inconsistent_winding_edges == 0
     if facts.repeated:
         every = facts.with_all_rows
