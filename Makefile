@@ -130,7 +130,7 @@ docs: $(FOR_DOCS)
 
 # The extension for Blender, with PYTHON of its Python's version: 3.11 to Blender 5.0, 3.13 from 5.1 on.
 blender-extension:
-	$(PYTHON) blender/build.py
+	$(PYTHON) integrations/blender/build.py
 
 bench: $(FOR_TEST)
 	$(BIN)/python -m benchmarks.audit

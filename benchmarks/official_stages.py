@@ -27,7 +27,6 @@ import msb
 from benchmarks import measure
 from msb.adapters.locate import locate
 from msb.asset.settings import effective_settings
-from msb.render.machine import machine
 from msb.bench.nvml import Gpus
 from msb.bench.profile import profile
 from msb.bench.renders import Renders, check_size, find_renders
@@ -39,6 +38,7 @@ from msb.metrics.registry import mean_of
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.render.images import to_bytes
+from msb.render.machine import machine
 from msb.scenes.datasets import (
     DATASETS,
     own_background,

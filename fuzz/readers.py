@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import chdir
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +64,7 @@ def submission(path: Path) -> None:
 
 
 def export(path: Path, method: str | None = None) -> None:
-    from msb.adapters import export as make
+    from msb.adapters.exporter import export as make
 
     make(path, method=method)
 
@@ -186,23 +184,6 @@ def protocol(path: Path) -> None:
     from msb.bench.protocol import read_protocol as read
 
     read(path)
-
-
-@cache
-def commands() -> Any:
-    from msb.cli.defaults import single_commands
-    from typer.main import get_command
-
-    from msb.cli.app import app
-
-    return single_commands(get_command(app))
-
-
-def settings(path: Path) -> None:
-    from msb.cli.defaults import read_defaults as read
-
-    with chdir(path.parent):
-        read(commands())
 
 
 def gate(path: Path) -> None:

@@ -18,7 +18,6 @@ import numpy as np
 
 from data_stubs.torch_file import write_torch
 from data_stubs.training.state import write_state
-from msb.bench.records import RendererTiming
 from msb.engines.dedicated_page.stored import store
 from msb.meshes import Mesh, write_mesh
 from msb.meshes.formats import written_suffixes
@@ -36,6 +35,7 @@ from tests.scenes.bad_cameras import SMALL as CAMERAS
 
 STUBS = ROOT / "tests" / "tiny"
 MODELS = STUBS / "models" / "pebble"
+
 MATLAB = ("ObsMask1_10.mat", "Plane1.mat")
 
 
@@ -208,19 +208,6 @@ def protocols() -> list[bytes]:
     return [(STUBS / "protocol.toml").read_bytes(), MINIMAL.encode(), *(text.encode() for text in WRONG)]
 
 
-def settings() -> list[bytes]:
-    return [
-        b'device = "cpu"\nquiet = true\n[audit]\nfail-on = ["components>1"]\n[render]\nset = ["gamma=20"]\n',
-        b"verbose = 2\n[run]\nverbose = 1.5\n",
-        b"x = 1979-05-27T07:32:00Z\ny = [{a = 0x1f, b = inf}]\n",
-    ]
-
-
-def pyproject() -> list[bytes]:
-    tables = (b"[tool.msb]\n" + text.replace(b"[", b"[tool.msb.", 1) for text in settings()[:1])
-    return [*tables, b"tool.msb = 1\n", b"[[tool]]\nmsb = 1\n"]
-
-
 def gates() -> list[bytes]:
     from msb.api.gates import PROFILES
 
@@ -266,7 +253,9 @@ def around_record(record: bytes) -> bytes:
     return archive_of({ABOUT: about.to_json(), name: record})
 
 
-def timing() -> RendererTiming:
+def timing() -> Any:
+    from msb.bench.records import RendererTiming
+
     return RendererTiming(frames=300, seconds=2.5, device="GPU", timed="render()")
 
 

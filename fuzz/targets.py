@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 
-from fuzz import readers, run_folder, seeds
+from fuzz import readers, seeds
 from fuzz.target import Target
 from msb.meshes import MESH_SUFFIXES
 from msb.registry import METHODS
@@ -59,7 +60,6 @@ def dtu_target(file: str) -> Target:
     )
 
 
-RESULT = "cells/capture/desk/two_dts/dedicated/result.json"
 NERF = "scenes/nerf_synthetic/pebble/transforms_test.json"
 
 TARGETS: dict[str, Target] = {
@@ -108,19 +108,12 @@ TARGETS: dict[str, Target] = {
     "dtu_plane": dtu_target("ObsMask/Plane1.mat"),
     "dtu_cloud": dtu_target("Points/stl/stl001_total.ply"),
     "vgg_npz": Target(readers.vgg, seeds.vgg_archives, "a.npz"),
-    "protocol": Target(readers.protocol, seeds.protocols, "protocol.toml"),
-    "msb_toml": Target(readers.settings, seeds.settings, "msb.toml"),
-    "pyproject": Target(readers.settings, seeds.pyproject, "pyproject.toml"),
     "gate": Target(readers.gate, seeds.gates, "gate"),
-    "result": Target(readers.report, seeds.results, RESULT),
-    "submission": Target(readers.submission, seeds.submissions, "a.zip"),
-    "submission_record": Target(readers.submission, seeds.results, "a.zip", wrap=seeds.around_record),
-    **run_folder.targets(),
-    "renderer_timing": Target(readers.renderer_timing, seeds.renderer_timings, "timing.json"),
     "page": Target(readers.page, seeds.pages, "page.html"),
     "training": Target(readers.training, seeds.trainings, "training.npz"),
-    "track": Target(readers.track, seeds.tracks, "track.json"),
-    "published": Target(readers.published, seeds.published, "published.json"),
-    "benchmark": Target(readers.benchmark, seeds.benchmarks, "bench.json"),
 }
 """Reader of files from outside -> target: assets, checkpoints, meshes, cameras, images, TOML, results."""
+if find_spec("msb.bench") is not None:  # a capability that can be removed
+    from fuzz import bench_targets
+
+    TARGETS |= bench_targets.TARGETS

@@ -25,8 +25,6 @@ import pytest
 import typer.main
 
 import msb
-from msb.bench.protocol import read_protocol
-from msb.bench.run import run_protocol
 from msb.cli.app import app
 from msb.render.backend import what_is_missing
 from tests.conftest import ROOT, SHORT
@@ -149,6 +147,10 @@ def stand_ins(tmp_path_factory: pytest.TempPathFactory) -> Path:
         msb.save(asset, folder / name)
     (folder / "train.py").write_text("print('trained')\n")
     (folder / "protocol.toml").write_text(PROTOCOL)
+    pytest.importorskip("msb.bench", reason="msb.bench was removed")
+    from msb.bench.protocol import read_protocol
+    from msb.bench.run import run_protocol
+
     assert run_protocol(read_protocol(folder / "protocol.toml")).exit_status == 0
     for name in ("RESULTS", "first/results", "second/results"):
         shutil.copytree(folder / "out" / "demo" / "results", folder / name)

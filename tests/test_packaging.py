@@ -73,11 +73,16 @@ def test_sdist_holds_what_is_needed_to_build_test_and_read(built: Path, wheel: P
         "Makefile",
         "pyproject.toml",
         "docs/guides/trained.md",
-        "js/package.json",
+        "integrations/js/package.json",
         "mkdocs.yml",
     ):
         assert (tree / name).is_file(), name
-    for name in ("tests/golden/views.py", "data_stubs/protocol.toml", "recipes/common.sh", ".ci/run"):
+    for name in (
+        "tests/golden/views.py",
+        "data_stubs/protocol.toml",
+        "benchmarks/recipes/common.sh",
+        ".ci/run",
+    ):
         assert (tree / name).is_file(), name
     from hatchling.builders.wheel import WheelBuilder
 

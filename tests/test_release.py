@@ -27,7 +27,7 @@ def of_yaml(name: str) -> Any:
 
 
 def test_the_recipe_needs_what_the_core_needs() -> None:
-    recipe = of_yaml("conda/recipe.yaml")
+    recipe = of_yaml("packaging/conda/recipe.yaml")
     core = {re.split(r"[;\s]", word)[0] for word in PROJECT["dependencies"]}
     wanted = {re.sub(r"([a-z])>", r"\1 >", word) for word in core if not word.startswith("pocl")}
     there = {word for word in recipe["requirements"]["run"] if not word.startswith(("pocl", "python "))}
@@ -41,10 +41,29 @@ def test_the_recipe_needs_what_the_core_needs() -> None:
 def test_one_place_is_marked_for_the_address() -> None:
     assert set(PROJECT["urls"].values()) == {PLACE, f"{PLACE}/issues", f"{PLACE}/blob/main/CHANGELOG.md"}
     assert of_yaml("CITATION.cff")["repository-code"] == PLACE
-    assert of_yaml("conda/recipe.yaml")["about"]["repository"] == PLACE
-    package = json.loads((ROOT / "js" / "package.json").read_text())
+    assert of_yaml("packaging/conda/recipe.yaml")["about"]["repository"] == PLACE
+    package = json.loads((ROOT / "integrations" / "js" / "package.json").read_text())
     assert package["repository"]["url"] == f"git+{PLACE}.git"
     assert f"{PLACE}/actions/workflows/ci.yml" in (ROOT / "README.md").read_text()
+    # grep also fails for a missing file, and the check before a release would then always pass.
+    steps = of_yaml(".github/workflows/release.yml")["jobs"]["build"]["steps"]
+    (check,) = (step["run"] for step in steps if "OWNER" in step.get("run", ""))
+    searched = check.partition("OWNER/meshsplatbench ")[2].split()
+    assert {name for name in searched if PLACE in (ROOT / name).read_text()} == set(searched)
+    assert len(searched) == 5
+
+
+def test_the_image_is_built_from_files_that_exist() -> None:
+    (build,) = (
+        step["with"]
+        for step in of_yaml(".github/workflows/release.yml")["jobs"]["image"]["steps"]
+        if "context" in step.get("with", {})
+    )
+    assert build["context"] == "."
+    assert (ROOT / build["file"]).is_file()
+    assert (ROOT / f"{build['file']}.dockerignore").is_file()
+    recipe = ROOT / "packaging" / "conda" / "recipe.yaml"
+    assert (recipe.parent / of_yaml(str(recipe))["source"]["path"]).resolve() == ROOT.resolve()
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from msb.bake.search import try_faces
-from msb.bake.soup import Soup, is_soup, without_seams
+from msb.bake.soup import Soup, is_uncut_soup, without_seams
 from msb.bake.start import Best, Guide, Watch, choose, plain_mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
@@ -57,7 +57,7 @@ def kept(asset: Asset, guide: Guide, shares: Shares | None = None) -> Mesh:
 
 def rejoined(mesh: Mesh) -> Mesh:
     """Return a kept mesh that has a texture without the cuts that colours at its vertices needed."""
-    if is_soup(mesh.vertices, mesh.faces):
+    if is_uncut_soup(mesh.vertices, mesh.faces):
         return mesh
     whole = without_seams(mesh)
     if whole is mesh:

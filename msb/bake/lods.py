@@ -16,7 +16,7 @@ from msb.bake.fitted import PIXELS_TO_MOVE
 from msb.bake.fusion import seen_points
 from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
-from msb.bake.soup import Soup, is_soup, without_seams
+from msb.bake.soup import Soup, is_uncut_soup, without_seams
 from msb.bake.space import Space
 from msb.bake.surface import Solid, taught, with_colors_of
 from msb.base.extras import need_extra
@@ -100,7 +100,7 @@ def lods(
     """
     counts = [max(1, round(share * len(mesh.faces))) for share in checked_shares(shares)]
     levels = _Levels(mesh, guide, counts, seconds)
-    if is_soup(mesh.vertices, mesh.faces):
+    if is_uncut_soup(mesh.vertices, mesh.faces):
         return levels.of_soup()
     need_simplification()
     whole = without_seams(mesh)

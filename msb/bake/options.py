@@ -11,9 +11,10 @@ from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
 from msb.bake.lods import need_simplification
 from msb.bake.report import Geometry, Look
-from msb.bake.soup import are_apart, is_soup
+from msb.bake.soup import is_uncut_soup
 from msb.bake.teacher import Source
 from msb.base.extras import is_installed, need_extra
+from msb.base.soup import is_soup
 from msb.errors import UsageError, shorten
 
 if TYPE_CHECKING:
@@ -80,9 +81,9 @@ class Options:
         if not (is_auto or self.geometry == "kept"):
             return
         faces = asset.buffers["indices"]
-        if self.look("kept", asset) == "texture" and not are_apart(faces):
+        if self.look("kept", asset) == "texture" and not is_soup(faces):
             need_xatlas()
-        if has_levels and not is_soup(asset.buffers["positions"], faces):
+        if has_levels and not is_uncut_soup(asset.buffers["positions"], faces):
             need_simplification()
 
 
@@ -92,7 +93,7 @@ def _fits_vertices(asset: Asset) -> bool:
     if why_not(asset.manifest, "standard") is not None:
         return False
     tint = tint_of(asset)
-    is_unshared = are_apart(asset.buffers["indices"])
+    is_unshared = is_soup(asset.buffers["indices"])
     is_smooth = tint is not None and (is_unshared or tint.domain == "vertex")
     return (is_smooth and textures_of(asset) is None) or not (is_unshared or is_installed("xatlas"))
 

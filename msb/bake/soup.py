@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake import colors as fit
+from msb.base.soup import is_unindexed
 from msb.meshes.assets import with_faces
 from msb.meshes.mesh import Mesh
 from msb.topology.seams import find_seams
@@ -42,19 +43,13 @@ def without_seams(mesh: Mesh) -> Mesh:
     )
 
 
-def are_apart(faces: NDArray[Any]) -> bool:
-    """Return whether each corner of the faces has a vertex, and so a colour, of its own."""
-    return bool(np.bincount(faces.reshape(-1)).max(initial=0) < 2)
+def is_uncut_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
+    """Return whether the faces are a soup that was not made by cutting a surface along all its edges.
 
-
-def is_soup(points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the faces are a soup: each has vertices of its own, and they are no surface that was cut
-    along all its edges, as one is whose faces have a colour each.
-
-    Faces that name the vertices one after the other are a soup as assets have it, where corners may meet by
-    chance.
+    Faces that name the vertices one after the other are a soup as assets store it, where corners may coincide
+    by chance.
     """
-    if len(points) != faces.size or not are_apart(faces):
+    if not is_unindexed(faces, len(points)):
         return False
     return np.array_equal(faces.reshape(-1), np.arange(faces.size)) or seams_of(points, faces) is None
 
@@ -89,7 +84,7 @@ class Soup:
             held = mesh.vertex_colors[:, :3]
             scale = np.float32(255 if held.dtype == np.uint8 else 1)
             colors = np.ascontiguousarray(held[mesh.faces] / scale, np.float32)
-        is_shared = shares and not is_soup(mesh.vertices, mesh.faces)
+        is_shared = shares and not is_uncut_soup(mesh.vertices, mesh.faces)
         return cls(corners, colors, np.ones(len(corners), bool), mesh.faces if is_shared else None)
 
     @property

@@ -22,10 +22,10 @@ from msb.bake.colors import continued
 from msb.bake.fusion import seen_points
 from msb.bake.painting import Painting
 from msb.bake.shares import pixels_shown
-from msb.bake.soup import are_apart
 from msb.bake.space import Space
 from msb.bake.start import Watch, nobody
 from msb.bake.stencils import Pyramid
+from msb.base.soup import is_soup
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render import Renderer
@@ -82,7 +82,7 @@ def textured(
     for each in pixels_shown(mesh, cameras, device):
         np.maximum(pixels, each, out=pixels)
     size = _own_size(pixels) if size is None else size
-    if are_apart(mesh.faces):
+    if is_soup(mesh.faces):
         uvs = soup_atlas(mesh.vertices[mesh.faces], pixels, size)
     else:
         uvs = connected_atlas(_places(mesh, cameras, device), mesh.faces, pixels, size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from collections.abc import Mapping
 from importlib import import_module
@@ -23,7 +24,15 @@ class _LazyPackage(ModuleType):
         return sorted({*super().__dir__(), *self._homes})
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        return getattr(self, self.__name__.rpartition(".")[2])(*args, **kwargs)
+        return self._function(*args, **kwargs)
+
+    @property
+    def __signature__(self) -> inspect.Signature:  # what editors and notebooks show
+        return inspect.signature(self._function)
+
+    @property
+    def _function(self) -> Any:
+        return getattr(self, self.__name__.rpartition(".")[2])
 
 
 def make_lazy(package: str, homes: Mapping[str, str]) -> None:

@@ -1,22 +1,15 @@
-"""Parts that other packages bring: found by their entry points, and run so that none can end a command.
-
-A command keeps its status and its output, whatever the code of a package does.
-"""
+"""Parts that other packages bring: found by their entry points, and kept from ending a command."""
 
 from __future__ import annotations
 
 import contextlib
-import io
-import os
 import re
-import signal
 import sys
-import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from importlib.metadata import Distribution, EntryPoint, distributions, entry_points
-from typing import IO, Any, TypeVar
+from typing import Any, TypeVar
 
 from msb.errors import MsbError, shorten
 
@@ -34,18 +27,20 @@ class PackageError(Exception):
 
 
 def installed(
-    kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Part]
+    kind: str, ours: Mapping[str, str], accept: Callable[[str, str], Part], *, pattern: str | None = NAME
 ) -> dict[str, tuple[Part, str]]:
-    """Return what the packages in the entry-point group of a kind bring; what cannot be used is one warning.
+    """Return the parts that installed packages bring; each part that cannot be used is one warning.
 
     Parameters
     ----------
-    kind : {"method", "renderer", "metric"}
-        The group is its plural, such as `msb.methods`.
+    kind : str
+        The singular of the entry-point group: "method" reads the group `msb.methods`.
     ours : mapping
-        Name -> place of our own, which no package replaces.
+        Name -> place of the built-in parts, which no package replaces.
     accept : callable
         Takes the name and the value of an entry and returns its part; it may raise `PackageError`.
+    pattern : str, optional
+        The regular expression that names must match; None allows all names.
 
     Returns
     -------
@@ -60,8 +55,8 @@ def installed(
         try:
             if entry.name in ours:
                 raise PackageError(f"the name is taken by {first}, which is part of msb")
-            if kind != "renderer" and not re.match(NAME, entry.name):
-                raise PackageError(f"its name must match {NAME}")
+            if pattern is not None and not re.match(pattern, entry.name):
+                raise PackageError(f"its name must match {pattern}")
             if first is not None:
                 text = f"the name is taken by {first}, the first in the alphabet; uninstall one of them"
                 raise PackageError(text)
@@ -101,23 +96,17 @@ def warn(text: str) -> None:
 
 
 def load(value: str) -> Any:
-    """Return the object that an entry point's value, "module" or "module:attribute", names.
-
-    What the package prints meanwhile is a warning, and reaches standard output in no way.
-    """
+    """Return the object that an entry point's value, "module" or "module:attribute", names."""
     module, _, attribute = (part.strip() for part in value.partition(":"))
     if not module:
         raise PackageError("its entry point names no module")
-    printed = io.StringIO()
     try:
-        with _stdout_aside(), contained(printed):
+        with contained():
             found: Any = import_module(module)
             for part in filter(None, attribute.split(".")):
                 found = getattr(found, part)
     except (PackageError, MsbError) as error:
         raise PackageError(f"it cannot be loaded: {error}") from error
-    if text := printed.getvalue().strip():
-        warn(f'PACKAGE_PRINTS: module {shorten(module, 80)} prints "{shorten(text, 80)}" when it is imported')
     return found
 
 
@@ -144,76 +133,17 @@ class Lazy(Mapping[str, Part]):
 
 
 @contextlib.contextmanager
-def contained(aside: IO[str] | None = None) -> Iterator[None]:
-    """Run code of another package: whatever it raises, exits and interrupts with, is a `PackageError`.
+def contained() -> Iterator[None]:
+    """Run code of another package: its exceptions and exits become a `PackageError`.
 
-    An error of ours stays what it is. What the code prints goes to `aside`, standard error if not given. An
-    exception that a signal's handler raised, as when the user presses Ctrl-C, goes on even if the code
-    catches it.
+    Errors of msb pass unchanged. What the code prints goes to standard error, as standard output may hold
+    the result of a command.
     """
-    failed: BaseException | None = None
-    with _signals_watched() as signalled, contextlib.redirect_stdout(aside or sys.stderr):
-        try:
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
             yield
-        except BaseException as error:
-            failed = error
-    if signalled:
-        raise signalled[0]
-    if isinstance(failed, MsbError | PackageError):
-        raise failed
-    if failed is not None:
-        text = f"{type(failed).__name__}: {shorten(str(failed), 200)}"
-        raise PackageError(text.removesuffix(": ")) from failed
-
-
-@contextlib.contextmanager
-def _signals_watched() -> Iterator[list[BaseException]]:
-    """Yield the list to which everything is added that handlers of signals raise; handlers are put back."""
-    raised: list[BaseException] = []
-    held: dict[int, Any] = {}
-
-    def handle(number: int, frame: Any) -> None:
-        try:
-            held[number](number, frame)
-        except BaseException as error:
-            raised.append(error)
-            raise
-
-    if threading.current_thread() is threading.main_thread():
-        for number in (getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")):
-            if number is not None and callable(handler := signal.getsignal(number)):
-                held[number] = handler
-                signal.signal(number, handle)
-    try:
-        yield raised
-    finally:
-        for number, handler in held.items():
-            signal.signal(number, handler)
-
-
-@contextlib.contextmanager
-def _stdout_aside() -> Iterator[None]:
-    """Let what C code and child processes write to standard output go to standard error."""
-    try:
-        held = os.dup(1)
-    except OSError:  # it is closed
-        yield
-        return
-    try:
-        _flush()
-        os.dup2(2, 1)
-        yield
-    finally:
-        _flush()
-        os.dup2(held, 1)
-        os.close(held)
-
-
-def _flush() -> None:
-    """Write out what Python and C still hold for standard output."""
-    with contextlib.suppress(Exception):  # it is closed or full, or there is no C library of that name
-        if sys.__stdout__ is not None:
-            sys.__stdout__.flush()
-        import ctypes
-
-        ctypes.CDLL(None).fflush(None)
+    except (MsbError, PackageError):
+        raise
+    except (Exception, SystemExit) as error:
+        text = f"{type(error).__name__}: {shorten(str(error), 200)}"
+        raise PackageError(text.removesuffix(": ")) from error

@@ -23,8 +23,8 @@ from msb.bench.documents import (
     BakeDocument,
     ChamferDocument,
     RepairDocument,
+    Share,
     TrialDocument,
-    WalkDocument,
 )
 from msb.errors import InputError, shorten
 from msb.metrics.images import most_psnr
@@ -283,6 +283,25 @@ class RendererTiming(Record):
     def fps(self) -> float:
         """Frames per second of wall-clock time."""
         return self.frames / self.seconds
+
+
+class WalkDocument(Record):
+    """What a walk off the path of the capture shows of a condition (`msb.bench.walk`)."""
+
+    frames: Count
+    width: Count
+    height: Count
+    flicker: Amount
+    """Root mean square in levels of 255 of `msb.metrics.steadiness.unexplained_change` over all frames."""
+    flicker_worst: Amount
+    """The same over the worst second."""
+    worst_frame: Count
+    """The number of its first frame; the walk begins with 0."""
+    holes: Share
+    """Pixels of `msb.metrics.steadiness.holes` as a share of those that show the model or are such."""
+    film: str | None
+    """The file of the worst second, beside the record; None without the extra `video`."""
+    seconds: Amount
 
 
 class Training(Record):

@@ -1,29 +1,27 @@
 """A submission: results made fit to be published, as one file that whoever receives it can check.
 
-It holds the records, hashes of what they were measured on, the commands that make them again and a few small
-pictures; paths, and names of people and machines, are taken out. The file is a ZIP of stored members with
-fixed dates, so the same results give the same bytes, and nothing in it can grow when it is unpacked. A list
-in it has the SHA-256 of every other member.
+It holds the published fields of the records (numbers, hashes, versions, names of scenes, methods and
+devices), the commands that evaluate the models again, and a few small pictures. Texts that may hold a path or
+the name of a person are never published. The file is a ZIP of stored members with fixed dates, so the same
+results give the same bytes, and nothing in it can grow when it is unpacked. A list in it has the SHA-256 of
+every other member.
 """
 
 from __future__ import annotations
 
-import getpass
 import hashlib
 import io
 import json
-import platform
 import re
 import shlex
 import stat
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal, NamedTuple, NoReturn
 
 from pydantic import Field
 
@@ -32,15 +30,14 @@ from msb.base.files import file_sha256, map_file
 from msb.base.version import __version__
 from msb.bench.checked import Name, Record, Sha256, checked, parse_json
 from msb.bench.digest import list_sha256
-from msb.bench.records import CONDITIONS, MAX_BYTES, Cell, Result, checked_result
-from msb.bench.track import read_track
-from msb.errors import InputError, MsbError, UsageError, shorten
-from msb.registry import METHODS
+from msb.bench.records import MAX_BYTES, Result, checked_result
+from msb.errors import InputError, shorten
+from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA: Literal["msb.submission/1"] = "msb.submission/1"
 ABOUT = "submission.json"
 WITHHELD = "withheld"
-"""It stands where a path, or the name of a person or machine, stood."""
+"""Published in place of a text that a record must have and that may be private."""
 MOST_PICTURES = 200
 _MOST_RECORDS = 20_000
 _MAX_FILE = 1 << 30
@@ -48,16 +45,105 @@ _MAX_ABOUT = 16 << 20
 _MAX_PICTURE = 1 << 20
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
-_PATH_KEYS = ("path", "output", "mesh", "source")
-_MESSAGES = ("message", "why", "reason", "driver_reason", "lpips_reason")
-_IN_PATH = r"[^\s\"'<>|,;()\[\]]"
-_ABSOLUTE = re.compile(rf"(?<![\w.])(?:~|[A-Za-z]:|file:/|\.\.?)?[/\\]{_IN_PATH}+")
-"""A path from the root, a home or a folder above, in a text."""
-_ANY_PATH = re.compile(rf"{_IN_PATH}*[/\\]{_IN_PATH}+|{_IN_PATH}+[/\\]")
-_ANYBODY = frozenset(
-    {"root", "user", "admin", "ubuntu", "debian", "runner", "localhost", "gpu", "cpu", *CONDITIONS}
-)
-"""Names of accounts and machines that say nothing of anybody, and words of ours."""
+_KEEP = object()
+
+
+def _keep(*names: str) -> dict[str, Any]:
+    return dict.fromkeys(names, _KEEP)
+
+
+class _Each(NamedTuple):
+    """The fields of every value of a mapping."""
+
+    fields: Any
+
+
+_REASON = _keep("code") | {"message": WITHHELD}
+_FILE = _keep("bytes", "sha256") | {"path": WITHHELD}
+_WEIGHTS = _keep("sha256", "tensors_sha256", "known") | {"file": WITHHELD}
+_VERDICT = _keep("level", "sentence")
+_LOOK = _keep("psnr", "same") | {"why": WITHHELD}
+
+
+def _fields() -> dict[str, Any]:
+    """Return the published fields of a record.
+
+    Each name leads to the fields below it, to `_KEEP`, or to a constant. The constant replaces any value
+    other than None.
+    """
+    metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
+    image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}
+    identity = _keep("name", "version", "better", "unit", "parameters", "libraries")
+    looks = {"standard": _LOOK, "dedicated": _LOOK}
+    return {
+        **_keep(
+            "schema", "tool_version", "cell", "status", "seconds", "setup", "renderer", "timing", "floor"
+        ),
+        "reason": _REASON,
+        **dict.fromkeys(("checkpoint", "asset", "source", "renders"), _FILE),
+        "device": {"device": _keep("platform", "name", "kind", "version", "driver", "blends")},
+        "quality": {
+            **_keep("lpips_reason", "psnr_inf_count"),
+            **metrics,
+            "images": {**image, **metrics},
+            "metrics": {**identity, "weights": {"vgg": _WEIGHTS, "heads": _WEIGHTS}},
+            "missing": _Each(WITHHELD),
+        },
+        "memory": _keep("geometry", "appearance", "scratch", "targets", "uses", "driver_bytes"),
+        "chamfer": {**_keep("mean_d2s", "mean_s2d", "overall", "seed", "scan"), "metric": identity},
+        "audit": {
+            **_keep(
+                "schema", "topology", "is_soup", "counts", "metrics", "winding_consistent", "computed_by"
+            ),
+            "verdict": _VERDICT,
+        },
+        "bake": {
+            **_keep("schema", "geometry", "color", "vertices", "faces", "texture", "bytes", "seconds"),
+            **_keep("unseen_area", "psnr", "model_faces", "background", "seed", "tried", "sentence"),
+            **dict.fromkeys(("verdict_before", "verdict_after"), _VERDICT),
+        },
+        "trial": {
+            "schema": _KEEP,
+            "trials": _keep("task", "title", "outcome", "seconds", "libraries")
+            | {"why": WITHHELD, "says": "", "picture": None},
+        },
+        "repairs": {
+            **_keep("schema", "views"),
+            "strategies": {
+                **_keep("strategy", "plan", "peer", "faces_kept", "faces_added", "edges_cut", "components"),
+                **_keep("verdict_after", "trials", "trials_passed_before", "trials_passed_after"),
+                **_keep("bytes", "seconds"),
+                "why": WITHHELD,
+                "looks": looks,
+                "picture": None,
+            },
+        },
+        "walk": _keep(
+            "frames", "width", "height", "flicker", "flicker_worst", "worst_frame", "holes", "seconds"
+        )
+        | {"film": None},
+        "training": _keep("seconds", "peak_memory_bytes") | {"source": WITHHELD},
+        "trained": _KEEP,
+        "renderer_timing": _keep(
+            "schema", "frames", "seconds", "device", "whole_command", "peak_gpu_memory_bytes"
+        )
+        | {"timed": WITHHELD},
+        "reasons": _Each(_REASON),
+        "inputs": {"quality": _keep("cameras", "photographs", "metrics")},
+    }
+
+
+def _published(data: Any, fields: Any) -> Any:
+    """Return the fields of JSON data that are published."""
+    if data is None or fields is _KEEP:
+        return data
+    if isinstance(data, list):
+        return [_published(one, fields) for one in data]
+    if isinstance(fields, _Each):
+        return {name: _published(one, fields.fields) for name, one in data.items()}
+    if isinstance(fields, dict):
+        return {name: _published(data[name], inner) for name, inner in fields.items() if name in data}
+    return fields
 
 
 class Shown(Record):
@@ -83,7 +169,7 @@ class About(Record):
     code_sha256: Sha256
     """That of the list of hashes of the package's files, where the submission was made."""
     commands: tuple[str, ...]
-    """What makes the records again, with the names of scenes and models in the place of their paths."""
+    """Evaluate the models again, with the names of scenes and models in the place of their paths."""
     files: dict[Name, Sha256]
     pictures: Annotated[tuple[Shown, ...], Field(max_length=MOST_PICTURES)]
 
@@ -100,13 +186,7 @@ class Submission:
     """Name of a member -> a JPEG."""
 
 
-def write_submission(
-    name: str,
-    records: Sequence[Result],
-    pictures: Sequence[tuple[Shown, bytes]],
-    *,
-    private: Iterable[str] = (),
-) -> bytes:
+def write_submission(name: str, records: Sequence[Result], pictures: Sequence[tuple[Shown, bytes]]) -> bytes:
     """Return the file of a submission.
 
     Parameters
@@ -116,22 +196,12 @@ def write_submission(
     records : sequence of Result
     pictures : sequence of (Shown, bytes)
         At most `MOST_PICTURES` JPEGs; the names of their files are given here.
-    private : iterable of str
-        Paths that must not be in the file, besides the home and the current folder and the
-        paths in the records.
-
-    Raises
-    ------
-    UsageError
-        The name of a scene, dataset, model or variant holds one of them, so it cannot be taken out.
     """
-    scrub = Scrub([*private, *(path for record in records for path in _paths(record.model_dump()))])
     ordered = sorted(records, key=lambda record: record.cell.names)
-    for record in ordered:
-        scrub.check_cell(record.cell)
+    fields = _fields()
     members: dict[str, bytes] = {}
     for number, record in enumerate(ordered):
-        data = scrub.data(json.loads(record.to_json()))
+        data = _published(json.loads(record.to_json()), fields)
         text = json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
         members[f"records/{number:05d}.json"] = text.encode()
         checked_result(json.loads(text), file=Path(name))
@@ -139,76 +209,16 @@ def write_submission(
     for number, (one, data) in enumerate(pictures[:MOST_PICTURES]):
         file = f"pictures/{number:04d}.jpg"
         members[file] = data
-        shown.append(one.model_copy(update={"file": file, "image": scrub.text(one.image)}))
+        shown.append(one.model_copy(update={"file": file}))
     about = About(
         name=name,
         tool_version=__version__,
         code_sha256=code_sha256(),
-        commands=tuple(map(scrub.text, _commands(ordered))),
+        commands=tuple(_commands(ordered)),
         files={file: hashlib.sha256(data).hexdigest() for file, data in members.items()},
         pictures=tuple(shown),
     )
     return archive_of({ABOUT: about.to_json(), **members})
-
-
-class Scrub:
-    """What takes private words out of texts."""
-
-    def __init__(self, private: Iterable[str] = ()) -> None:
-        home = Path.home()
-        given = set(filter(None, private))
-        paths = given | {str(Path(path).parent) for path in given} | {str(home), str(Path.cwd())}
-        hosts = {platform.node(), platform.node().partition(".")[0]}
-        words = {home.name, *hosts}
-        with suppress(OSError, KeyError, ImportError):  # nobody is called by that number
-            words.add(getpass.getuser())
-        self._paths = sorted(
-            (path for path in paths if len(path) > 2 and {"/", "\\"} & set(path)), key=len, reverse=True
-        )
-        own = {word for word in words if len(word) > 1} - _ANYBODY - METHODS.keys()
-        either = "|".join(map(re.escape, sorted(own, key=len, reverse=True)))
-        self._words = re.compile(rf"(?<![^\W_])(?:{either})(?![^\W_])", re.IGNORECASE) if own else None
-
-    def text(self, text: str, pattern: re.Pattern[str] = _ABSOLUTE) -> str:
-        """Return a text without private words and without what `pattern` finds."""
-        for path in self._paths:
-            text = text.replace(path, WITHHELD)
-        text = pattern.sub(WITHHELD, text)
-        return text if self._words is None else self._words.sub(WITHHELD, text)
-
-    def data(self, value: Any, key: str = "") -> Any:
-        """Return JSON data of a record without private words; the names of its cell stay."""
-        if isinstance(value, dict):
-            return {
-                name: inner if name == "cell" else self.data(inner, name) for name, inner in value.items()
-            }
-        if isinstance(value, list):
-            return [self.data(inner, key) for inner in value]
-        if not isinstance(value, str):
-            return value
-        if key in _PATH_KEYS:
-            return WITHHELD
-        if key == "gt":
-            value = "/".join(value.split("/")[-2:])
-        return self.text(value, _ANY_PATH if key in _MESSAGES else _ABSOLUTE)
-
-    def check_cell(self, cell: Cell) -> None:
-        """Refuse names that cannot be taken out, because they say what was measured."""
-        for kind, name in cell.model_dump().items():
-            if name is not None and (self.text(str(name)) != name):
-                text = (
-                    f"the {kind} of a record is called {shorten(repr(name), 60)}, which holds a path, or the "
-                    "name of this machine or its user; give it another in the protocol, and run it again"
-                )
-                raise UsageError("USAGE", text)
-
-
-def _paths(value: Any, key: str = "") -> Iterator[str]:
-    if isinstance(value, dict):
-        for name, inner in value.items():
-            yield from _paths(inner, name)
-    elif isinstance(value, str) and key in _PATH_KEYS and value != WITHHELD and set(value) & {"/", "\\"}:
-        yield value
 
 
 def code_sha256() -> str:
@@ -219,27 +229,17 @@ def code_sha256() -> str:
 
 
 def _commands(records: Sequence[Result]) -> Iterator[str]:
-    """Yield what trained the models, where that was recorded, and what evaluates them."""
+    """Yield the command that evaluates each model."""
     models: dict[tuple[str, ...], list[Result]] = {}
     for record in records:
         models.setdefault(record.cell.names[:3], []).append(record)
     for (dataset, scene, model), own in models.items():
-        for source in dict.fromkeys(one.training.source for one in own if one.training is not None):
-            with suppress(MsbError, ValueError):  # it is no longer there
-                words = [_plain_word(word) for word in read_track(Path(source)).command]
-                yield f"msb track -- {shlex.join(words)}"
         words = ["msb", "run", "--scene", f"{dataset}/{scene}"]
         folders = {one.setup.image_folder for one in own if one.setup is not None} - {"."}
         words += ["--image-folder", min(folders)] if folders else []
         kinds = {one.renderer.kind for one in own if one.renderer and one.cell.condition == "non_engine"}
         words += ["--non-engine", "reference" if "msb_reference" in kinds else "renders"] if kinds else []
         yield shlex.join([*words, model])
-
-
-def _plain_word(word: str) -> str:
-    """Return a word of a command, without what of it is a path."""
-    option, equals, value = word.rpartition("=")
-    return f"{option}{equals}{WITHHELD}" if {"/", "\\"} & set(value) else word
 
 
 def archive_of(members: Mapping[str, bytes]) -> bytes:

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from msb.base.extras import is_installed
 from msb.bench.aggregate import CONDITION_TITLES
-from msb.bench.documents import WalkDocument
 from msb.bench.folder import WALK_FILM
 from msb.bench.photographs import checked_scene
 from msb.bench.quality import open_renderer
+from msb.bench.records import WalkDocument
 from msb.bench.videos import labelled
 from msb.errors import Unsupported
 from msb.metrics.steadiness import Still, holes, still, surface_points, unexplained_change

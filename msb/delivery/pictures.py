@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
+from msb.base.soup import is_unindexed
 from msb.errors import DeviceError
 from msb.meshes.formats import FORMATS, Style, Web
 
@@ -80,7 +81,7 @@ def web_style(pictures: Pictures) -> tuple[Style, str]:
 
 def _coarsest(pictures: Pictures) -> tuple[Style, str]:
     """Try what each part may lose by itself, whose noise adds, and take of all that the smallest file."""
-    from msb.meshes.glb_web import Grid, is_soup, srgb_of, stored_light
+    from msb.meshes.glb_web import Grid, srgb_of, stored_light
 
     mesh = as_glb(pictures.mesh)
     colors = mesh.vertex_colors
@@ -107,8 +108,8 @@ def _coarsest(pictures: Pictures) -> tuple[Style, str]:
         if colors is not None:
             shown = srgb_of(stored_light(colors, levels))
             room -= _noise(pictures.loss(replace(mesh, vertex_colors=shown)))
-        for by_distance in (False, True) if is_soup(mesh) else (False,):
-            web = Web(least(room, by_distance=by_distance), levels, by_distance, is_compact=False)
+        for by_distance in (False, True) if is_unindexed(mesh.faces, len(mesh.vertices)) else (False,):
+            web = Web(least(room, by_distance=by_distance), levels, by_distance)
             ways.append((web.quarters == _FINEST, len(_file(mesh, _style(web))), web))
     web = min(ways, key=lambda way: way[:2])[2]
 
@@ -122,7 +123,7 @@ def _coarsest(pictures: Pictures) -> tuple[Style, str]:
     while quarters < _FINEST and loss(quarters) < LEAST:
         quarters += 1
     said = f"{loss(quarters):.1f} dB of {pictures.said}, at {_SAMPLES} x {_SAMPLES} samples a pixel"
-    return _style(replace(web, quarters=quarters, is_compact=True)), said
+    return _style(replace(web, quarters=quarters)), said
 
 
 def _noise(loss: float) -> float:

@@ -113,9 +113,9 @@ def _three_modules() -> str:
 
 
 def read_script(name: str) -> str:
-    """Return a file of msb/engines/web, to stand behind another one.
+    """Return a file of msb/engines/web, to append to another script.
 
-    Some are modules, which the package for npm in js/ has as they are; a page is one script without any.
+    Some files are modules, which the npm package in integrations/js contains unchanged. A page is one script.
     """
     text = (files("msb.engines") / "web" / name).read_text("utf-8")
     return _OF_A_MODULE.sub("", text)

@@ -31,14 +31,11 @@ class Web:
     by_distance : bool
         Of a mesh whose faces share no vertex: the step is finer for faces near its middle and coarser for
         those far from it, instead of one for all.
-    is_compact : bool
-        Whether an order of faces is searched for that takes fewer bytes; that takes longer.
     """
 
     quarters: int = 64
     levels: float | None = 1.0
     by_distance: bool = False
-    is_compact: bool = True
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import linear_to_srgb, srgb_to_linear
 from msb.base.extras import need_extra
+from msb.base.soup import is_unindexed
 from msb.meshes.colors import with_alpha
-from msb.meshes.face_order import compact_order
 from msb.meshes.glb_write import INDICES, VERTICES, Part, Parts, add_mesh, finish, root_of, split
 from msb.meshes.writing import as_float32
 
@@ -35,8 +35,6 @@ _TEXEL = 4
 """Texture coordinates are kept to 2 ** -4 of a texel or better."""
 _MANTISSA = 23
 """Bits of a mantissa beside its sign: what is tiled very often has coarser texture coordinates."""
-_MOST_COMPACT = 1 << 18
-"""Faces whose order is searched for; more would take more than half a minute."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ class Grid:
         """
         positions = as_float32(mesh.vertices, "GLB").astype(np.float64)
         coarser = np.zeros(len(positions), np.int64)
-        if web.by_distance and is_soup(mesh):
+        if web.by_distance and is_unindexed(mesh.faces, len(mesh.vertices)):
             coarser = _by_distance(mesh, positions)
         bits, rest = divmod(min(web.quarters, _FINEST_BY_DISTANCE if coarser.any() else _FINEST), 4)
         low = positions.min(axis=0)
@@ -79,12 +77,6 @@ class Grid:
         """Positions (V, 3) as a file has them: uint16, or float32 where these do not fit."""
         short = self.whole.max() < 1 << 16 and not self.exponents.any()
         return self.whole.astype(np.uint16 if short else np.float32)
-
-
-def is_soup(mesh: Mesh) -> bool:
-    """Return whether every vertex is that of one face, so that no numbers need to say of which."""
-    corners = mesh.faces.reshape(-1)
-    return len(corners) == len(mesh.vertices) and bool((np.bincount(corners) == 1).all())
 
 
 def _by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -125,16 +117,13 @@ def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     made = []
     for part in split(mesh, attributes):
         assert part.faces is not None
-        if is_soup(mesh):
+        if is_unindexed(mesh.faces, len(mesh.vertices)):
             order = _soup_order(part, grid.exponents)
             made.append(_taken(part, order, None))
             if grid.exponents.any():
                 parts.exponents["POSITION"] = grid.exponents[order]
         else:
-            ways = [_ordered(part, is_compact=False)]
-            if web.is_compact and len(part.faces) <= _MOST_COMPACT:
-                ways.append(_ordered(part, is_compact=True))
-            made.append(min(ways, key=parts.size_of))
+            made.append(_ordered(part))
     add_mesh(parts, made, mesh, style)
     parts.require(_MESHOPT)
     if attributes["POSITION"].dtype == np.uint16:
@@ -198,8 +187,8 @@ def _taken(part: Part, order: NDArray[np.int64], faces: NDArray[np.int64] | None
     return Part(rows, faces, part.texture)
 
 
-def _ordered(part: Part, *, is_compact: bool) -> Part:
-    """Return `part` with faces in the order of our search or in meshopt's.
+def _ordered(part: Part) -> Part:
+    """Return `part` with faces in the order of meshopt.
 
     Vertices come as faces first use them; those that no face uses come last.
     """
@@ -209,11 +198,8 @@ def _ordered(part: Part, *, is_compact: bool) -> Part:
     points = part.attributes["POSITION"].astype(np.float32)
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     start = np.argsort(rank)
-    if is_compact:
-        whole = [values.astype(np.int64) for name, values in part.attributes.items() if name != "TEXCOORD_0"]
-        start = np.array(compact_order(part.faces, np.concatenate(whole, axis=1), start), np.int64)
     flat = np.ascontiguousarray(part.faces[start].reshape(-1).astype(np.uint32))
-    faces, place, used = meshopt.reorder_mesh(flat, not is_compact, True)
+    faces, place, used = meshopt.reorder_mesh(flat, True, True)
     count = len(points)
     place = np.concatenate((place, np.full(count - len(place), count)))  # of the last, if no face uses them
     is_used = place < used
@@ -232,15 +218,6 @@ class _Compressed(Parts):
 
     plain: int = 0
     exponents: dict[str, NDArray[np.int64]] = field(default_factory=dict)
-
-    def size_of(self, part: Part) -> int:
-        """Return the bytes that a part takes."""
-        alone = _Compressed({}, exponents=self.exponents)
-        for name, rows in part.attributes.items():
-            alone.rows(name, rows)
-        if part.faces is not None:
-            alone.indices(part.faces)
-        return alone.size
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
         """Append an attribute, floats by their mantissas."""

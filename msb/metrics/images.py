@@ -63,9 +63,17 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     return _psnr(*image_pair(pred, gt, quantize=quantize))
 
 
-def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    mse = float(np.mean(np.square(a - b)))
+def psnr_of_mse(mse: float) -> float:
+    """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if it is 0.
+
+    Errors of bytes are divided by 255^2 first. Who prints or averages an infinite PSNR decides how: as
+    `PSNR_CAP`, as None or as "equal".
+    """
     return math.inf if mse == 0 else -10 * math.log10(mse)
+
+
+def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return psnr_of_mse(float(np.mean(np.square(a - b))))
 
 
 def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:

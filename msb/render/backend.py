@@ -162,7 +162,7 @@ def is_ours(name: str) -> bool:
 def renderers() -> dict[str, str]:
     """Return name -> "module:Class": ours first, then engines, then others. Nothing is imported."""
     ours = {**BUILT_IN, **ENGINES}
-    others = installed("renderer", ours, lambda _, value: value)
+    others = installed("renderer", ours, lambda _, value: value, pattern=None)
     return ours | {name: value for name, (value, _) in others.items()}
 
 

@@ -76,11 +76,11 @@ def _name(dataset: str, method: str) -> str:
 
 
 def _mean_cases(
-    numbers: Numbers, metric: str, detail: Callable[[float], str], without: str = ""
+    numbers: Numbers, metric: str, detail: Callable[[Key, float], str], without: str = ""
 ) -> list[_Case]:
-    """Return all of our means of a metric with their `detail`, but those with the note `without`."""
+    """Return all of our means of a metric with their `detail`, except those with the note `without`."""
     return [
-        _Case(number.value, key.dataset, key.method, detail(number.value))
+        _Case(number.value, key.dataset, key.method, detail(key, number.value))
         for key, number in numbers.values.items()
         if (key.scene, key.metric, key.source) == (MEAN, metric, "")
         and number.value is not None
@@ -399,7 +399,7 @@ def _surface_findings(numbers: Numbers) -> Iterator[Finding]:
 
 def _training_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield how long the trainings took, the quickest and the longest of all means."""
-    cases = _mean_cases(numbers, "train_seconds", lambda value: f"{text('train_seconds', value)} min")
+    cases = _mean_cases(numbers, "train_seconds", lambda _, value: f"{text('train_seconds', value)} min")
     if not cases:
         return
     first, last = min(cases), max(cases)
@@ -453,32 +453,37 @@ def _order(ranking: list[tuple[str, float]], metric: str = "psnr") -> str:
 
 
 def _speed_findings(numbers: Numbers) -> Iterator[Finding]:
-    sentences = {
-        ("standard", "dedicated"): ("slowdown", "Standard is {} times as fast as Dedicated"),
-        ("dedicated", "non_engine"): (
-            "against_native",
-            "Dedicated runs at {} times the frame rate of Non-Engine",
-        ),
-    }
-    for _, _, standard, dedicated in numbers.ratios:
-        if engine := standard.partition("/")[2]:  # two conditions of one engine, as in the paper
-            sentence = f"Both drawn by {plain_text(engine)}, Standard is {{}} times as fast as "
-            sentence += condition_title(dedicated)
-            sentence += _engine_loss(numbers, standard, dedicated)
-            sentences[standard, dedicated] = "engine_slowdown", sentence
-    for pair, (kind, sentence) in sentences.items():
+    """Yield how fast the tiers are beside each other, and beside the methods' own renderers."""
+    pairs = dict.fromkeys((key.numerator, key.denominator) for key in numbers.ratios)
+    for standard, dedicated in (
+        ("standard", "dedicated"),
+        ("dedicated", "non_engine"),
+        *(pair for pair in pairs if "/" in pair[0]),  # two conditions of one engine, as in the paper
+    ):
         cases = [
             _Case(ratio.value, key.dataset, key.method, f"{ratio.value:.1f}")
             for key, ratio in numbers.ratios.items()
-            if (key.numerator, key.denominator) == pair and ratio.value is not None
+            if (key.numerator, key.denominator) == (standard, dedicated) and ratio.value is not None
         ]
         if not cases:
             continue
         low, high = min(cases), max(cases)
-        range_ = low.detail if len(cases) == 1 else f"{low.detail} to {high.detail}"
-        of = f"least {low.name}, most {high.name}; by mean frame rates"
-        of = f"{low.name}, by frame rate" if len(cases) == 1 else of
-        yield Finding(kind, f"{sentence.replace('{}', range_)} ({of}).", "slowdown")
+        if len(cases) == 1:
+            times, of = low.detail, f"{low.name}, by frame rate"
+        else:
+            times = f"{low.detail} to {high.detail}"
+            of = f"least {low.name}, most {high.name}; by mean frame rates"
+        engine = standard.partition("/")[2]
+        if engine:
+            kind = "engine_slowdown"
+            sentence = f"Both drawn by {plain_text(engine)}, Standard is {times} times as fast as "
+            sentence += f"{condition_title(dedicated)}{_engine_loss(numbers, standard, dedicated)}"
+        elif standard == "standard":
+            kind, sentence = "slowdown", f"Standard is {times} times as fast as Dedicated"
+        else:
+            kind = "against_native"
+            sentence = f"Dedicated runs at {times} times the frame rate of Non-Engine"
+        yield Finding(kind, f"{sentence} ({of}).", "slowdown")
 
 
 def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
@@ -496,20 +501,11 @@ def _engine_loss(numbers: Numbers, standard: str, dedicated: str) -> str:
 def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
     """Yield what flickers most and least on walks off the path, and where most is missing."""
 
-    def cases(metric: str) -> list[_Case]:
-        return [
-            _Case(
-                number.value,
-                key.dataset,
-                key.method,
-                f"{_name(key.dataset, key.method)} under {condition_title(key.condition)}",
-            )
-            for key, number in numbers.values.items()
-            if (key.scene, key.metric, key.source) == (MEAN, metric, "") and number.value is not None
-        ]
+    def place(key: Key, _: float) -> str:
+        return f"{_name(key.dataset, key.method)} under {condition_title(key.condition)}"
 
-    if flicker := cases("flicker"):
-        low, high, open_ = min(flicker), max(flicker), max(cases("holes"))
+    if flicker := _mean_cases(numbers, "flicker", place):
+        low, high, open_ = min(flicker), max(flicker), max(_mean_cases(numbers, "holes", place))
         sentence = f"Off the path {high.detail} flickers by {text('flicker', high.value)} levels of 255"
         if len(flicker) > 1:
             least = f"{low.detail} by {text('flicker', low.value)}, the least"
@@ -520,7 +516,7 @@ def _walk_findings(numbers: Numbers) -> Iterator[Finding]:
 
 
 def _structure_findings(numbers: Numbers) -> Iterator[Finding]:
-    cases = _mean_cases(numbers, "nonmanifold_vertex_ratio", lambda share: f"{100 * share:.0f} %", SOUP)
+    cases = _mean_cases(numbers, "nonmanifold_vertex_ratio", lambda _, share: f"{100 * share:.0f} %", SOUP)
     if not cases:
         return
     low, high = min(cases), max(cases)

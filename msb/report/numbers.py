@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 from msb.bench.aggregate import CONDITION_TITLES, SCENES, TITLES
@@ -140,7 +141,7 @@ class Numbers:
 
     def datasets(self) -> list[str]:
         """Return the datasets."""
-        return list(dict.fromkeys(key.dataset for key in self.values))
+        return list(self._keys)
 
     def methods(self, dataset: str, *conditions: str, of_asset: Sequence[str] = ()) -> list[str]:
         """Return the methods of a dataset; if `conditions` are named, those with a record of one.
@@ -149,7 +150,7 @@ class Numbers:
         """
         own = (
             key
-            for key in self._of(dataset)
+            for key in self._keys.get(dataset, ())
             if not conditions
             or (
                 key.condition in conditions
@@ -165,13 +166,13 @@ class Numbers:
 
     def scenes(self, dataset: str) -> list[str]:
         """Return the scenes of a dataset, means apart."""
-        return list(dict.fromkeys(key.scene for key in self._of(dataset) if key.scene not in MEANS))
+        return list(dict.fromkeys(key.scene for key in self._keys.get(dataset, ()) if key.scene not in MEANS))
 
     def conditions(self, dataset: str) -> list[str]:
         """Return the conditions that hold images, each followed by its variants or engines; then bakes."""
         conditions = dict.fromkeys(
             key.condition
-            for key in self._of(dataset)
+            for key in self._keys.get(dataset, ())
             if key.condition != "exported_mesh" and not key.of_asset
         )
         return sorted(conditions, key=condition_order)
@@ -191,8 +192,13 @@ class Numbers:
     def _drawn_by(self, dataset: str) -> dict[str, str]:
         return {condition: name for (of, condition), name in self.drawn_by.items() if of == dataset}
 
-    def _of(self, dataset: str) -> Iterable[Key]:
-        return (key for key in self.values if key.dataset == dataset)
+    @cached_property
+    def _keys(self) -> dict[str, list[Key]]:
+        """Dataset -> the keys of its numbers."""
+        keys: dict[str, list[Key]] = {}
+        for key in self.values:
+            keys.setdefault(key.dataset, []).append(key)
+        return keys
 
 
 def dataset_title(dataset: str) -> str:

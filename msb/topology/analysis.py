@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.soup import is_soup
 from msb.topology.components import label_components
 from msb.topology.faces import added_areas, extra_duplicates, face_areas, has_no_area
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
@@ -112,7 +113,7 @@ class Analysis:
     @cached_property
     def soup(self) -> bool:
         """Whether no vertex is used by two faces."""
-        return not bool((self._made("vertex_use", _faces_per_vertex, self.mesh) > 1).any())
+        return self._made("vertex_use", is_soup, self.faces)
 
     @cached_property
     def _areas(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -207,12 +208,3 @@ def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Comp
     sizes = np.bincount(label, minlength=count)
     areas = added_areas(area[proper], label, count)
     return Components(face_component, sizes, areas), two_face
-
-
-def _faces_per_vertex(mesh: HalfEdgeMesh) -> NDArray[Any]:
-    """Return how many faces use each vertex; a face that names a vertex twice uses it once."""
-    a, b, c = mesh.faces.T
-    use = np.bincount(a, minlength=mesh.vertex_count)
-    use += np.bincount(b[b != a], minlength=mesh.vertex_count)
-    use += np.bincount(c[(c != a) & (c != b)], minlength=mesh.vertex_count)
-    return use

@@ -270,9 +270,7 @@ def _report(findings: Findings, points: NDArray[Any]) -> Audit:
     counts = findings.counts
     return Audit(
         topology="indexed_mesh" if findings.shares_vertices else "triangle_soup",
-        is_soup=not findings.shares_vertices
-        and counts.faces > 0
-        and counts.vertices == counts.referenced_vertices == 3 * counts.faces,
+        is_soup=counts.vertices == counts.referenced_vertices == 3 * counts.faces > 0,
         counts=counts,
         metrics=_metrics(findings),
         valence_histogram=findings.valence_histogram,

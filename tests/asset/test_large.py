@@ -114,32 +114,3 @@ def test_gigabytes_are_opened_without_reading_them(form: str, gib: float, tmp_pa
     assert result["bytes"] > gib * GIB
     assert result["last"] == [0.0, 0.0, 0.0, *mesh().buffers["indices"].ravel().tolist()]
     assert result["mib"] < 50
-
-
-LOAD_IN_1_GIB = """
-import resource, sys
-from msb.asset import load
-from msb.errors import MsbError
-resource.setrlimit(resource.RLIMIT_AS, (1 << 30, 1 << 30))
-try:
-    load(sys.argv[1])
-except MsbError as error:
-    print(error.code, error.message)
-"""
-
-
-@pytest.mark.parametrize("form", ["packed", "folder"])
-def test_too_little_memory_to_map_is_an_error_of_ours(form: str, tmp_path: Path) -> None:
-    skip_if_full(tmp_path)
-    path = write_large(tmp_path, form, 2.2)
-    done = subprocess.run(
-        [sys.executable, "-c", LOAD_IN_1_GIB, path],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-    )
-    assert done.returncode == 0, done.stderr
-    what = {"packed": "FILE_UNREADABLE it", "folder": "TRIASSET_FILE_UNREADABLE buffers/positions.bin"}[form]
-    assert done.stdout == f"{what} cannot be read: Cannot allocate memory\n"

@@ -14,8 +14,9 @@ import msb
 from msb.asset import Manifest, load, validate, write_asset
 from msb.asset.check import check_manifest
 from msb.errors import AssetError
-from tests.corpus import bad_buffers, bad_fields, bad_values
 from tests.corpus.bad_assets import write_case
+from tests.corpus.bad_folders import VALUE_CASES
+from tests.corpus.bad_manifests import BUFFER_CASES, FIELD_CASES
 from tests.corpus.case import Case
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
 
@@ -81,22 +82,10 @@ def test_a_newer_minor_version_is_read_with_a_warning_and_loses_nothing(tmp_path
         assert validate(tmp_path / form).valid
 
 
-def test_passes_of_a_tier_to_come_are_ignored(tmp_path: Path) -> None:
-    """Its value may be anything: the key is unknown, so nothing is said about it."""
-    asset = reloaded(parts(mesh()).change("/required_passes/webgl", 5), tmp_path)
-    assert list(asset.manifest.required_passes) == ["standard"]
-
-
-def test_any_order_of_keys_is_read(tmp_path: Path) -> None:
-    good = parts(soup())
-    good.manifest = dict(reversed(good.manifest.items()))
-    assert reloaded(good, tmp_path).manifest == soup().manifest
-
-
 def test_whole_numbers_may_stand_for_floats_but_not_the_reverse(tmp_path: Path) -> None:
     asset = reloaded(parts(mesh()).change("/bounds", {"min": [0, 0, 0], "max": [1, 2, 3]}), tmp_path)
     assert asset.manifest == mesh().manifest
-    with pytest.raises(AssetError, match=r"/face_count is 4\.0; it must be an integer"):
+    with pytest.raises(AssetError, match=r"TRIASSET_FIELD: .*/face_count"):
         reloaded(parts(mesh()).change("/face_count", 4.0), tmp_path)
 
 
@@ -114,44 +103,26 @@ def test_a_pointer_escapes_what_a_name_may_hold() -> None:
     assert {item.pointer for item in check_manifest(manifest)} == {"/settings/a~1b~0c", "/x~1~0y"}
 
 
-ZIP_ONLY = {"buffer_undeclared"}  # an error in a ZIP, a warning in a folder
-BOTH_FORMS = [
-    case
-    for case in (*bad_fields.CASES, *bad_buffers.CASES, *bad_values.CASES)
-    if case.found_by != "command" and case.name not in ZIP_ONLY
-]
+BOTH_FORMS = [case for case in (*FIELD_CASES, *BUFFER_CASES, *VALUE_CASES) if case.found_by != "command"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", BOTH_FORMS, ids=lambda case: case.name)
 def test_a_bad_asset_is_judged_alike_in_both_forms(case: Case, tmp_path: Path) -> None:
     path = write_case(case, tmp_path)
-    if path.is_dir():
-        other = tmp_path / "other.triasset"
-        names = [str(file.relative_to(path)) for file in path.rglob("*") if file.is_file()]
-        data = {name: (path / name).read_bytes() for name in names}
-        Parts({}, {name: data[name] for name in names if name != "manifest.json"}).write_packed(
-            other, data["manifest.json"]
-        )
-        if len(names) > 65:
-            return  # the container is full before the manifest is read
-    else:
-        other = tmp_path / "other"
-        with zipfile.ZipFile(path) as archive:
-            archive.extractall(other)
+    other = tmp_path / "other"
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(other)
     first, second = ({(f.code, f.severity, f.pointer) for f in validate(p).findings} for p in (path, other))
     assert first == second
 
 
 def test_an_asset_prints_what_it_is(tmp_path: Path) -> None:
-    shown = "<Asset mesh: 4 faces, 4 vertices, indexed mesh, 108 bytes"
-    assert repr(mesh()) == f"{shown}, in memory>"
     asset = reloaded(parts(mesh()), tmp_path)
-    path = tmp_path / "changed.triasset"
-    assert repr(asset) == f"{shown}, {path}>"
+    assert "4 faces" in repr(asset)
+    assert "ok" not in repr(asset)
     assert asset.audit().verdict == "ok"
-    assert repr(asset) == f"{shown}, ok, {path}>"
-    assert "<th>Verdict</th><td>ok</td>" in asset._repr_html_()
+    assert repr(asset).endswith(f", ok, {tmp_path / 'changed.triasset'}>")
     assert repr(replace(asset, opened_from=Path("a\nb"))).endswith(", a\\nb>")
     assert "&lt;i&gt;" in replace(asset, opened_from=Path("<i>"))._repr_html_()
 

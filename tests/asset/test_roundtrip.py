@@ -9,18 +9,16 @@ import shutil
 import struct
 import subprocess
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from msb.asset import Asset, build_asset, load, validate, write_asset
-from tests.corpus.forge import forge
 from tests.corpus.good import Parts, decoder, mesh, parts, soup
 
 MAKERS = [mesh, soup, decoder]
@@ -130,13 +128,6 @@ def test_a_copy_of_an_asset_is_the_asset(make, duplicate, tmp_path: Path) -> Non
         assert content(tmp_path / "b") == content(tmp_path / "a")
 
 
-def test_a_copy_leaves_arrays_writable_that_were(tmp_path: Path) -> None:
-    asset = mesh()
-    positions = asset.buffers["positions"].copy()
-    copy.copy(replace(asset, buffers={**asset.buffers, "positions": positions}))
-    assert positions.flags.writeable
-
-
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("make", MAKERS)
 def test_arrays_are_read_only_views_of_the_mapped_file(make, form, tmp_path: Path) -> None:
@@ -171,15 +162,6 @@ def test_a_loaded_asset_outlives_its_file(form, tmp_path: Path) -> None:
     assert_same(asset, mesh())
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_an_asset_may_be_saved_over_itself(form, tmp_path: Path) -> None:
-    write_asset(decoder(), tmp_path / "a", form)
-    before = content(tmp_path / "a")
-    write_asset(load(tmp_path / "a"), tmp_path / "a", form)
-    assert content(tmp_path / "a") == before
-    assert [path.name for path in tmp_path.iterdir()] == ["a"]
-
-
 def one_file(order: list[str]) -> Parts:
     """Return the parts of a soup whose buffers are all in one file, in the given order."""
     good = parts(soup())
@@ -210,26 +192,6 @@ def test_buffers_may_share_a_file(order: list[str], tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_an_asset_may_have_64_buffers(form, tmp_path: Path) -> None:
-    more = {f"features.x{i}": np.full(i + 1, i, np.uint8) for i in range(62)}
-    buffers = {**more, "positions": mesh().buffers["positions"], "indices": mesh().buffers["indices"]}
-    asset = build_asset(buffers, dict.fromkeys(more, "global"))
-    write_asset(asset, tmp_path / "a", form)
-    assert_same(load(tmp_path / "a"), asset)
-    assert validate(tmp_path / "a").findings == ()
-
-
-def test_members_may_come_in_any_order(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(forge(parts(mesh()).entries()[::-1]))
-    assert_same(load(tmp_path / "a"), mesh())
-
-
-def test_a_zip64_end_record_that_nobody_needs_is_read(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(forge(parts(mesh()).entries(), end64={}))
-    assert validate(tmp_path / "a").findings == ()
-
-
-@pytest.mark.parametrize("form", FORMS)
 def test_a_link_given_by_the_user_is_followed(form, tmp_path: Path) -> None:
     """Links are refused inside an asset, where others put them."""
     write_asset(mesh(), tmp_path / "a", form)
@@ -237,7 +199,7 @@ def test_a_link_given_by_the_user_is_followed(form, tmp_path: Path) -> None:
     assert_same(load(tmp_path / "link"), mesh())
 
 
-@pytest.mark.slow
+@settings(max_examples=40)
 @given(st.data())
 def test_any_arrays_survive_both_forms(tmp_path_factory, data) -> None:
     vertices, faces = data.draw(st.integers(1, 9)), data.draw(st.integers(1, 9))

@@ -39,7 +39,6 @@ def code_of(data: bytes) -> str:
     return caught.value.message
 
 
-@pytest.mark.slow
 @given(VALUES, st.booleans())
 def test_what_json_writes_is_read_back(value: Any, ascii_only: bool) -> None:
     text = json.dumps(value, ensure_ascii=ascii_only).encode()
@@ -94,18 +93,13 @@ def test_escaped_pairs_are_characters_and_halves_are_not() -> None:
     "data",
     [
         b"[" * MAX_BYTES,
-        b"]" * MAX_BYTES,
         b'"' * MAX_BYTES,
         b'"' + b"\\" * (MAX_BYTES - 1),
-        b'"' + b"a" * (MAX_BYTES - 1),
         b'{"a":0,' * (MAX_BYTES // 7),
         b"[" + b"[]," * (MAX_BYTES // 3 - 1) + b"0]",
         b"{" + b",".join(b'"%d":0' % i for i in range(90_000)) + b"}",
         b"1" * MAX_BYTES,
-        b"1." + b"1" * (MAX_BYTES - 2),
         b"1e" + b"9" * (MAX_BYTES - 2),
-        b"\xff" * MAX_BYTES,
-        b" " * MAX_BYTES,
     ],
     ids=lambda data: data[:8].decode("latin-1"),
 )

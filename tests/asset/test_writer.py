@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import struct
 import zipfile
 from dataclasses import replace
@@ -13,14 +12,10 @@ import pytest
 
 from msb.asset import Asset, load, validate, write_asset
 from msb.asset import writer as writer_module
-from msb.errors import AssetError, OutputError
-from tests.corpus.good import mesh, parts, soup
+from msb.errors import AssetError
+from tests.corpus.good import mesh, soup
 
 FORMS = ["packed", "folder"]
-
-
-def names(folder: Path) -> list[str]:
-    return sorted(path.name for path in folder.iterdir())
 
 
 # --- ZIP64 ---------------------------------------------------------------------------------------------
@@ -43,35 +38,7 @@ def test_large_members_are_written_with_zip64_records(tmp_path: Path, monkeypatc
     assert (tmp_path / "b").read_bytes() == data
 
 
-def test_offsets_past_2_gib_are_written_with_zip64_records(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(zipfile, "ZIP64_LIMIT", 300)
-    monkeypatch.setattr(writer_module, "_ZIP64_FROM", 200)
-    write_asset(soup(), tmp_path / "a")
-    assert b"PK\x06\x06" in (tmp_path / "a").read_bytes()
-    assert validate(tmp_path / "a").findings == ()
-
-
 # --- whole or not at all; more of it is in tests/base/test_atomic.py -----------------------------------
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_a_failure_while_writing_leaves_the_old_asset(form, tmp_path: Path, monkeypatch) -> None:
-    path = tmp_path / "a.triasset"
-    write_asset(mesh(), path, form)
-    members = writer_module._members
-
-    def fail_at_the_third(asset: Asset):
-        for number, item in enumerate(members(asset)):
-            if number == 2:
-                raise OSError(errno.ENOSPC, "No space left on device")
-            yield item
-
-    monkeypatch.setattr(writer_module, "_members", fail_at_the_third)
-    with pytest.raises(OutputError, match="No space left"):
-        write_asset(soup(), path, form)
-    assert names(tmp_path) == ["a.triasset"]
-    assert load(path).manifest == mesh().manifest
-    assert validate(path).findings == ()
 
 
 # --- nothing that cannot be read again -----------------------------------------------------------------
@@ -84,7 +51,7 @@ def refused(asset: Asset, tmp_path: Path) -> str:
         with pytest.raises(AssetError) as caught:
             write_asset(asset, tmp_path / "new/a", form)
         codes.add(caught.value.code.removeprefix("TRIASSET_"))
-    assert names(tmp_path) == []
+    assert not list(tmp_path.iterdir())
     (code,) = codes
     return code
 
@@ -112,14 +79,3 @@ def test_buffers_changed_by_hand_are_checked(tmp_path: Path) -> None:
         {name: array for name, array in good.buffers.items() if name != "color"},
     ):
         assert refused(Asset(good.manifest, MappingProxyType(buffers)), tmp_path) == "BUFFER"
-
-
-@pytest.mark.slow
-def test_a_manifest_that_grows_over_its_limit_by_being_indented_is_not_written(tmp_path: Path) -> None:
-    good = parts(mesh()).change("/x", [0] * 200_000)
-    compact = str(good.manifest).replace("'", '"').replace(" ", "").encode()
-    good.write_packed(tmp_path / "a", compact.replace(b'"meshsplatbench', b'"meshsplatbench '))
-    asset = load(tmp_path / "a")
-    with pytest.raises(AssetError, match="bytes as written; 1048576 are allowed"):
-        write_asset(asset, tmp_path / "b")
-    assert names(tmp_path) == ["a"]

@@ -17,7 +17,7 @@ from msb.bake.lessons import Lessons
 from msb.bake.lods import lods, screen_share, shares_of
 from msb.bake.raster import Raster
 from msb.bake.simpler import closed, simpler
-from msb.bake.soup import Soup, is_soup
+from msb.bake.soup import Soup, is_uncut_soup
 from msb.bake.start import Guide
 from msb.bake.surface import Fewer
 from msb.errors import UsageError
@@ -137,7 +137,7 @@ def test_a_closed_mesh_whose_faces_have_colours_of_their_own_stays_closed(
         guide = Guide(lessons, lessons, has_look=True)
         made = kept(asset, guide)
         assert len(made.vertices) == 36
-        assert not is_soup(made.vertices, made.faces)
+        assert not is_uncut_soup(made.vertices, made.faces)
         ((level, _),) = lods(made, guide, (0.5,))
     assert closed(level.vertices.astype(np.float64), level.faces)
 
@@ -165,8 +165,8 @@ def test_faces_that_share_nothing_are_a_soup_in_any_order(order: Callable[[Any],
     corners, _ = tiles(3)
     apart = corners + 9 * np.arange(len(corners), dtype=np.float32)[:, None, None]
     faces = order(np.arange(3 * len(corners)).reshape(-1, 3))
-    assert is_soup(apart.reshape(-1, 3), faces)
-    assert not is_soup(ball(4).vertices, ball(4).faces)
+    assert is_uncut_soup(apart.reshape(-1, 3), faces)
+    assert not is_uncut_soup(ball(4).vertices, ball(4).faces)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from msb.asset.texture import Sampler
 from msb.bake.lessons import Lessons
 from msb.bake.painting import Painting
-from msb.bake.soup import is_soup
+from msb.bake.soup import is_uncut_soup
 from msb.bake.stencils import SMOOTHNESS, STEPS, Pyramid
 from msb.bake.texture import FEW, _charts, textured
 from msb.base.extras import is_installed
@@ -108,7 +108,7 @@ def test_faces_cut_apart_for_their_colours_have_no_chart_in_common() -> None:
     whole = wall(joined=True)
     painted = np.eye(3, dtype=np.float32)
     mesh = with_vertex_colors(replace(whole, vertex_colors=None, face_colors=painted))
-    assert not is_soup(mesh.vertices, mesh.faces)
+    assert not is_uncut_soup(mesh.vertices, mesh.faces)
     with lessons(CAMERAS[:1]) as taught:
         made = textured(mesh, taught, 128)
     assert len(np.unique(_charts(made, made.corner_uvs))) == len(mesh.faces)

@@ -11,6 +11,10 @@ import pytest
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
+from tests.cli.conftest import here, msb
+from tests.metrics.conftest import vgg_file
+
+__all__ = ["here", "msb", "vgg_file"]  # fixtures
 
 REFERENCE = 'non_engine = "reference"'
 VARIANT = '[[variants]]\nlabel = "engine"\norder = "global"\nsampling = "engine"'

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
-from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument, WalkDocument
-from msb.bench.records import File, Memory, Result, Training
+from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument
+from msb.bench.records import File, Memory, Result, Training, WalkDocument
 from tests.report.documents import AUDIT, TASK, WALK, chamfer, trial
 from tests.report.factory import bake, quality, result, timing
 

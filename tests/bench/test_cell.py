@@ -92,16 +92,9 @@ def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path,
     assert found.lpips_reason is None
     assert [one["name"] for one in found.metrics] == ["psnr", "ssim", "lpips_vgg"]
     assert found.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
-
-
-@pytest.mark.slow
-def test_the_weights_of_lpips_decide_whether_a_cell_is_done(bench: Bench, fake_network: None) -> None:
-    bench.compute("standard", "quality", "timing")
+    bench.file = changed(bench.file, metrics={"vgg_weights": None})
     (planned,) = bench.plan("standard")
-    assert dict(planned.why) == {}
-    bench.file = changed(bench.file, metrics={"vgg_weights": "vgg.pth"})
-    (planned,) = bench.plan("standard")
-    assert dict(planned.why) == {"quality": "metrics changed"}
+    assert planned.why["quality"] == "metrics changed"
 
 
 @pytest.mark.slow
@@ -115,19 +108,10 @@ def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.M
     assert (done.status, found.status) == ("done", "done")
     assert found.quality is not None
     assert found.reasons["timing"].code == "INTERNAL"
-    assert "KeyError in test_cell.py:" in found.reasons["timing"].message
     monkeypatch.setitem(cells.MEASURES, "quality", broken)
     done = bench.compute("dedicated", "quality")
     found = bench.record(done)
     assert (done.status, found.reason.code, found.quality) == ("failed", "INTERNAL", None)
-
-
-def test_a_bug_while_a_model_is_read_costs_its_cells_and_says_where(bench: Bench) -> None:
-    pairs = pairs_of(bench.file)
-    models = {pair: KeyError("what") for pair in pairs}
-    found = Planner(bench.file, bench.run, Known()).plan(pairs, models)
-    assert {one.status for one in found} == {"failed"}
-    assert {one.reason.code for one in found if one.reason} == {"INTERNAL"}
 
 
 @pytest.mark.slow
@@ -176,24 +160,6 @@ def test_a_new_asset_has_no_number_of_the_old_one(bench: Bench, monkeypatch: pyt
     cells.write_lost(died, Reason(code="INTERNAL", message="it died"))
     found = read_result(Results(bench.file.results).record(died.cell))
     assert (found.timing, found.reasons["timing"].message) == (None, "it died")
-
-
-@pytest.mark.parametrize("there", [True, False])
-def test_an_option_that_came_or_went_leaves_no_timing_of_before(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch, there: bool
-) -> None:
-    """A variant whose order is set, or no longer, in a protocol that times no more."""
-    monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
-    monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
-    made = bench.job("dedicated")
-    wanted = {part: dict(made.wanted[part]) for part in ("quality", "timing")}
-    option = {"order": "global"}
-    before, now = ({part: {**own, **extra} for part, own in wanted.items()}
-                   for extra in (({}, option) if there else (option, {})))  # fmt: skip
-    compute(replace(made, parts=before, wanted=before))
-    for inputs, kept in ((before["quality"], timing()), (now["quality"], None)):
-        job = replace(made, parts={"quality": inputs}, wanted={"quality": inputs})
-        assert bench.record(compute(job)).timing == kept
 
 
 class Engine:
@@ -248,7 +214,6 @@ def test_an_engine_has_a_column_of_its_own(red: Bench) -> None:
     assert found.quality.psnr < 10
     assert found.timing is None
     assert found.reasons["timing"].code == "UNSUPPORTED_TIER"
-    assert "reading its image back" in found.reasons["timing"].message
 
 
 def test_a_condition_that_shows_nothing_has_no_number_but_a_reason(
@@ -258,7 +223,6 @@ def test_a_condition_that_shows_nothing_has_no_number_but_a_reason(
     found = red.record(red.compute("red", "quality"))
     assert (found.status, found.quality) == ("failed", None)
     assert found.reason.code == "METRIC_NOTHING_SHOWN"
-    assert found.reason.message.startswith("no test view shows a pixel of the model")
 
 
 @pytest.mark.parametrize(("scale", "value"), [(1, np.nan), (255, 1)])
@@ -276,7 +240,6 @@ def test_official_floats_are_checked_before_they_become_bytes(
     own = replace(job, renders=tmp_path / "official")
     found = bench.record(compute(replace(own, parts={"quality": job.parts["quality"]})))
     assert (found.status, found.reason.code) == ("failed", "METRIC_IMAGE")
-    assert "official" in found.reason.message
 
 
 def test_chamfer_needs_a_scan(bench: Bench) -> None:

@@ -15,20 +15,17 @@ from typing import Any
 import pytest
 
 from msb.bench.folder import check_run
-from msb.bench.pool import DaskWorkers, run_all
 from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import MsbError
 from tests.bench.protocols import Notes, differences, images, records, until
-from tests.bench.workers import noted
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.slow
 
 pytest.importorskip("distributed", reason="extra distributed is not installed")
-WORKERS = 3
-"""One for each test that kills one, and one that is left."""
+WORKERS = 2
 
 
 class Cluster:
@@ -58,10 +55,9 @@ class Cluster:
             stderr=subprocess.DEVNULL,
         )
 
-    def kill_worker(self, process: int | None = None) -> int:
-        """Kill the worker that is this process, by default any, and return its status."""
-        living = (one for one in self.processes[1:] if one.poll() is None)
-        worker = next(one for one in living if process in (one.pid, None))
+    def kill_worker(self) -> int:
+        """Kill a worker and return its status."""
+        worker = next(one for one in self.processes[1:] if one.poll() is None)
         worker.kill()
         return worker.wait(10)
 
@@ -110,21 +106,6 @@ def test_a_worker_killed_in_the_middle_costs_nothing(
     assert {row.planned.status for row in again.rows} == {"done", "unsupported"}
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-def test_a_worker_killed_in_the_middle_costs_that_task_alone(cluster: Cluster, tmp_path: Path) -> None:
-    """What the worker had finished before is at home, and is not computed again."""
-    begun = tmp_path / "begun"
-    names = ["first", "second", "third", "long", "last"]
-    with DaskWorkers(cluster.address) as workers:
-        answers = run_all(workers, noted, [f"{name} {begun}" for name in names])
-        done = [next(answers)[1] for _ in range(4)]
-        assert sorted(map(str, done)) == ["first", "last", "second", "third"]
-        process = dict(line.split() for line in begun.read_text().splitlines())["long"]
-        assert cluster.kill_worker(int(process)) != 0
-        assert [answer for _, answer in answers] == ["long"]
-    assert sorted(line.split()[0] for line in begun.read_text().splitlines()) == sorted([*names, "long"])
-
-
 def test_a_worker_that_does_not_see_the_results_says_so(tmp_path: Path) -> None:
-    with pytest.raises(MsbError, match=r"RUN_SCHEDULER.*same paths"):
+    with pytest.raises(MsbError, match="RUN_SCHEDULER"):
         check_run(tmp_path, "0123")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from msb.bench.commands.run import stage_lines
 from msb.bench.progress import Left, Stage
 from msb.bench.run import run_protocol
 from tests.bench.protocols import Notes, protocol
@@ -74,12 +77,17 @@ def test_several_workers_take_the_first_tasks_and_share_the_time() -> None:
     assert one.left() == Left(pytest.approx(10 * 2 / 4 - 1), at_least=False)
 
 
-def test_a_failure_says_nothing_about_others() -> None:
-    one, clock = stage("aa")
-    clock.now += 1
-    one.end(0, failed=True)
-    assert one.left() is None
-    assert one.done == 1
+@pytest.mark.parametrize("seconds", [0.2, 44, 12_000])
+def test_the_bar_takes_two_lines_of_a_terminal(seconds: float) -> None:
+    name = "tanksandtemples truck triangle_splatting dedicated"
+    one = Stage("cells", [name, "b", "c"], "aab", then=["timing", "videos"], at_once=2, clock=lambda: 0.0)
+    one.end(0, seconds)
+    text = io.StringIO()
+    Console(file=text, width=80, color_system=None, force_terminal=True).print(stage_lines(one))
+    bar, second = text.getvalue().splitlines()
+    assert bar.split()[:2] == ["cells", "1/3"]
+    assert len(bar) == 80
+    assert len(second) <= 80
 
 
 @pytest.mark.slow

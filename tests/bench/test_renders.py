@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+import unicodedata
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
+from msb.base.files import file_sha256
 from msb.bench.protocol import ProtocolFile
+from msb.bench.renders import find_renders
 from msb.bench.run import run_protocol
-from tests.bench.protocols import cell, changed, planned
+from msb.scenes.datasets import read_scene
+from tests.bench.protocols import STUBS, cell, changed, planned
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +48,10 @@ def test_official_renderings_are_imported_by_name(again: ProtocolFile, official:
     )
     text = "".join(f"{sha256}  {name}\n" for name, sha256 in lines)
     assert one.renders.sha256 == hashlib.sha256(text.encode()).hexdigest()
+    sums = "\n".join(f"{sha256} *./{name}" for name, sha256 in lines)
+    (official / "SHA256SUMS").write_text(sums)
     assert planned(run_protocol(upstream(again, official))) == {"two_dts/non_engine": "done"}
+    (official / "SHA256SUMS").unlink()
     first = next(iter(sorted(official.rglob("*.png"))))
     first.write_bytes(sorted(official.rglob("*.png"))[1].read_bytes())
     told = planned(run_protocol(upstream(again, official)))
@@ -68,8 +77,6 @@ def spoil(kind: str, folder: Path) -> None:
     elif kind == "extra":
         shutil.copy(first, folder / "extra.png")
     elif kind == "size":
-        from PIL import Image
-
         with Image.open(first) as image:
             image.resize((8, 8)).save(first)
     elif kind == "hash":
@@ -103,10 +110,11 @@ def test_official_renderings_that_do_not_fit_are_refused(
     assert one.quality is None
 
 
-def test_sums_that_agree_are_accepted(again: ProtocolFile, official: Path) -> None:
-    lines = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()} *./{path.relative_to(official).as_posix()}"
-        for path in official.rglob("*.png")
-    ]
-    (official / "SHA256SUMS").write_text("\n".join(lines))
-    assert run_protocol(upstream(again, official)).exit_status == 0
+def test_renderings_are_found_by_names_that_are_spelled_otherwise(tmp_path: Path) -> None:
+    composed, decomposed = (unicodedata.normalize(form, "caf\u00e9") for form in ("NFC", "NFD"))
+    camera = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test[0]
+    file = tmp_path / f"{decomposed}.png"
+    Image.new("RGB", (camera.width, camera.height)).save(file)
+    (tmp_path / "SHA256SUMS").write_text(f"{file_sha256(file)}  {composed}.png\n", "utf-8")
+    (found,) = find_renders(tmp_path, [replace(camera, name=f"{composed}.png")]).files
+    assert found.samefile(file)

@@ -29,14 +29,3 @@ def linger(folder: str) -> None:
     """Write our process number, then go on for longer than any test waits."""
     Path(folder, str(os.getpid())).touch()
     time.sleep(600)
-
-
-def noted(task: str) -> str:
-    """Add a line "NAME PROCESS" to a file, of the task "NAME FILE"; "long" lingers the first time."""
-    name, _, file = task.partition(" ")
-    begun = Path(file)
-    lingers = name == "long" and (not begun.exists() or "long" not in begun.read_text())
-    with begun.open("a") as stream:
-        stream.write(f"{name} {os.getpid()}\n")
-    time.sleep(600 if lingers else 0.3)
-    return name

@@ -14,12 +14,12 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from msb.cli.defaults import single_commands
 from typer.main import get_command
 
 import msb as library
 from msb.base.atomic import new_folder
 from msb.cli.app import app
-from msb.cli.defaults import single_commands
 from msb.cli.output import Output, echo
 from msb.errors import OutputError, UsageError
 from tests.cli.conftest import Here, Msb, Refused, Result, mesh_file

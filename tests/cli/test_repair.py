@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msb.cli.whole_words import WholeWordConsole
 
 import msb as library
-from msb.repair.command import print_table
-from msb.cli.whole_words import WholeWordConsole
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import asset_from_mesh
+from msb.repair.command import print_table
 from tests.cli.conftest import Here, Msb, Refused, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 from tests.topology.seamed import textured_cube

@@ -8,32 +8,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.corpus import (
-    bad_buffers,
-    bad_fields,
-    bad_files,
-    bad_paths,
-    bad_texts,
-    bad_values,
-    bad_zip_members,
-    bad_zips,
-)
+from tests.corpus import bad_folders, bad_manifests, bad_zips
 from tests.corpus.case import Case
 
-CASES: tuple[Case, ...] = tuple(
-    case
-    for module in (
-        bad_texts,
-        bad_fields,
-        bad_paths,
-        bad_buffers,
-        bad_values,
-        bad_zips,
-        bad_zip_members,
-        bad_files,
-    )
-    for case in module.CASES
-)
+CASES: tuple[Case, ...] = (*bad_manifests.CASES, *bad_folders.CASES, *bad_zips.CASES)
 
 
 def write_case(case: Case, root: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Packed assets that are not stored as they are, contradict themselves or hold more (class 33)."""
+"""Packed assets whose ZIP is not plain: compressed, contradictory, with foreign bytes, names or records."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from collections.abc import Callable
 from typing import Any
 
 from tests.corpus.case import Case
-from tests.corpus.forge import PADDING_ID, Entry, extra, forge
+from tests.corpus.forge import PADDING_ID, Entry, extra, forge, zip64
 from tests.corpus.good import mesh, parts
+
+_FULL16, _FULL32 = 0xFFFF, 0xFFFFFFFF
+_POSITIONS = "buffers/positions.bin"
 
 
 def good_entries() -> list[Entry]:
@@ -21,24 +24,24 @@ def good_entries() -> list[Entry]:
 
 def from_bytes(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
     """Return a case whose file holds the bytes that `make` returns."""
-    return Case(name, code, lambda path: path.write_bytes(make()) and None, **more)
+    return Case(name, code, lambda path: path.write_bytes(make()), **more)
 
 
-def zip_case(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
+def _zip(name: str, code: str, make: Callable[[], bytes], **more: Any) -> Case:
     return from_bytes(f"zip_{name}", f"TRIASSET_{code}", make, **more)
 
 
-def forged(name: str, code: str, **spoil: Any) -> Case:
+def _forged(name: str, code: str, **spoil: Any) -> Case:
     """Return a case of good members and keywords of `forge`."""
-    return zip_case(name, code, lambda: forge(good_entries(), **spoil))
+    return _zip(name, code, lambda: forge(good_entries(), **spoil))
 
 
-def patched(name: str, code: str, patch: Callable[[bytes], bytes]) -> Case:
+def _patched(name: str, code: str, patch: Callable[[bytes], bytes], **more: Any) -> Case:
     """Return a case that is `patch` of a good file."""
-    return zip_case(name, code, lambda: patch(forge(good_entries())))
+    return _zip(name, code, lambda: patch(forge(good_entries())), **more)
 
 
-def member(name: str, code: str, which: int = 1, /, more: Any = None, **changes: Any) -> Case:
+def _member(name: str, code: str, which: int = 1, /, more: Any = None, **changes: Any) -> Case:
     """Return a case in which one member (positions, if not said) has other attributes of `Entry`."""
 
     def make() -> bytes:
@@ -47,27 +50,21 @@ def member(name: str, code: str, which: int = 1, /, more: Any = None, **changes:
             setattr(entries[which], key, value)
         return forge(entries)
 
-    return zip_case(name, code, make, **(more or {}))
+    return _zip(name, code, make, **(more or {}))
 
 
-def added(name: str, code: str, *entries: Entry) -> Case:
-    """Return a case with further members."""
-    return zip_case(name, code, lambda: forge(good_entries() + list(entries)))
-
-
-# --- members that are not stored as they are -----------------------------------------------------------
-
-
-def _deflated(data: bytes) -> Entry:
-    squeezer = zlib.compressobj(9, wbits=-15)
-    squeezed = squeezer.compress(data) + squeezer.flush()
-    fields = {"method": 8, "crc": zlib.crc32(data), "packed": len(squeezed), "size": len(data)}
-    return Entry("buffers/bomb.bin", squeezed, both=fields)
+def _added(name: str, code: str, entry: Entry) -> Case:
+    """Return a case with a further member."""
+    return _zip(name, code, lambda: forge([*good_entries(), entry]))
 
 
 def _bomb() -> bytes:
     """Return 50 MB in 49 kB."""
-    return forge([*good_entries(), _deflated(bytes(50_000_000))])
+    squeezer = zlib.compressobj(9, wbits=-15)
+    data = bytes(50_000_000)
+    squeezed = squeezer.compress(data) + squeezer.flush()
+    fields = {"method": 8, "crc": zlib.crc32(data), "packed": len(squeezed), "size": len(data)}
+    return forge([*good_entries(), Entry("buffers/bomb.bin", squeezed, both=fields)])
 
 
 def _by_zipfile(method: int) -> bytes:
@@ -88,74 +85,9 @@ def _descriptor() -> bytes:
     return forge(entries)
 
 
-def _bit_rot() -> bytes:
+def _bit_rot(data: bytes) -> bytes:
     color = good_entries()[3].data
-    return forge(good_entries()).replace(color, color[:5] + bytes([color[5] ^ 16]) + color[6:])
-
-
-_CRC = {"crc": 0x12345678}
-_BOTH_SUMS = ("TRIASSET_DAMAGED",)
-
-STORED_CASES = [
-    zip_case("deflated", "FORM", lambda: _by_zipfile(zipfile.ZIP_DEFLATED)),
-    zip_case("bomb", "FORM", _bomb),
-    member("method_8", "FORM", both={"method": 8}),
-    member("method_99", "FORM", both={"method": 99}),
-    member("manifest_lzma", "FORM", 0, both={"method": 14}),
-    member("encrypted", "FORM", both={"flags": 0x01}),
-    member("encrypted_strongly", "FORM", both={"flags": 0x41}),
-    member("masked", "FORM", both={"flags": 0x2000}),
-    zip_case("descriptor", "HOSTILE", _descriptor),
-    member("crc", "DAMAGED", both=_CRC, more={"found_by": "validate"}),
-    member("crc_manifest", "DAMAGED", 0, both=_CRC, more={"found_by": "validate"}),
-    zip_case("bit_rot", "DAMAGED", _bit_rot, found_by="validate", also=_BOTH_SUMS),
-    zip_case("unaligned", "FORM", lambda: _by_zipfile(zipfile.ZIP_STORED)),
-    member("unaligned_buffer", "FORM", aligned=False),
-    member("unaligned_by_4", "FORM", local={"extra": extra(PADDING_ID, bytes(9))}),
-]
-
-# --- headers that contradict each other ----------------------------------------------------------------
-
-_LOCAL_LIES: dict[str, Any] = {
-    "name": b"buffers/positionz.bin",
-    "size": 49,
-    "packed": 47,
-    "crc": 1,
-    "method": 8,
-    "flags": 0x800,
-}
-
-HEADER_CASES = [
-    *(member(f"local_{key}", "HOSTILE", local={key: value}) for key, value in _LOCAL_LIES.items()),
-    member("local_encrypted", "HOSTILE", local={"flags": 1}),
-    member("local_descriptor", "HOSTILE", local={"flags": 8}),
-    member("local_short_name", "HOSTILE", local={"name": b"buffers/p"}),
-    member("two_sizes", "HOSTILE", both={"packed": 40}),
-    member("offset_of_other", "HOSTILE", central={"offset": 0}),
-    member("offset_inside", "DAMAGED", central={"offset": 100}),
-    member("offset_past_end", "DAMAGED", central={"offset": 0x7FFFFFFF}),
-    member("local_signature", "DAMAGED", local={"signature": b"PK\3\5"}),
-    member("central_signature", "DAMAGED", central={"signature": b"PK\1\3"}),
-    member("size_past_end", "DAMAGED", both={"size": 10**9, "packed": 10**9}),
-    member("size_into_next", "DAMAGED", both={"size": 100, "packed": 100}),
-    member("size_less", "HOSTILE", both={"size": 40, "packed": 40}),
-    member("member_comment", "DAMAGED", central={"comment": b"hello"}),
-    member("member_disk", "DAMAGED", central={"disk": 1}),
-    member("extra_overrun", "DAMAGED", local={"extra": b"\x35\xd9\xff\x00"}),
-    member("extra_central", "DAMAGED", central={"extra": extra(PADDING_ID, bytes(200))}),
-    member("extra_64_kb", "HOSTILE", local={"extra": extra(PADDING_ID, bytes(65_000))}),
-    forged("count_less", "DAMAGED", end={"here": 3, "count": 3}),
-    forged("count_more", "DAMAGED", end={"here": 5, "count": 5}),
-    forged("count_here", "DAMAGED", end={"here": 3}),
-    forged("disk", "DAMAGED", end={"disk": 1}),
-    forged("first_disk", "DAMAGED", end={"first_disk": 1}),
-    forged("directory_late", "DAMAGED", end={"start": 10**9}),
-    forged("directory_early", "HOSTILE", end={"start": 0}),
-    forged("directory_long", "DAMAGED", end={"length": 10**9}),
-    forged("directory_short", "HOSTILE", end={"length": 0}),
-]
-
-# --- bytes that belong to nobody -----------------------------------------------------------------------
+    return data.replace(color, color[:5] + bytes([color[5] ^ 16]) + color[6:])
 
 
 def _hidden_member() -> bytes:
@@ -166,24 +98,143 @@ def _hidden_member() -> bytes:
     return forge(entries)
 
 
-FOREIGN = "HOSTILE"
+def _inside_another() -> bytes:
+    """Return a ZIP with a member inside the data of another: its bytes have two meanings."""
+    entries = good_entries()
+    inner = forge([Entry("buffers/inner.bin", b"secret" * 20)])
+    entries[1].data = inner[: inner.index(b"PK\x01\x02")]
+    offset = forge(entries).index(entries[1].data)
+    entries.append(Entry("buffers/inner.bin", b"secret" * 20, central={"offset": offset}, listed_only=True))
+    return forge(entries)
 
+
+def _listed_twice(name: str) -> Entry:
+    """Return a directory entry called `name` for the first member, the manifest."""
+    return Entry(name, good_entries()[0].data, central={"offset": 0}, listed_only=True)
+
+
+def _many(count: int, **end: Any) -> Callable[[], bytes]:
+    """Return a function that makes a ZIP of a good asset and `count` empty members."""
+
+    def make() -> bytes:
+        members = (Entry(f"buffers/{i}.bin", b"", aligned=False) for i in range(count))
+        return forge([*good_entries(), *members], **end)
+
+    return make
+
+
+_CRC = {"crc": 0x12345678}
+_VALIDATED = {"found_by": "validate"}
+STORED_CASES = [
+    _zip("deflated", "FORM", lambda: _by_zipfile(zipfile.ZIP_DEFLATED)),
+    _zip("bomb", "FORM", _bomb),
+    _member("method_99", "FORM", both={"method": 99}),
+    _member("encrypted", "FORM", both={"flags": 0x01}),
+    _zip("descriptor", "HOSTILE", _descriptor),
+    _member("crc", "DAMAGED", both=_CRC, more=_VALIDATED),
+    _member("crc_manifest", "DAMAGED", 0, both=_CRC, more=_VALIDATED),
+    _patched("bit_rot", "DAMAGED", _bit_rot, found_by="validate", also=("TRIASSET_DAMAGED",)),
+    _zip("unaligned", "FORM", lambda: _by_zipfile(zipfile.ZIP_STORED)),
+    _member("unaligned_by_4", "FORM", local={"extra": extra(PADDING_ID, bytes(9))}),
+]
+HEADER_CASES = [
+    _member("local_name", "HOSTILE", local={"name": b"buffers/positionz.bin"}),
+    _member("local_size", "HOSTILE", local={"size": 49}),
+    _member("two_sizes", "HOSTILE", both={"packed": 40}),
+    _member("offset_inside", "DAMAGED", central={"offset": 100}),
+    _member("offset_past_end", "DAMAGED", central={"offset": 0x7FFFFFFF}),
+    _member("central_signature", "DAMAGED", central={"signature": b"PK\1\3"}),
+    _member("size_past_end", "DAMAGED", both={"size": 10**9, "packed": 10**9}),
+    _member("size_into_next", "DAMAGED", both={"size": 100, "packed": 100}),
+    _member("member_comment", "DAMAGED", central={"comment": b"hello"}),
+    _member("extra_overrun", "DAMAGED", local={"extra": b"\x35\xd9\xff\x00"}),
+    _member("extra_64_kb", "HOSTILE", local={"extra": extra(PADDING_ID, bytes(65_000))}),
+    _forged("count_less", "DAMAGED", end={"here": 3, "count": 3}),
+    _forged("count_more", "DAMAGED", end={"here": 5, "count": 5}),
+    _forged("disk", "DAMAGED", end={"disk": 1}),
+    _forged("directory_late", "DAMAGED", end={"start": 10**9}),
+]
 FOREIGN_CASES = [
-    patched("prefix_program", FOREIGN, lambda z: b"MZ" + bytes(62) + z),
-    patched("prefix_pdf", FOREIGN, lambda z: b"%PDF-1.7\n" + z),
-    patched("prefix_spanned", FOREIGN, lambda z: b"PK\x07\x08" + z),
-    member("prefix_offsets", FOREIGN, 0, before=b"#!/bin/sh\n".ljust(64)),
-    zip_case("hidden_member", FOREIGN, _hidden_member),
-    member("between", FOREIGN, 2, before=b"\0"),
-    member("between_64", FOREIGN, 2, before=bytes(64)),
-    forged("before_directory", FOREIGN, before_directory=b"secret"),
-    patched("suffix_byte", FOREIGN, lambda z: z + b"\0"),
-    patched("suffix_line_break", FOREIGN, lambda z: z + b"\n"),
-    patched("suffix_64_kb", FOREIGN, lambda z: z + bytes(65_535)),
-    patched("twice", FOREIGN, lambda z: z + z),
-    patched("end_twice", FOREIGN, lambda z: z + z[-22:]),
-    forged("comment", FOREIGN, end={"comment": b"hello"}),
-    patched("comment_lie", FOREIGN, lambda z: z[:-2] + b"\5\0"),
+    _patched("prefix_program", "HOSTILE", lambda z: b"MZ" + bytes(62) + z),
+    _zip("hidden_member", "HOSTILE", _hidden_member),
+    _forged("before_directory", "HOSTILE", before_directory=b"secret"),
+    _patched("suffix_64_kb", "HOSTILE", lambda z: z + bytes(65_535)),
+    _patched("twice", "HOSTILE", lambda z: z + z),
+    _forged("comment", "HOSTILE", end={"comment": b"hello"}),
+    _patched("comment_lie", "HOSTILE", lambda z: z[:-2] + b"\5\0"),
+]
+_NAMES = [
+    "buffers/../../../../etc/cron.d/x.bin",
+    "buffers\\x.bin",
+    "manifest.json\0",
+    "buffers/\u202enib.bin",
+    "buffers/x\x1b[2J.bin",
+    "",
+    "x" * 60_000,
+]
+_SECOND_NAME = extra(0x7075, b"\1" + struct.pack("<I", zlib.crc32(_POSITIONS.encode())) + b"../x")
+_LINK = 0o120777 << 16
+NAME_CASES = [
+    *(_added(f"name_{i:02}", "FORM", Entry(name, b"x")) for i, name in enumerate(_NAMES)),
+    _added("name_not_utf8", "FORM", Entry("", b"x", both={"name": b"buffers/\xff.bin", "flags": 0x800})),
+    _member("second_name", "FORM", central={"extra": _SECOND_NAME}),
+    _added("manifest_twice", "HOSTILE", Entry("manifest.json", b"{}")),
+    _added("case_twins", "PATH", Entry("buffers/Positions.bin", b"x")),
+    _added("nested", "FILE_UNDECLARED", Entry("buffers/inner.bin", forge([]))),
+    _zip("no_manifest", "MANIFEST_MISSING", lambda: forge(good_entries()[1:])),
+    _zip("no_members", "MANIFEST_MISSING", lambda: forge([])),
+    *(
+        _member(f"kind_{name}", "PATH", central={"made_by": made_by, "attributes": attributes})
+        for name, made_by, attributes in (
+            ("link", 3 << 8 | 20, _LINK),
+            ("link_dos", 20, _LINK),
+            ("device", 3 << 8 | 20, 0o060644 << 16),
+            ("folder_dos", 20, 0x10),
+        )
+    ),
+    _zip("70000_members", "FORM", _many(70_000, end64={}, end={"here": _FULL16, "count": _FULL16})),
+    _zip("inside_another", "DAMAGED", _inside_another),
+    _added("listed_twice", "HOSTILE", _listed_twice("manifest.json")),
+    _added("listed_renamed", "HOSTILE", _listed_twice("buffers/x.bin")),
+]
+_LONG = {"size": _FULL32, "packed": _FULL32}
+_COUNTED = {"here": _FULL16, "count": _FULL16}
+ZIP64_CASES = [
+    _forged("zip64_end_missing", "HOSTILE", end=_COUNTED),
+    _forged("zip64_end_differs", "HOSTILE", end64={"count": 3}),
+    _forged("zip64_locator", "HOSTILE", end64={"at": 0}),
+    _forged("zip64_huge_record", "HOSTILE", end64={"record_size": 2**63}),
+    _forged("zip64_count", "FORM", end=_COUNTED, end64={"here": 2**40, "count": 2**40}),
+    _forged("zip64_start", "DAMAGED", end={"start": _FULL32}, end64={"start": 2**64 - 1}),
+    _member("zip64_missing", "HOSTILE", central=_LONG),
+    _member("zip64_short", "HOSTILE", central={**_LONG, "extra": zip64(48)}),
+    _member("zip64_twice", "HOSTILE", central={**_LONG, "extra": zip64(48, 48) * 2}),
+    _member("zip64_local_differs", "HOSTILE", local={**_LONG, "extra": zip64(49, 49)}),
 ]
 
-CASES = [*STORED_CASES, *HEADER_CASES, *FOREIGN_CASES]
+# --- no ZIP at all, and ZIPs that are cut off --------------------------------------------------------------
+
+_STRANGERS: dict[str, Callable[[], bytes]] = {
+    "zero_bytes": lambda: b"",
+    "manifest_alone": lambda: parts(mesh()).text(),
+}
+_CUTS: dict[str, Callable[[bytes], int]] = {
+    "half": lambda z: len(z) // 2,
+    "last_byte": lambda z: len(z) - 1,
+}
+
+
+def _cut(length: Callable[[bytes], int]) -> Callable[[], bytes]:
+    def make() -> bytes:
+        data = forge(good_entries())
+        return data[: length(data)]
+
+    return make
+
+
+FILE_CASES = [
+    *(from_bytes(f"not_zip_{name}", "FILE_NOT_RECOGNISED", make) for name, make in _STRANGERS.items()),
+    *(from_bytes(f"cut_{name}", "TRIASSET_DAMAGED", _cut(length)) for name, length in _CUTS.items()),
+]
+
+CASES = [*STORED_CASES, *HEADER_CASES, *FOREIGN_CASES, *NAME_CASES, *ZIP64_CASES, *FILE_CASES]

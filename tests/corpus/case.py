@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from msb.asset import Asset
 from msb.errors import Severity
-from tests.corpus.good import Parts
+from tests.corpus.good import Parts, mesh, parts
 
-Writer = Callable[[Path], None]
+Writer = Callable[[Path], object]
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,20 @@ class Case:
     denied: bool = False
 
 
-def packed(make: Callable[[], Parts]) -> Writer:
-    """Return a writer of the parts that `make` returns, as a single file."""
-    return lambda path: make().write_packed(path)
+def packed(name: str, code: str, make: Callable[[], Parts], **more: Any) -> Case:
+    """Return a case that is a single file of the parts that `make` returns."""
+    return Case(name, f"TRIASSET_{code}", lambda path: make().write_packed(path), **more)
 
 
-def folder(make: Callable[[], Parts]) -> Writer:
-    """Return a writer of the parts that `make` returns, as a folder."""
-    return lambda path: make().write_folder(path)
+def changed(
+    name: str, code: str, changes: dict[str, Any], make: Callable[[], Asset] = mesh, **more: Any
+) -> Case:
+    """Return a packed case whose manifest has other values at these JSON pointers, or lacks them (REMOVE)."""
+
+    def change() -> Parts:
+        good = parts(make())
+        for pointer, value in changes.items():
+            good.change(pointer, value)
+        return good
+
+    return packed(name, code, change, **more)

@@ -1,54 +1,73 @@
-"""What is said of bad assets, checkpoints, cameras and scenes: a code says what to do, this what is wrong.
+"""Every bad checkpoint, mesh, source of cameras and scene: a code says what to do, a message what is wrong.
 
-They are kept in tests/golden/refusals.json, a line a file; `python -m tests.corpus.refusals` writes them anew
-where a message was changed on purpose, and the difference is read like code.
+The messages of all bad files are kept in tests/golden/refusals.json, one line for each file.
+`python -m tests.corpus.refusals` writes them again after a message was changed on purpose; read the
+difference like code.
 """
 
 from __future__ import annotations
 
 import json
 import re
-import shutil
 import tempfile
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import msb
-from msb.adapters.checkpoint import read_checkpoint
 from msb.asset import validate
-from msb.errors import CheckpointError, Finding, InputError, SceneError
-from msb.scenes import read_scene
+from msb.errors import Finding, InputError, MsbError
 from tests.adapters import bad_checkpoints
 from tests.corpus import bad_assets
+from tests.meshes import bad_files
 from tests.scenes import bad_cameras
-from tests.scenes.datasets import bad_scenes, conftest
+from tests.scenes.datasets import bad_scenes
 
 KEPT = Path(__file__).parents[1] / "golden" / "refusals.json"
-_FOREIGN = re.compile(r"(is not JSON|cannot be (?:read|opened|listed)|is not UTF-8): .*", re.DOTALL)
-"""What follows is said by Python or the system, each version in its own words."""
+_FOREIGN = re.compile(r"((?:is not|cannot be) (?:JSON|read|opened|listed|UTF-8|decoded)): .*", re.DOTALL)
+"""What follows is said by Python, a library or the system, each version in its own words."""
+
+REFUSED: dict[str, tuple[str, Callable[[Path], object]]] = {
+    **{
+        f"checkpoint/{case.name}": (case.code, partial(bad_checkpoints.read_case, case))
+        for case in bad_checkpoints.CASES
+    },
+    **{
+        f"{kind}/{name}": (code(table[name]), partial(read, name))
+        for kind, table, code, read in (
+            ("cameras", bad_cameras.BAD, lambda bad: bad[2], bad_cameras.read_case),
+            ("mesh", bad_files.BAD, lambda bad: bad[2], bad_files.read_case),
+            ("scene", bad_scenes.BAD, lambda bad: bad[2], bad_scenes.read_case),
+        )
+        for name in table
+    },
+}
+"""Kind and name -> code, and a function that writes the file below a folder and reads it. Assets have a test
+of their own."""
 
 
+@cache
 def kept() -> dict[str, str]:
-    """Return kind and name of a bad file -> what is said of it."""
+    """Return kind and name of a bad file -> its message."""
     words: dict[str, str] = json.loads(KEPT.read_text(encoding="utf-8"))
     return words
 
 
 def own_words(message: str) -> str:
-    """Return a message without what others say in it."""
+    """Return a message without the words of others in it."""
     return _FOREIGN.sub(r"\1", message)
 
 
 def of_case(findings: list[Finding], code: str) -> str:
-    """Return what the finding of a case says."""
+    """Return the message of the finding of a case."""
     return own_words(next(item.message for item in findings if item.code == code))
 
 
 def _write() -> None:
     words = {}
     with tempfile.TemporaryDirectory() as temporary:
-        root = Path(temporary)
         for case in bad_assets.CASES:
-            path = bad_assets.write_case(case, root)
+            path = bad_assets.write_case(case, Path(temporary))
             try:
                 found = (msb.validate if case.found_by == "command" else validate)(path)
                 words[f"asset/{case.name}"] = of_case(list(found.findings), case.code)
@@ -56,23 +75,12 @@ def _write() -> None:
                 words[f"asset/{case.name}"] = own_words(error.message)
             except StopIteration:  # permissions, which root need not have
                 pass
-        for case in bad_checkpoints.CASES:
+    for name, (_, read) in REFUSED.items():
+        with tempfile.TemporaryDirectory() as temporary:
             try:
-                read_checkpoint(bad_checkpoints.write_case(case, root))
-            except CheckpointError as error:
-                words[f"checkpoint/{case.name}"] = own_words(error.message)
-        for number, name in enumerate(bad_cameras.BAD):
-            try:
-                bad_cameras.read_case(name, root / str(number))
-            except SceneError as error:
-                words[f"cameras/{name}"] = own_words(error.message)
-        for name, (place, change, *_) in bad_scenes.BAD.items():
-            scene = shutil.copytree(conftest.STUBS / place, root / name / place)
-            change(scene)
-            try:
-                read_scene(scene)
-            except SceneError as error:
-                words[f"scene/{name}"] = own_words(error.message)
+                read(Path(temporary))
+            except MsbError as error:
+                words[name] = own_words(error.message.replace(temporary, ""))
     KEPT.write_text(json.dumps(words, indent=0, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 import msb
-from blender.build import build
+from integrations.blender.build import build
 from msb.asset import Asset
 from msb.asset.texture import Sampler
 from msb.engines.agreement import agreement
@@ -32,7 +32,7 @@ from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, scene
 from tests.render.textured_scenes import textured_asset
 
-FOLDER = ROOT / "blender"
+FOLDER = ROOT / "integrations" / "blender"
 
 
 def in_blender(jobs: list[tuple[Path, Camera]], folder: Path) -> list[dict[str, Any]]:

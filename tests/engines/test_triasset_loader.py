@@ -1,4 +1,4 @@
-"""The package for three.js in js/: what it shows of assets in a browser, and says of files that are none."""
+"""The npm package for three.js (integrations/js): its images in a browser, and its errors for bad files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tests.reference.golden import exported, golden_views
 from tests.render.standard_scenes import BACKGROUND, mesh_asset, random_colors, scene
 from tests.render.textured_scenes import CASES, textured_asset
 
-JS = ROOT / "js"
+JS = ROOT / "integrations" / "js"
 WEB = ROOT / "msb" / "engines" / "web"
 CONTROLS = ROOT / ".engines" / "node_modules" / "three" / "examples" / "jsm" / "controls" / "OrbitControls.js"
 SHARED = ("camera.js", "store.js", "dedicated.js")
@@ -301,7 +301,8 @@ def test_the_package_is_whole_and_needs_nothing_but_three() -> None:
     named = re.findall(r'"\./([^"]+)"', json.dumps(list(about["exports"].values())))
     assert len(named) == 5
     assert all((JS / name).is_file() for name in named)
-    assert all(f"../msb/engines/web/{name}" in about["scripts"]["shared"] for name in SHARED)
+    copied = {(JS / word).resolve() for word in about["scripts"]["shared"].split() if word.startswith("../")}
+    assert copied == {ROOT / "LICENSE", *(WEB / name for name in SHARED)}
     imports = re.compile(r'^(?:import|\}).* from "([^"]+)";$', re.MULTILINE)
     assert imports.findall((JS / "TriassetLoader.js").read_text()) == ["three"]
     assert len((JS / "TriassetLoader.js").read_text().splitlines()) <= 300

@@ -12,13 +12,10 @@ from pathlib import Path
 
 from tests.adapters import assemble, bad_checkpoints
 from tests.corpus import bad_assets, good
-from tests.fuzz.mutations import TIMES
 from tests.meshes import bad_files, builders
 from tests.scenes import bad_cameras
 from tests.scenes.builders import write
 
-LONGEST = "pickle_many_tensors"
-"""The checkpoint that takes as long as all others together."""
 Row = tuple[str, str, str, str]
 
 
@@ -41,8 +38,6 @@ def checkpoints(root: Path) -> list[Row]:
     (root / "good").write_bytes(assemble.archive())
     rows = [("checkpoint", str(root / "good"), str(root / "good"), "")]
     for case in bad_checkpoints.CASES:
-        if case.name == LONGEST and TIMES == 1:
-            continue
         path = str(bad_checkpoints.write_case(case, root))
         rows.append(("checkpoint", path, path, case.code))
     return rows
@@ -54,7 +49,7 @@ def meshes(root: Path) -> list[Row]:
     rows = []
     cases = [(suffix, content, "") for suffix, content in builders.SMALL.items()]
     cases.append((".obj", b"mtllib not-opened.mtl\nv 0 0 0\nusemtl a\n", ""))
-    cases += [(suffix, content, code) for suffix, content, code, _ in bad_files.BAD.values()]
+    cases += [(suffix, content, code) for suffix, content, code in bad_files.BAD.values()]
     for number, (suffix, content, code) in enumerate(cases):
         path = root / f"{number}{suffix}"
         path.write_bytes(content)

@@ -18,10 +18,9 @@ BAD = BAD_TEXTS | BAD_BINARIES
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_content(name: str, tmp_path: Path) -> None:
-    target, content, code, message = BAD[name]
+    target, content, code = BAD[name]
     feed = TARGETS[target].at(tmp_path)
     start = time.process_time()
     error = feed(content)
     assert time.process_time() - start < SECONDS
     assert error.code == code
-    assert message in error.message

@@ -76,5 +76,5 @@ def test_what_is_held_is_what_is_read(suffix: str, tmp_path: Path) -> None:
 
 def test_a_vertex_that_is_not_there_is_an_error_before_vertices_are_split() -> None:
     mesh = replace(Mesh(POINTS, TETRAHEDRON[1].astype(np.int64)), faces=np.array([[0, 1, 9]]))
-    with pytest.raises(msb.MsbError, match="MESH_INDEX_OUT_OF_RANGE"):
+    with pytest.raises(msb.MsbError, match="INDEX_OUT_OF_RANGE"):
         as_held(mesh, ".stl")

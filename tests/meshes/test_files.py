@@ -25,10 +25,8 @@ def test_the_suffix_says_the_format_in_any_case(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["mesh", "mesh.txt", ".ply", "mesh.ply.gz"])
 def test_other_suffixes_are_not_recognised_whoever_reads(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(SMALL[".ply"])
-    suffix = Path(name).suffix
-    why = f"'{suffix}' is not the suffix of a mesh file" if suffix else "it has no suffix"
     for read in (read_mesh, msb.open, msb.audit, msb.export):
-        with pytest.raises(InputError, match=rf"FILE_NOT_RECOGNISED.*: {why}; \.ply .* are read") as caught:
+        with pytest.raises(InputError, match="FILE_NOT_RECOGNISED") as caught:
             read(tmp_path / name)
         assert caught.value.file == str(tmp_path / name)
 
@@ -36,7 +34,7 @@ def test_other_suffixes_are_not_recognised_whoever_reads(tmp_path: Path, name: s
 @pytest.mark.parametrize("name", ["absent.ply", "absent/mesh.ply", "file/mesh.ply", "nul\0.ply"])
 def test_missing_files(tmp_path: Path, name: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"FILE_NOT_FOUND: .*: there is no such file"):
+    with pytest.raises(InputError, match="FILE_NOT_FOUND"):
         read_mesh(f"{tmp_path}/{name}")
 
 
@@ -50,7 +48,7 @@ def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content
         return
     path = tmp_path / f"mesh{suffix}"
     path.write_bytes(SMALL[content])
-    with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .*begins like {CONTENTS[content]}"):
+    with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .* {CONTENTS[content]}"):
         read_mesh(path)
 
 
@@ -69,5 +67,5 @@ def test_a_mesh_is_what_it_says() -> None:
         (vertices, faces, np.zeros((4, 3))),
         (vertices, faces, None, np.zeros((4, 3), np.uint8)),
     ):
-        with pytest.raises(MeshError, match=r"MESH_ARRAY: (vertices|faces|vertex_colors|face_colors) is "):
+        with pytest.raises(MeshError, match="MESH_ARRAY"):
             Mesh(*wrong)

@@ -20,7 +20,7 @@ from msb.adapters.locate import locate
 from msb.cli.app import app
 from msb.errors import InputError, MeshFileError
 from msb.meshes import Mesh, read_mesh, write_mesh
-from msb.meshes.formats import FORMATS, Format, written_suffixes
+from msb.meshes.formats import FORMATS, Format
 from tests.conftest import ROOT
 from tests.test_docs_commands import blocks
 
@@ -63,7 +63,7 @@ def run(*words: object) -> str:
 def test_an_added_format_is_converted_audited_and_exported(tri: Format, tmp_path: Path) -> None:
     source, target = tmp_path / "a.off", tmp_path / "b.tri"
     source.write_bytes(SMALL[".off"])
-    assert "left out: colours" in run("convert", source, target)
+    run("convert", source, target)
     np.testing.assert_array_equal(read_mesh(target).vertices, CORNERS)
     assert json.loads(run("audit", "--json", "-", target))["counts"]["faces"] == 2
     assert [line for line in run("audit", tmp_path).splitlines() if "b.tri" in line]
@@ -84,10 +84,10 @@ def test_the_test_of_contributing_holds_the_format_to_its_declaration(tri: Forma
 
 def test_an_added_format_is_known_by_its_content(tri: Format, tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(b"tri\n0 0 0 1 0 0 1 1 0\n")
-    with pytest.raises(MeshFileError, match=r"begins like TRI; rename the file to \.tri"):
+    with pytest.raises(MeshFileError, match=r"MESH_FILE_INVALID: .*TRI"):
         read_mesh(tmp_path / "a.ply")
     (tmp_path / "a.xyz").touch()
-    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.usdz \.tri are read"):
+    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.tri "):
         read_mesh(tmp_path / "a.xyz")
 
 
@@ -96,7 +96,7 @@ def test_an_added_format_is_fuzzed(tri: Format, tmp_path: Path) -> None:
     (seed,) = target.seeds()
     feed = target.at(tmp_path)
     assert feed(seed) is None
-    assert "nine coordinates" in str(feed(seed[:-5]))
+    assert feed(seed[:-5]).code == "MESH_FILE_INVALID"
 
 
 def test_a_format_without_a_writer_is_read_and_not_written(
@@ -105,11 +105,10 @@ def test_a_format_without_a_writer_is_read_and_not_written(
     monkeypatch.setitem(FORMATS, ".old", Format("OLD", (".old",), FORMATS[".off"].read))
     (tmp_path / "a.old").write_bytes(SMALL[".off"])
     assert len(read_mesh(tmp_path / "a.old").faces) == 2
-    with pytest.raises(InputError, match=f"OLD is only read; {' '.join(written_suffixes())} are written"):
+    with pytest.raises(InputError, match="FILE_NOT_RECOGNISED"):
         write_mesh(Mesh(np.array(SQUARE), np.array(SQUARE_FACES)), tmp_path / "b.old", suffix=".old")
     done = CliRunner().invoke(app, ["convert", str(tmp_path / "a.old"), str(tmp_path / "b.old")])
-    wanted = f"it must end in one of .triasset, {', '.join(written_suffixes())}"
-    assert str(done.exception).endswith(wanted)
+    assert str(done.exception).startswith("USAGE: ")
 
 
 def test_every_format_has_its_rows_in_the_tables_and_its_small_file() -> None:

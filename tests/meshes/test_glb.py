@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from .builders import SQUARE, SQUARE_FACES, Glb, Read, assert_colors, glb_square
+from msb.errors import MeshFileError
+from msb.meshes import read_mesh
+
+from .builders import SMALL, SQUARE, SQUARE_FACES, Glb, Read, assert_colors, glb_square
 
 MOVED = [[x + 10, y, z] for x, y, z in SQUARE]
 SECOND = [[a + 4, b + 4, c + 4] for a, b, c in SQUARE_FACES]
@@ -252,3 +256,10 @@ def test_harmless_requirements_and_later_chunks(read: Read) -> None:
     content = bytearray(made.bytes() + b"\4\0\0\0XTRAdata")
     content[8:12] = len(content).to_bytes(4, "little")
     assert read(bytes(content), ".glb").faces.tolist() == SQUARE_FACES
+
+
+def test_a_file_of_too_many_nodes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("msb.meshes.gltf.MAX_NODES", 0)
+    (tmp_path / "nodes.glb").write_bytes(SMALL[".glb"])
+    with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):
+        read_mesh(tmp_path / "nodes.glb")

@@ -61,7 +61,7 @@ def test_a_file_that_several_buffers_name_is_read_once(
     assert opened == [tmp_path.resolve() / "a.bin"]
     made.root["bufferViews"][0]["buffer"] = 2
     path.write_bytes(made.text("a.bin"))
-    with pytest.raises(MeshFileError, match=r"MESH_FILE_TRUNCATED: .* byte 48 of a buffer of 40 bytes"):
+    with pytest.raises(MeshFileError, match="MESH_FILE_TRUNCATED"):
         read_mesh(path)
 
 

@@ -160,10 +160,9 @@ def test_where_there_is_an_uncompressed_copy_it_is_read(
 
 def test_the_extra_is_named_where_it_is_missing(read: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: False)
-    words = r"EXTRA_MISSING: the compressed mesh in .*mesh.glb needs the extra compressed \(meshopt is not"
-    with pytest.raises(UsageError, match=words):
+    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*meshopt"):
         read(by_meshopt(plain()).bytes(), ".glb")
-    with pytest.raises(UsageError, match=r"DracoPy is not installed"):
+    with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*DracoPy"):
         read(by_draco().bytes(), ".glb")
 
 
@@ -174,14 +173,13 @@ def test_what_cannot_be_decoded_is_one_line(read: Read) -> None:
     short, other = by_draco(), by_draco()
     short.root["bufferViews"][-1]["byteLength"] -= 400
     other.root["accessors"][0]["count"] -= 1
-    for made, words in (
-        (damaged, "its compressed arrays cannot be decoded: /bufferViews/"),
-        (short, "its compressed arrays cannot be decoded: /meshes/0/primitives/0: "),
-        (other, "/meshes/0/primitives/0: its accessor says that POSITION has 143 elements; 144 are stored"),
+    for made, place in (
+        (damaged, "/bufferViews/"),
+        (short, "/meshes/0/primitives/0"),
+        (other, "/meshes/0/primitives/0"),
     ):
-        with pytest.raises(MeshFileError, match="MESH_FILE_INVALID") as caught:
+        with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .*{place}") as caught:
             read(made.bytes(), ".glb")
-        assert words in str(caught.value)
         assert str(caught.value).isprintable()
 
 
@@ -193,7 +191,7 @@ def crash(word: str, arrays: Any) -> Any:
 
 def test_a_decoder_that_crashes_is_one_line(read: Read, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("msb.meshes.gltf_packed.unpack_here", crash)
-    with pytest.raises(MeshFileError, match=r"cannot be decoded: it crashed \(SIGABRT\)"):
+    with pytest.raises(MeshFileError, match=r"MESH_FILE_INVALID: .*SIGABRT"):
         read(by_meshopt(plain()).bytes(), ".glb")
 
 

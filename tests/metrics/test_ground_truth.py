@@ -194,14 +194,3 @@ def test_a_photograph_that_cannot_be_read(tmp_path: Path) -> None:
         ground_truth(scene, missing)
     with pytest.raises(ValueError, match="no image_path"):
         ground_truth(scene, replace(missing, image_path=None))
-
-
-def test_a_mask_that_changed_size_since_the_scene_was_read(dtu: Path) -> None:
-    for path in (dtu / "images").iterdir():
-        with Image.open(path) as image:
-            color = image.convert("RGB")
-        color.save(path)
-    scene = read_scene(dtu)
-    Image.new("RGB", (20, 10)).save(dtu / "mask" / "000.png")
-    with pytest.raises(MetricError, match=r"METRIC_SIZES_DIFFER: .*000.png: it is 20 x 10 pixels"):
-        ground_truth(scene, scene.test[0])

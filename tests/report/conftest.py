@@ -10,7 +10,10 @@ from msb.report.build import build_report
 from msb.report.numbers import Numbers
 from msb.report.report import Report
 from msb.report.results import read_results
+from tests.cli.conftest import msb
 from tests.report.factory import write_results
+
+__all__ = ["msb"]  # fixture
 
 
 @pytest.fixture(scope="session")

@@ -66,6 +66,11 @@ def test_latex_gets_charts_as_pdf_without_date_and_type_3_fonts(report: Report) 
         assert b"/TrueType" in made[name] or b"/CIDFontType2" in made[name]
 
 
+def test_the_paper_tells_no_scenes_of_its_means() -> None:
+    means = Numbers({Key("dtu", "mean", "two_dts", "non_engine", "psnr"): Number(20.0)})
+    assert not means.has_other_scenes("dtu")
+
+
 @pytest.mark.slow
 def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     scene = Key("tanksandtemples", "train", "two_dts", "non_engine", "psnr", "paper")
@@ -74,15 +79,3 @@ def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
     assert "per scene" in figure.caption
     assert ">train<" in figure.svg
     assert differences(found, "dtu") is None
-
-
-def test_a_chart_names_the_scenes_that_only_borrow_a_datasets_name() -> None:
-    for scene, title in (("pebble", "Mip-NeRF 360 (pebble): "), ("garden", "Mip-NeRF 360: ")):
-        values = {
-            Key("mipnerf360", row, "two_dts", condition, "psnr"): Number(20.0)
-            for row in (scene, "mean")
-            for condition in ("non_engine", "dedicated")
-        }
-        assert deployment_gap(Numbers(values), "mipnerf360").caption.startswith(title)
-    means = Numbers({Key("dtu", "mean", "two_dts", "non_engine", "psnr"): Number(20.0)})
-    assert not means.has_other_scenes("dtu"), "the paper tells no scenes of it"

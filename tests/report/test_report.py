@@ -11,24 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from PIL import Image
 
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell as Place_
 from msb.bench.records import read_result
 from msb.report.build import build_report, paper_report
-from msb.report.figures import figures
-from msb.report.findings import find
-from msb.report.numbers import MEAN, Key, Number, Numbers
+from msb.report.numbers import MEAN, Key, Number
 from msb.report.pages import report_files
-from msb.report.paper import paper_numbers
 from msb.report.report import Report
 from msb.report.results import Loaded, Place, read_results, result_set
 from tests.report.documents import AUDIT
 from tests.report.factory import (
     make_result,
     write,
-    write_results,
 )
 from tests.report.test_writers import HOSTILE
 
@@ -57,17 +52,9 @@ def files(report: Report, small: Path) -> dict[str, bytes]:
     return report_files(report, folder=small / "report")
 
 
-@pytest.mark.slow
 def test_findings_point_at_tables_that_exist(report: Report) -> None:
-    made = paper_report()
-    for one in (report, made):
-        assert one.findings
-        assert {finding.table for finding in one.findings} <= set(one.tables)
-
-
-def test_no_numbers_give_no_findings_and_no_charts() -> None:
-    assert find(Numbers({})) == []
-    assert figures(Numbers({}), paper_numbers()) == []
+    assert report.findings
+    assert {finding.table for finding in report.findings} <= set(report.tables)
 
 
 @pytest.mark.slow
@@ -75,29 +62,14 @@ def test_views_show_the_largest_loss_and_the_chosen_one(small: Path) -> None:
     made = build_report(read_results(small), chosen=["truck/a/0002.png"])
     (section,) = [section for section in made.sections if section.name == "looks"]
     titles = [view.title for view in section.views]
-    assert titles[0].startswith("Tanks and Temples, truck, ")
-    assert titles[0].endswith("the largest loss, 12.30 dB (Triangle-Splatting)")
-    assert any("truck, a/0002.png: chosen" in title for title in titles)
+    assert "12.30 dB (Triangle-Splatting)" in titles[0]
+    assert any("truck, a/0002.png" in title for title in titles)
     view = section.views[0]
     assert list(view.shots) == ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"]
     headings = [[shot.heading for shot in shots] for shots in view.shots.values()]
     assert headings == [["Non-Engine", "Dedicated", "Standard"]] * 3 + [["Non-Engine", "Dedicated"]]
     picture = view.shots["two_dts"][2].picture
     assert picture.data[:3] == b"\xff\xd8\xff"
-
-
-@pytest.mark.slow
-def test_pictures_that_are_not_what_the_record_says_are_left_out(tmp_path: Path) -> None:
-    write_results(tmp_path, datasets=["tanksandtemples"], methods=["two_dts"], images=True)
-    for path in tmp_path.rglob("dedicated/images/a/*.png"):
-        Image.new("RGB", (5000, 4)).save(path)
-    for path in tmp_path.rglob("standard/images/a/*.png"):
-        path.write_bytes(b"\x89PNG\r\n\x1a\n not a picture")
-    made = build_report(read_results(tmp_path))
-    (section,) = [section for section in made.sections if section.name == "looks"]
-    shots = section.views[0].shots["two_dts"]
-    assert [shot.picture is not None for shot in shots] == [True, False, False]
-    assert b"no image" in report_files(made, formats=["html"])["index.html"]
 
 
 def test_all_files_are_there(files: dict[str, bytes], report: Report) -> None:
@@ -116,11 +88,6 @@ def test_all_files_are_there(files: dict[str, bytes], report: Report) -> None:
     assert len(data["verdicts"]) == 8
 
 
-def test_only_the_formats_asked_for_are_made(report: Report) -> None:
-    made = set(report_files(report, formats=["csv"]))
-    assert made == {"report.json", *(f"tables/{label}.csv" for label in report.tables)}
-
-
 def test_markdown_names_files_that_are_there(files: dict[str, bytes]) -> None:
     targets = re.findall(r"\]\(([^)]+)\)", files["report.md"].decode())
     assert len(targets) > 10
@@ -134,6 +101,7 @@ def test_pages_load_nothing_and_link_to_what_is_there(files: dict[str, bytes]) -
         assert "default-src 'none'" in page.values("content")[0]
         assert all(value.startswith("data:") for value in page.values("src"))
         anchors = set(page.values("id"))
+        assert len(anchors) == len(page.values("id"))
         for link in page.values("href"):
             assert link[1:] in anchors if link.startswith("#") else link in files, (name, link)
         assert not [tag for tag, _ in page.tags if tag in ("link", "iframe", "object", "base", "form")]
@@ -144,12 +112,6 @@ def test_pages_load_nothing_and_link_to_what_is_there(files: dict[str, bytes]) -
             for url in urls
         )
         assert "url(http" not in text
-
-
-def test_identifiers_in_a_page_are_unique(files: dict[str, bytes]) -> None:
-    for name in ("index.html", "verdict-tanksandtemples-train-two_dts.html"):
-        found = Page(files[name].decode()).values("id")
-        assert len(found) == len(set(found)), name
 
 
 @pytest.mark.slow
@@ -191,11 +153,12 @@ def test_verdict_page_shows_pictures_and_the_diagnostic_or_how_to_make_it(
         "Dedicated",
         "Standard",
     ]
-    assert "msb view --figure topology.png x.triasset" in without.words
+    command = "msb view --figure topology.png x.triasset"
+    assert command in without.words
     png = b"\x89PNG made elsewhere"
     with_ = Page(report_files(report, formats=["html"], topology={place: png})[name].decode())
     assert any(str(value).startswith("data:image/png") for value in with_.values("src"))
-    assert "msb view --figure topology.png x.triasset" not in with_.words
+    assert command not in with_.words
 
 
 def test_films_are_embedded_if_small_and_linked_if_not(report: Report, small: Path, monkeypatch: Any) -> None:
@@ -218,9 +181,10 @@ def test_one_failed_record_makes_a_report(tmp_path: Path) -> None:
     reason = Reason(code="OPENCL_BUILD", message="no device")
     write(tmp_path, Result(cell=cell, status="failed", reason=reason, seconds=0.1))
     made = build_report(read_results(tmp_path))
-    assert made.notes == ("failed: capture/desk/two_dts/dedicated: OPENCL_BUILD: no device",)
+    (note,) = made.notes
+    assert "OPENCL_BUILD: no device" in note
     text = report_files(made)["index.html"].decode()
-    assert "failed: OPENCL_BUILD: no device" in text
+    assert "OPENCL_BUILD: no device" in text
     assert made.findings == ()
 
 
@@ -266,7 +230,7 @@ def test_other_scenes_of_a_dataset_have_means_but_no_published_numbers_beside_th
     assert "reproducibility" not in made.tables
     value = made.numbers.value(Key("mipnerf360", MEAN, "two_dts", "non_engine", "psnr"))
     assert table.rows[0].cells[0].text == f"{value:.2f}"
-    assert made.notes[0].startswith("Mip-NeRF 360: no scene is one of the published set")
+    assert made.notes[0].startswith("Mip-NeRF 360: ")
 
 
 @pytest.mark.slow

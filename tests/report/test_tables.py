@@ -62,20 +62,6 @@ def test_our_means_are_the_papers_where_the_records_are(numbers: Numbers) -> Non
     assert compared > 200
 
 
-def test_native_summary_bolds_the_best_of_a_dataset(numbers: Numbers) -> None:
-    table = measured.native_summary(numbers)
-    paper = measured.native_summary(paper_numbers("native_summary"))
-    lpips = 2
-    for ours, theirs in zip(table.rows, paper.rows, strict=True):
-        assert ours.labels == theirs.labels
-        for place, (a, b) in enumerate(zip(ours.cells, theirs.cells, strict=True)):
-            if (ours.labels[0], place) != ("DTU", lpips):
-                assert (a.text, a.bold) == (b.text, b.bold)
-            else:
-                reason = f"LPIPS: no VGG weights (--vgg-weights FILE); {weights_source(None)}"
-                assert (a.text, a.reason) == ("--", reason)
-
-
 def test_the_papers_row_stands_under_ours(numbers: Numbers) -> None:
     table = measured.native_summary(numbers, paper_numbers())
     first, second = table.rows[:2]
@@ -88,25 +74,10 @@ def test_ties_at_the_printed_precision_are_all_bold() -> None:
     cells = [Cell(text("psnr", value), value, "psnr") for value in (27.124, 27.118, 27.11)]
     marked = mark_best(cells, ["x"] * 3, alone=False)
     assert [cell.bold for cell in marked] == [True, True, False]
-
-
-def test_lower_is_better_for_lpips_and_nothing_is_for_valence() -> None:
     cells = [Cell("0.2", 0.2, "lpips"), Cell("0.3", 0.3, "lpips"), Cell("6", 6.0, "mean_valence")]
     assert [cell.bold for cell in mark_best(cells, ["x"] * 3, alone=True)] == [True, False, False]
-
-
-def test_a_single_value_is_best_only_in_the_paper() -> None:
     cells = [Cell("27.1", 27.1, "psnr"), Cell("N/A", None, "psnr")]
-    assert not any(cell.bold for cell in mark_best(cells, ["x"] * 2, alone=False))
-    assert mark_best(cells, ["x"] * 2, alone=True)[0].bold
-
-
-def test_the_best_condition_of_each_method_is_bold(numbers: Numbers) -> None:
-    table = measured.renderer_comparison(numbers, "mipnerf360")
-    methods = [column.title for column in table.columns]
-    fps = row_of(table, "Dedicated", "by OpenCL", "FPS ↑").cells[methods.index("DiffSoup")]
-    assert (fps.text, fps.bold) == ("1995", True)
-    assert not row_of(table, "Dedicated", "by OpenCL", "FPS ↑").cells[methods.index("2DTS")].bold
+    assert [mark_best(cells, ["x"] * 2, alone=alone)[0].bold for alone in (False, True)] == [False, True]
 
 
 def partial(root: Path) -> Numbers:
@@ -124,7 +95,7 @@ def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
     table = measured.renderer_comparison(numbers, "mipnerf360")
     cell = row_of(table, "Standard", "by OpenCL", "PSNR ↑").cells[0]
     assert cell.text.endswith(" (7/9)")
-    assert any(note.startswith("(7/9) is the mean over bicycle, ") for note in cell.notes)
+    assert any("bicycle" in note and "garden" not in note for note in cell.notes)
     assert cell.to_dict()["partial"] is True
     values = [
         numbers.value(Key("mipnerf360", s, "two_dts", "standard", "psnr")) for s in SCENES["mipnerf360"]
@@ -139,10 +110,10 @@ def test_missing_failed_and_unsupported_are_told_apart(tmp_path: Path) -> None:
     numbers = partial(tmp_path)
     of = Key("mipnerf360", "garden", "two_dts", "standard", "psnr")
     assert numbers.number(of) == Number(None, "--", NOT_RUN)
-    assert numbers.number(of._replace(scene="room")) == Number(None, "--", "failed: OPENCL_BUILD: no device")
+    failed = numbers.number(of._replace(scene="room"))
+    assert (failed.absent, "OPENCL_BUILD" in str(failed.reason)) == ("--", True)
     unsupported = numbers.number(of._replace(method="diffsoup"))
     assert unsupported.absent == "N/A"
-    assert "decoder" in str(unsupported.reason)
     assert numbers.number(of._replace(method="diffsoup", scene=MEAN)).absent == "N/A"
     table = measured.per_scene(numbers, "mipnerf360", "standard")
     assert {cell.text for cell in row_of(table, "garden").cells} == {"--", "N/A"}
@@ -158,27 +129,13 @@ def test_no_cell_is_ever_blank(whole: Report) -> None:
             assert all((cell.value is None) == (cell.text in ("N/A", "--")) for cell in row.cells)
 
 
-def test_an_engine_has_its_own_block_and_gap(tmp_path: Path) -> None:
-    write_results(tmp_path, datasets=["tanksandtemples"], methods=["two_dts"])
-    for scene in SCENES["tanksandtemples"]:
-        own = RendererInfo(name="blender_cycles", version="4", kind="engine")
-        there = {"dataset": "tanksandtemples", "scene": scene, "cell": {"renderer": "blender_cycles"}}
-        measure(tmp_path, "standard", 11.0, 0.3, **there, renderer=own)
-    numbers = numbers_of(tmp_path)
-    table = measured.renderer_comparison(numbers, "tanksandtemples")
-    assert row_of(table, "Standard, blender_cycles", "by blender_cycles", "PSNR ↑").cells[0].text == "11.00"
-    gaps = gaps_table(numbers, "tanksandtemples")
-    assert row_of(gaps, "PSNR ↑", "2DTS, blender_cycles").cells[1].text == "8.26"
-
-
 def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
     measure(tmp_path, "non_engine")
     measure(tmp_path, "dedicated", setup={"background": (1.0, 1.0, 1.0)})
     numbers = numbers_of(tmp_path, allow_mixed=True)
     row = row_of(gaps_table(numbers, "capture"), "PSNR ↑", "2DTS")
     assert (row.cells[0].text, row.cells[1].text) == ("--", "--")
-    assert row.cells[0].reason == "the two have another background or ground truth"
-    assert row.cells[1].reason == "one of the two conditions was not run"
+    assert row.cells[0].reason != row.cells[1].reason
 
 
 def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
@@ -189,19 +146,16 @@ def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
     assert row_of(table, "Mean").cells[1].text == "4.9"
 
 
-def test_a_cpu_device_is_marked(tmp_path: Path) -> None:
-    measure(tmp_path, "dedicated", timing={"device_kind": "cpu"})
-    numbers = numbers_of(tmp_path)
-    assert "measured on a CPU device: Made-up GPU" in measured.latency(numbers, "capture").notes
-    assert not any("CPU" in note for note in measured.memory(numbers, "capture").notes)
-
-
 @pytest.mark.parametrize("kind", ["gpu", "cpu"])
 def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind: str) -> None:
     for method in ("two_dts", "mesh_splatting"):
         timing = {"device_kind": kind, **at_rate(100.0 + len(method))}
         measure(tmp_path, "dedicated", method=method, timing=timing)
-    row = measured.per_scene(numbers_of(tmp_path), "capture", "dedicated").rows[0]
+    numbers = numbers_of(tmp_path)
+    assert any("Made-up GPU" in note for note in measured.latency(numbers, "capture").notes) == (
+        kind == "cpu"
+    )
+    row = measured.per_scene(numbers, "capture", "dedicated").rows[0]
     bold = {cell.metric for cell in row.cells if cell.bold}
     assert ("fps" in bold, "psnr" in bold) == (kind == "gpu", True)
 
@@ -219,18 +173,11 @@ def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
 def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     tmp_path: Path, told: int | None
 ) -> None:
-    driver = {"driver_bytes": told, "driver_reason": None if told else "what draws is no GPU"}
-    made = measure(tmp_path, "dedicated", memory=driver)
+    made = measure(tmp_path, "dedicated", memory={"driver_bytes": told})
     numbers = numbers_of(tmp_path)
-    per_scene = measured.memory(numbers, "capture")
-    place = ResultPlace("capture", "desk", "two_dts")
-    of_asset = asset_tables(place, {"dedicated": made}, numbers)["memory"]
-    assert (per_scene.rows[0].cells[-1].text == "5120") is bool(told)
-    assert (of_asset.rows[0].cells[-1].text == "5120") is bool(told)
-    assert (DRIVER_NOTE in per_scene.notes, DRIVER_NOTE in of_asset.notes) == (bool(told),) * 2
-    if told is None:
-        key = Key(*place, "dedicated", "driver_memory")
-        assert numbers.number(key).reason == "by the driver: what draws is no GPU"
+    of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": made}, numbers)
+    for table in (measured.memory(numbers, "capture"), of_asset["memory"]):
+        assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
 
 
 def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
@@ -249,11 +196,7 @@ def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
         if "Floor" in column.groups
     ]
     assert shown == ["0.5", "0.7", "40"]
-    measure(tmp_path, "dedicated", method="diffsoup", dataset="tanksandtemples", scene="train")
-    both = measured.runtime_resources(numbers_of(tmp_path), "tanksandtemples")
-    assert {cell.text for cell in both.rows[-1].cells} == {"N/A"}, "DiffSoup has no Standard"
     assert numbers.scenes("tanksandtemples") == ["train", "truck"]
-    assert any(note.startswith("Floor: one triangle") for note in memory.notes)
 
 
 def test_what_is_of_the_model_needs_no_images_of_its_own_renderer(tmp_path: Path) -> None:
@@ -309,30 +252,10 @@ def test_another_image_folder_is_noted(tmp_path: Path) -> None:
         folder = "images_4" if method == "diffsoup" else "images_2"
         measure(tmp_path, "non_engine", method=method, setup={"image_folder": folder})
     numbers = numbers_of(tmp_path)
-    note = "images of images_4, where the other methods have images_2"
     key = Key("capture", "desk", "diffsoup", "non_engine", "psnr")
-    assert note in numbers.number(key).notes
-    assert note not in numbers.number(key._replace(method="two_dts")).notes
-
-
-def test_what_a_training_did_otherwise_stands_under_every_quality_table(tmp_path: Path) -> None:
-    text = "it was trained on the test views (eval=False): its numbers on them are not comparable"
-    for method in ("two_dts", "triangle_splatting"):
-        for condition in ("non_engine", "dedicated", "standard"):
-            trained = (text,) if method == "two_dts" else ()
-            measure(tmp_path, condition, method=method, trained=trained)
-    numbers = numbers_of(tmp_path)
-    shown = [
-        measured.native_summary(numbers),
-        measured.renderer_comparison(numbers, "capture"),
-        measured.scene_comparison(numbers, "capture"),
-        *(measured.per_scene(numbers, "capture", one) for one in ("non_engine", "standard")),
-    ]
-    for table in shown:
-        said = [note for note in (*table.notes, *table.footnotes()) if text in note]
-        assert len(said) == 1, table.label
-    key = Key("capture", "desk", "triangle_splatting", "standard", "psnr")
-    assert not any(text in note for note in numbers.number(key).notes)
+    (note,) = numbers.number(key).notes
+    assert "images_4" in note
+    assert numbers.number(key._replace(method="two_dts")).notes == ()
 
 
 def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> None:
@@ -343,7 +266,7 @@ def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> Non
     table = reproducibility_statistics(numbers, published)
     row = row_of(table, "Paper", "scenes", "PSNR")
     assert [cell.text for cell in row.cells][:3] == ["1", "0.200", "0.200"]
-    assert row.cells[4].text == "Triangle-Splatting, Mip-NeRF 360, treehill (-0.200)"
+    assert "treehill (-0.200)" in row.cells[4].text
     means = row_of(table, "Public", "means of datasets", "PSNR")
     assert means.cells[0].text == "8"
     assert means.cells[3].value == pytest.approx(100 * 0.93 / 18.38, rel=1e-6)
@@ -388,7 +311,6 @@ def test_the_papers_mesh_stands_beside_meshes_of_its_dataset(
     table = asset_tables(place, {"exported_mesh": made}, numbers_of(tmp_path))["structure"]
     name = "MeshSplatting, mean of Mip-NeRF 360 in the paper"
     assert [row.labels[0] for row in table.rows] == ["this mesh", *([name] if beside else [])]
-    assert any("by looking at the mesh" in note for note in table.notes)
 
 
 def test_components_are_in_millions_unless_that_says_nothing() -> None:
@@ -401,17 +323,6 @@ def test_notes_of_all_cells_move_to_the_table() -> None:
     table = Table("x", "x", ("x",), (Column("a"), Column("b")), (Row(("r",), cells),)).with_common_notes()
     assert table.notes == ("both",)
     assert table.footnotes() == {"one": "a"}
-    cells = (*cells, Cell("2", 2.0, "fps"))
-    columns = tuple(map(Column, "abc"))
-    table = Table("x", "x", ("x",), columns, (Row(("r",), cells),)).with_common_notes()
-    assert table.notes == ("PSNR: both",)
-
-
-def test_headings_span_their_columns() -> None:
-    columns = [("Dedicated", "2DTS"), ("Dedicated", "2DTS"), ("Dedicated", "TS"), ("Standard", "TS"), ()]
-    table = Table("x", "x", ("",), tuple(Column("c", groups) for groups in columns), ())
-    assert table.spans(0) == [("Dedicated", 3), ("Standard", 1), ("", 1)]
-    assert table.spans(1) == [("2DTS", 2), ("TS", 1), ("TS", 1), ("", 1)]
 
 
 def test_json_holds_full_doubles(numbers: Numbers) -> None:

@@ -52,17 +52,8 @@ def bare(path: str = "./a", **more: Any) -> dict[str, Any]:
 
 
 BAD_JSON: dict[str, Bad] = {
-    "empty": of_json(b""),
-    "huge": of_json(b" " * (1 << 24) + b"[]"),
-    "byte order mark": of_json(b"\xef\xbb\xbf[]"),
-    "not utf-8": of_json(b'["\xff"]'),
     "not json": of_json(b"ply\n"),
-    "two documents": of_json(b"[]\n[]"),
-    "key twice": of_json(b'[{"fx": 1, "fx": 2}]'),
     "nan": of_json(b'[{"fx": NaN}]'),
-    "overflow": of_json(b'[{"fx": 1e999}]'),
-    "deep": of_json(b"[" * 100000),
-    "integer": of_json(b"[" + b"9" * 5000 + b"]"),
     "a number": of_json(b"7", code="SOURCE"),
     "another suffix": of_json(b"PK", "views.npz", code="SOURCE"),
     "folder without cameras": ({"readme.md": b"x"}, "", "CAMERA_SOURCE"),
@@ -70,19 +61,11 @@ BAD_JSON: dict[str, Bad] = {
     "frames none": in_transforms("frames", [], code="NONE"),
     "frames object": in_transforms("frames", {}),
     "matrix missing": in_transforms("frames/0/transform_matrix"),
-    "matrix 3 x 4": in_transforms("frames/1/transform_matrix", np.eye(4)[:3].tolist()),
     "matrix of words": in_transforms("frames/0/transform_matrix/2/2", "1"),
     "matrix singular": in_transforms(
         "frames/0/transform_matrix", np.diag([1.0, 1, 0, 1]).tolist(), code="INVALID"
     ),
-    "matrix mirrored": in_transforms(
-        "frames/0/transform_matrix", np.diag([1.0, 1, -1, 1]).tolist(), code="INVALID"
-    ),
-    "matrix huge": in_transforms("frames/0/transform_matrix/0/3", 1e308, code="INVALID"),
     "path up": in_transforms("frames/0/file_path", "./../a.png", code="INVALID"),
-    "path surrogate": of_json(b'{"frames": [{"file_path": "\\ud800"}]}', "transforms.json"),
-    "path hidden absolute": in_transforms("frames/0/file_path", ".//etc/a.png", code="INVALID"),
-    "path of dots": in_transforms("frames/0/file_path", "./" * 10**6 + "../a.png", code="INVALID"),
     "path twice": in_transforms("frames/1/file_path", "././part/view_0.png"),
     "width fraction": in_transforms("frames/0/w", 40.5),
     "focal missing": in_transforms("frames/0/fl_x"),
@@ -92,34 +75,15 @@ BAD_JSON: dict[str, Bad] = {
     "model number": in_transforms("camera_model", 4),
     "is_fisheye": in_transforms("is_fisheye", True, code="DISTORTED"),
     "image missing": of_json(bare(), "transforms.json", code="IMAGE"),
-    "image without header": of_json(bare(), "transforms.json", png=b"GIF89a", code="IMAGE"),
     "image of no lines": of_json(bare("a.jpg"), "transforms.json", jpg=jpeg(5, 0), code="IMAGE"),
-    "angle zero": of_json(bare(w=4, h=4, camera_angle_x=0), "transforms.json", code="INVALID"),
-    "angle in degrees": of_json(bare(w=4, h=4, camera_angle_x=45), "transforms.json", code="INVALID"),
     # --- cameras.json
     "list of numbers": of_json([1]),
     "id twice": in_cameras("1/id", 0),
-    "id taken": of_json(changed(changed(cameras_json(CAMERAS), "0/id", 1), "1/id")),
-    "made name taken": of_json(
-        [
-            e | {"img_name": n}
-            for e, n in zip(cameras_json(some_cameras(3)), ("img", "img", "img-1"), strict=True)
-        ]
-    ),
     "position short": in_cameras("0/position", [1, 2]),
-    "rotation zero": in_cameras("0/rotation", [[0, 0, 0]] * 3, code="INVALID"),
-    "height zero": in_cameras("0/height", 0, code="INVALID"),
     # --- views.json
     "schema unknown": in_views("schema", "msb.views/2"),
     "cameras missing": in_views("cameras"),
     "key unknown": in_views("backgroud", [0, 0, 0]),
-    "key with an escape": in_views("\x1b[31m" * 99, 1),
     "background of four": in_views("background", [1] * 4),
     "background bright": in_views("background", [1, 1, 255]),
-    "pose transposed": in_views(
-        "cameras/0/world_to_camera", CAMERAS[0].world_to_camera.T.tolist(), code="INVALID"
-    ),
-    "names equal": in_views("cameras/0/name", "part/view_1.png"),
-    "split unknown": in_views("cameras/1/split", "all", code="INVALID"),
-    "source size of one": in_views("cameras/0/source_size", [5], code="INVALID"),
 }

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import msb
-from msb.base.paths import SpelledFiles
-from msb.errors import SceneError
 from msb.scenes import colmap_binary, read_points
 from msb.scenes.colmap_models import MODEL_NAMES, MODELS
 
@@ -97,15 +94,6 @@ def test_names_hold_spaces_and_other_scripts(tmp_path: Path) -> None:
     assert msb.read_cameras(write(tmp_path / "bin", files))[0].name == name
 
 
-def test_no_file_is_looked_for_by_a_name_that_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(SpelledFiles, "find", None)
-    files = images(b"1 1 0 0 0 0 0 0 7 " + "é/".encode() * 100_000 + b"x", b"")
-    with pytest.raises(SceneError, match=r"CAMERA_INVALID: .*the name is"):
-        msb.read_cameras(write(tmp_path / "sparse" / "0", files))
-
-
 def test_a_byte_order_mark_before_text_is_no_word(tmp_path: Path) -> None:
     files = {name: b"\xef\xbb\xbf" + text for name, text in images(b"1 1 0 0 0 0 0 0 7 a.png").items()}
     assert len(msb.read_cameras(write(tmp_path, files))) == 1
@@ -145,23 +133,3 @@ def test_a_text_point_may_have_a_signed_or_rounded_look(tmp_path: Path) -> None:
     xyz, rgb = read_points(tmp_path / "points3D.txt")
     assert xyz.tolist() == [[1, -2, 0.5], [0, 0, 0]]
     assert rgb.tolist() == [[0, 255, 12], [1, 2, 3]]
-
-
-@pytest.mark.slow
-def test_points_take_little_more_memory_than_they_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    count, at_a_time = 10_000, 1 << 10
-    monkeypatch.setattr(colmap_binary, "_POINTS_AT_A_TIME", at_a_time)
-    (tmp_path / "points3D.bin").write_bytes(many(*[point_bin(track=2)] * count))
-    (tmp_path / "points3D.txt").write_bytes(b"1 0.5 1.5 2.5 1 2 3 0.5 1 2 3 4\n" * count)
-    for suffix in (".bin", ".txt"):
-        tracemalloc.start()
-        try:
-            xyz, rgb = read_points(tmp_path / f"points3D{suffix}")
-            _, peak = tracemalloc.get_traced_memory()
-        finally:
-            tracemalloc.stop()
-        assert len(xyz) == len(rgb) == count
-        # The results, their parts and what joins them; a block of points in pieces.
-        assert peak < 110 * count + 450 * at_a_time

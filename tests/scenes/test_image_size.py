@@ -47,7 +47,6 @@ def test_alpha_is_a_channel(mode: str, alpha: bool, tmp_path: Path) -> None:
 BAD = {
     "empty": b"",
     "gif": b"GIF89a\1\0\1\0" + bytes(40),
-    "half a png": png(4, 4)[:20],
     "png of another kind": png(4, 4).replace(b"IHDR", b"CgBI"),
     "flat png": png(0, 4),
     "wide png": png(65536, 1),
@@ -55,10 +54,8 @@ BAD = {
     "half a jpeg": jpeg(4, 4)[:-11],
     "jpeg without lines": jpeg(4, 0),
     "jpeg without a frame": jpeg(4, 4)[:20] + b"\xff\xda\0\4ab" + jpeg(4, 4)[20:],
-    "jpeg with rubbish": jpeg(4, 4)[:20] + b"rubbish",
     "endless fill": b"\xff\xd8" + b"\xff" * 1_000_000,
     "endless segments": b"\xff\xd8" + b"\xff\xe1\0\2" * 300_000,
-    "segments of no length": b"\xff\xd8" + b"\xff\xe1\0\0" * 10,
 }
 
 

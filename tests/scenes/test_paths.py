@@ -49,12 +49,10 @@ def test_a_turntable_starts_at_x_where_z_is_up() -> None:
     ("radius", "change", "code"),
     [
         (0, {}, "CAMERA_PATH"),
-        (math.nan, {}, "CAMERA_PATH"),
         (1, {"count": 0}, "CAMERA_PATH"),
         (1, {"count": 10**9}, "CAMERA_PATH"),
         (1, {"elevation": math.pi / 2}, "CAMERA_PATH"),
         (1, {"up": (0, 0, 0)}, "CAMERA_PATH"),
-        (1, {"up": (0, 0, math.inf)}, "CAMERA_PATH"),
         (1, {"width": 0}, "CAMERA_INVALID"),
     ],
 )
@@ -105,17 +103,6 @@ def test_two_cameras_are_joined_by_a_line_and_the_shorter_turn() -> None:
     assert angles[50] == pytest.approx(whole / 2)  # slerp's middle
     total = sum(angle_between(a, b) for a, b in itertools.pairwise(flight))
     assert total == pytest.approx(whole, rel=1e-4)  # one axis throughout
-
-
-def test_a_turntable_flown_through_stays_on_its_circle() -> None:
-    cameras = turntable((0, 0, 0), 2, **TABLE)
-    flight = interpolated(cameras, 120, closed=True)
-    np.testing.assert_allclose([np.linalg.norm(camera.center) for camera in flight], 2, rtol=2e-3)
-    for camera in flight:
-        pixels, _ = camera.project((0, 0, 0))
-        np.testing.assert_allclose(pixels, [32, 24], atol=0.1)
-        # Level all the way round, also where the quaternions change sign.
-        assert abs(camera.world_to_camera[0, 2]) < 1e-3
 
 
 def test_half_a_turn_between_neighbours_is_flown_too() -> None:

@@ -67,10 +67,8 @@ def test_no_two_entries_share_a_name() -> None:
 
 
 def test_unknown_name_lists_the_nearest() -> None:
-    with pytest.raises(UsageError, match="nonmanifold_edge_ratio") as caught:
+    with pytest.raises(UsageError, match=r"NAME_UNKNOWN: .*edge_ratio"):
         explain("nonmanifold_edge_ration")
-    assert caught.value.code == "NAME_UNKNOWN"
-    with pytest.raises(UsageError, match="the names are vf_ratio, "):
-        explain("???")
-    with pytest.raises(UsageError):
-        explain("")
+    for name in ("???", ""):
+        with pytest.raises(UsageError, match="NAME_UNKNOWN"):
+            explain(name)

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 from data_stubs.splat_like import splat_like
 from data_stubs.surface import icosphere
 from msb.cl import Device, open_device
-from msb.errors import DeviceError
 from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
 from msb.topology.findings import Findings, find_by_numpy
@@ -69,7 +68,6 @@ def test_cases(device: Device, case: object) -> None:
     everywhere(device, (case.vertices, case.faces))
 
 
-@pytest.mark.slow
 @QUICK
 @given(mesh=meshes())
 def test_small_meshes(device: Device, mesh: Mesh) -> None:
@@ -98,7 +96,6 @@ def crowded(draw: st.DrawFn) -> Mesh:
     return random.standard_normal((count + 2, 3)) * 10.0 ** random.integers(-3, 4), faces
 
 
-@pytest.mark.slow
 @QUICK
 @given(mesh=crowded())
 def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
@@ -144,34 +141,13 @@ def test_all_faces_the_same(device: Device) -> None:
     assert result.first["duplicate_faces"] == tuple((i, (0, 1, 2)) for i in (1, 2, 3))
 
 
-def test_all_faces_collapsed(device: Device) -> None:
-    faces = np.random.default_rng(1).integers(0, 40, (500, 3))
-    faces[:, 2] = faces[:, 1]
-    counts = everywhere(device, (points(40), faces)).counts
-    assert (counts.repeated_index_faces, counts.edges, counts.components) == (500, 0, 0)
-    assert counts.duplicate_faces > 0
-
-
 def test_a_soup(device: Device) -> None:
     result = everywhere(device, (points(900), np.arange(900).reshape(-1, 3)))
     assert not result.shares_vertices
     assert result.counts.components == result.counts.boundary_loops == 300
 
 
-def test_vertices_that_no_face_uses(device: Device) -> None:
-    faces = np.array([[70_000, 5, 99_999], [5, 99_999, 70_001]])
-    result = everywhere(device, (points(100_000), faces))
-    assert result.counts.unreferenced_vertices == 100_000 - 4
-    assert result.first["unreferenced_vertices"] == ((0, (0,)), (1, (1,)), (2, (2,)))
-
-
 # --- arrays
-
-
-@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8", ">f8", "longdouble"])
-def test_vertices_of_any_precision(device: Device, dtype: str) -> None:
-    vertices, faces = splat_like(8)
-    found(device, (vertices.astype(dtype), faces))
 
 
 def test_arrays_nobody_may_write_and_arrays_in_odd_places(device: Device) -> None:
@@ -235,14 +211,3 @@ def test_everything_on_the_device_is_given_back(device: Device) -> None:
     assert device.memory() == before
     assert result.computed_by.startswith("OpenCL, ")
     assert sum(result.timings_ms.values()) > 0
-
-
-def test_everything_is_given_back_after_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise DeviceError("DEVICE_MEMORY", "no more")
-
-    with open_device("cpu") as device:
-        monkeypatch.setattr("msb.topology.kernel._Run._make_lists", fail)
-        with pytest.raises(DeviceError):
-            find_by_kernels(*splat_like(8), device)
-        assert device.memory() == {}

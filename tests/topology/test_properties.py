@@ -16,7 +16,7 @@ from tests.topology import brute_force
 from tests.topology.meshes import random_mesh
 
 Mesh = tuple[np.ndarray, np.ndarray]
-QUICK = settings(max_examples=60, derandomize=True)
+QUICK = settings(max_examples=30, derandomize=True)
 
 
 @st.composite
@@ -43,7 +43,6 @@ def numbers(mesh: Mesh) -> dict[str, Any]:
     return {**rounded, "valence": report.valence_histogram, "soup": report.is_soup, "kind": report.topology}
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes(), seeds)
 def test_renumbering_vertices_changes_nothing(mesh: Mesh, random: np.random.Generator) -> None:
@@ -52,7 +51,6 @@ def test_renumbering_vertices_changes_nothing(mesh: Mesh, random: np.random.Gene
     assert numbers((points[order], np.argsort(order)[faces])) == numbers(mesh)
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes(), seeds)
 def test_reordering_and_rotating_faces_changes_nothing(mesh: Mesh, random: np.random.Generator) -> None:
@@ -62,7 +60,6 @@ def test_reordering_and_rotating_faces_changes_nothing(mesh: Mesh, random: np.ra
     assert numbers((points, rotated[random.permutation(len(faces))])) == numbers(mesh)
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes(), seeds)
 def test_reversing_faces_changes_winding_alone(mesh: Mesh, random: np.random.Generator) -> None:
@@ -77,7 +74,6 @@ def test_reversing_faces_changes_winding_alone(mesh: Mesh, random: np.random.Gen
     assert other == one
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes())
 def test_splitting_all_vertices_gives_a_soup(mesh: Mesh) -> None:
@@ -97,7 +93,6 @@ def test_splitting_all_vertices_gives_a_soup(mesh: Mesh) -> None:
 MAXIMA = {"largest_component_faces", "max_edge_faces"}
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes(), meshes())
 def test_disjoint_union_adds_counts_and_keeps_maxima(one: Mesh, other: Mesh) -> None:
@@ -107,7 +102,6 @@ def test_disjoint_union_adds_counts_and_keeps_maxima(one: Mesh, other: Mesh) -> 
     assert asdict(union.counts) == expected
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes())
 def test_another_unreferenced_vertex_changes_only_what_counts_vertices(mesh: Mesh) -> None:
@@ -121,7 +115,6 @@ def test_another_unreferenced_vertex_changes_only_what_counts_vertices(mesh: Mes
     assert after["unreferenced_vertices"] == before["unreferenced_vertices"] + 1
 
 
-@pytest.mark.slow
 @QUICK
 @given(meshes())
 def test_identities_hold(mesh: Mesh) -> None:

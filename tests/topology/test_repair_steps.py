@@ -62,9 +62,8 @@ def test_each_step_keeps_its_promises_on_random_meshes(name: str) -> None:
         check_is_sound(name, *finite_mesh(seed))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", STEPS)
-@settings(max_examples=150, derandomize=True)
+@settings(max_examples=30, derandomize=True)
 @given(meshes(finite=True))
 def test_each_step_keeps_its_promises_on_drawn_meshes(name: str, mesh: Mesh) -> None:
     check_is_sound(name, *mesh_arrays(*mesh))
@@ -184,7 +183,7 @@ def test_what_is_one_sided_is_cut_where_that_is_short(
     turned = np.random.default_rng(2).random(len(faces)) < 0.3
     faces[turned] = faces[turned][:, [0, 2, 1]]
     change = orient(faces, count)
-    assert f"is cut {cuts}, along {edges}, so that" in change.notes[0]
+    assert f"cut {cuts}, along {edges}," in change.notes[0]
     np.testing.assert_array_equal(np.sort(change.vertex_map[change.faces]), np.sort(faces))
     points = np.random.default_rng(3).random((len(change.vertex_map), 3))
     audited = counts(points, change.faces)

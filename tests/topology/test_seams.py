@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import msb
-from data_stubs.splat_like import splat_like
 from msb import audit
 from msb.api.gates import parse_gate
 from msb.asset import Description, build_asset
@@ -19,7 +18,6 @@ from msb.topology import audit_arrays, seams
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.seamed import CUBE, CUBE_UVS, TEXTURE, doubled, torus
 
-MERGED = "closed once coincident vertices are merged"
 POINTS, FACES = TETRAHEDRON
 # The first face has vertices of its own, as where normals or UVs change: open along its three edges.
 HARD = np.concatenate([POINTS, POINTS[FACES[0]]]), np.concatenate([[[4, 5, 6]], FACES[1:]])
@@ -33,10 +31,9 @@ def test_doubles_are_told_from_holes(mesh: tuple[np.ndarray, np.ndarray], weld: 
     found = audit(*mesh, weld=weld)
     assert found.closed_once_merged
     assert found.verdict in ("limited", "bad")
-    assert MERGED in found.sentence
     assert not audit(mesh[0], mesh[1][:-1], weld=weld).closed_once_merged  # a hole beside the seam
     moved = mesh[0] + np.where(np.arange(len(mesh[0])) < 4, 0, 1e-3)[:, None]
-    assert MERGED not in audit(moved, mesh[1]).sentence
+    assert not audit(moved, mesh[1]).closed_once_merged
 
 
 @pytest.mark.parametrize(
@@ -60,17 +57,10 @@ def test_larger_meshes_are_welded_only_if_asked_for(monkeypatch: pytest.MonkeyPa
     assert audit(*HARD, weld="exact").closed_once_merged
 
 
-def test_a_mesh_with_true_holes_is_not_welded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(seams, "weld_vertices", lambda *_: pytest.fail("it was"))
-    points, faces = splat_like(14)
-    audit(points, faces)
-    audit(POINTS, FACES[:3])
-
-
 def test_a_verdict_is_that_of_the_mesh_without_its_seams_and_counts_are_as_stored() -> None:
     points, faces, uvs = doubled(*CUBE, CUBE_UVS)
     plain, found = audit(*CUBE), audit_arrays(points, faces, attributes={"uv": uvs})[0]
-    assert found.sentence == f"{plain.sentence}; 16 vertices are doubled at texture seams"
+    assert found.sentence.startswith(plain.sentence)
     assert (found.verdict, found.counts.seam_vertices, plain.counts.seam_vertices) == ("ok", 16, 0)
     assert replace(found.counts, seam_vertices=0) == audit(points, faces).counts
     assert found.without_seams is not None
@@ -78,7 +68,7 @@ def test_a_verdict_is_that_of_the_mesh_without_its_seams_and_counts_are_as_store
     # One corner of the hole is a row that no face uses: nothing is torn there.
     hole = audit_arrays(points, faces[:-1], attributes={"uv": uvs})[0]
     assert hole.verdict == "limited"
-    assert "it is open: 3 boundary edges in 1 loop; 15 vertices are doubled at texture seams" in hole.sentence
+    assert (hole.without_seams.counts.boundary_edges, hole.counts.seam_vertices) == (3, 15)
 
 
 @pytest.mark.parametrize("name", ["uv", "color"])
@@ -92,7 +82,7 @@ def test_whatever_a_closed_mesh_has_at_its_corners_its_file_is_closed(name: str,
     assert found.without_seams is not None
     assert found.without_seams.counts == audit(points, faces).counts
     assert found.counts.seam_vertices == len(stored) - len(points)
-    assert found.sentence.endswith({"uv": "at texture seams", "color": "at colour seams"}[name])
+    assert found.seams == {"uv": "texture", "color": "color"}[name]
 
 
 def test_what_was_never_one_vertex_is_not_merged() -> None:
@@ -111,20 +101,7 @@ def test_doubles_for_no_uv_or_colour_are_no_seams() -> None:
     uvs = np.concatenate([POINTS, POINTS[FACES[0]]])[:, :2].astype(np.float32)  # alike where places are
     found = audit_arrays(*HARD, attributes={"uv": uvs})[0]
     assert (found.seams, found.verdict) == (None, audit(*HARD).verdict)
-    assert MERGED in found.sentence
-
-
-def test_rows_that_name_a_vertex_twice_have_no_seam() -> None:
-    points = np.concatenate([POINTS, POINTS + 9, POINTS[:1] + 9])
-    faces = np.concatenate([FACES[:3], [[4, 4, 8]]])  # the only face whose vertices are doubled
-    found, _ = audit_arrays(points, faces, attributes={"uv": np.random.default_rng(1).random((9, 2))})
-    assert (found.seams, found.counts.repeated_index_faces) == (None, 1)
-
-
-def test_both_sides_of_a_sliver_are_no_seam() -> None:
-    points = np.array([[0, 0, 0], [0, 0, 0], [1, 0, 0]], np.float32)
-    found, _ = audit_arrays(points, [[0, 1, 2]], attributes={"uv": np.eye(3, 2)})
-    assert (found.seams, found.judged.counts.repeated_index_faces) == (None, 0)
+    assert found.closed_once_merged
 
 
 def test_doubles_of_a_format_that_needs_none_are_seams_where_uvs_of_corners_differ() -> None:

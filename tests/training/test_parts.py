@@ -6,18 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from data_stubs.training import two_dts
 from data_stubs.training.lattice import Interpolate, lattice_nodes, refinement
 from data_stubs.training.lattices import halved
 from data_stubs.training.losses import Photograph, dssim
 from data_stubs.training.mesh import split_edges
-from data_stubs.training.model import worst
 from data_stubs.training.pairs import Ranks
-from data_stubs.training.scene import _anywhere
-from data_stubs.training.soups import quartered
 from msb import metrics
-from msb.scenes import Camera
-from tests.training.soups import BACKGROUND, CAMERA, soup, tensors
 
 
 def test_dssim_is_one_minus_the_ssim_of_the_metrics() -> None:
@@ -30,17 +24,6 @@ def test_blurring_is_its_own_derivative() -> None:
     first = torch.rand((9, 12, 3), dtype=torch.float64, requires_grad=True)
     second = Photograph(torch.rand((9, 12, 3), dtype=torch.float64))
     assert torch.autograd.gradcheck(lambda image: dssim(image, second), (first,))
-
-
-def test_a_camera_that_sees_nothing_sees_the_background() -> None:
-    away = Camera.look_at((0, 0, -4), (0, 0, -8), up=(0, -1, 0), width=8, height=6, fov_y=0.7)
-    settings = {"rasterizer": "3D", "sh_degree": 2, "gamma": 1.0, "gamma_rescale": True}
-    settings |= {"back_culling": False, "ste_threshold": None, "render_up_scale": None}
-    parameters = tensors(soup(("_vertex", "_opacity", "_f_dc", "_f_rest")))
-    drawn = two_dts.draw(parameters, away, BACKGROUND, settings)
-    drawn.image.sum().backward()
-    assert (drawn.image.detach().numpy() == BACKGROUND).all()
-    assert drawn.peaks(5).tolist() == [0] * 5
 
 
 def test_ranks_are_front_to_back_in_every_pixel() -> None:
@@ -101,33 +84,3 @@ def test_split_edges_leave_a_closed_mesh_closed() -> None:
         _, uses = np.unique(ends, axis=0, return_counts=True)
         assert (uses == 2).all()
         assert faces.max() == count - 1
-
-
-def test_quarters_cover_the_whole() -> None:
-    corners = np.random.default_rng(4).random((3, 3, 3)).astype(np.float32)
-
-    def area(triangles: np.ndarray) -> np.ndarray:
-        a, b, c = triangles.transpose(1, 0, 2)
-        return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-
-    parts = quartered(corners)
-    assert area(parts).reshape(3, 4).sum(1) == pytest.approx(area(corners), rel=1e-5)
-
-
-def test_the_worst_are_drawn_without_what_is_not_allowed() -> None:
-    random = np.random.default_rng(5)
-    scores = np.array([0, 1, 5, 5, 1], float)
-    allowed = np.array([True, True, True, False, True])
-    assert worst(scores, allowed, 9, random).tolist() == [1, 2, 4]
-    assert worst(scores, allowed, 0, random).tolist() == []
-    drawn = [worst(scores, allowed, 1, random)[0] for _ in range(200)]
-    assert np.bincount(drawn)[2] > 100
-
-
-def test_cameras_of_a_scene_without_points_look_at_the_random_ones() -> None:
-    points = _anywhere(
-        [CAMERA, Camera.look_at((4, 0, 0), (0, 0, 0), up=(0, -1, 0), width=9, height=9, fov_y=1)],
-        np.random.default_rng(0),
-    )
-    assert np.abs(points.mean(axis=0)).max() < 0.3
-    assert 0.5 < np.abs(points).max() < 2

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
 NOTHING_SHOWN = "every rendering is of one colour: none shows anything, so there is nothing to compare"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
-_NEAREST = 8
-"""Versions of the photographs that are listed."""
 _COLUMNS = ("name", "pred", "gt", "width", "height")
 
 
@@ -40,10 +38,6 @@ class EvalOptions:
         Option("What alpha is laid over: black, white, #rrggbb or r,g,b in 0..1.", metavar="COLOR"),
     ] = None
     subset: Annotated[bool, Option("GT may hold more images than PRED.")] = False
-    lint: Annotated[
-        bool,
-        Option("Say from which photographs of the scene GT the images were made, and resized by what."),
-    ] = False
 
 
 @command(
@@ -57,9 +51,7 @@ class EvalOptions:
 )
 def evaluate(
     pred: Annotated[Path, Argument("Folder of images, or one image.", metavar="PRED")],
-    gt: Annotated[
-        Path, Argument("The ground truth: the same, with equal names; with --lint a scene.", metavar="GT")
-    ],
+    gt: Annotated[Path, Argument("The ground truth: the same, with equal names.", metavar="GT")],
     options: EvalOptions,
     output: Annotated[Output, ("json_file", "csv_file", "fail_fast", "force", "quiet", "verbose")],
     typed: Typed,
@@ -68,35 +60,13 @@ def evaluate(
 
     Images are paired by their path below the folder without its suffix (png, jpg, npy, exr). Their sizes must
     be equal; nothing is resized. All images are clamped and rounded to 8 bits. A bad image gets a line on
-    standard error and status 3; the others are still compared. With --lint PRED are renderings or
-    photographs; the status is 1 if they are of other photographs than the scene is compared with.
+    standard error and status 3; the others are still compared.
     """
-    if options.lint:
-        return _lint(pred, gt, output)
     color = None if options.background is None else parsed_color(options.background)
     from msb.metrics import pair_images
 
     pairs = pair_images(pred, gt, subset=options.subset)
     return _Task(output, pred, gt, options.vgg_weights, color).run(pairs)
-
-
-def _lint(folder: Path, place: Path, output: Output) -> int:
-    """Print what the images of a folder were made from; return the exit status."""
-    from msb.bench.lint import MOST_VIEWS, lint_images
-    from msb.scenes.datasets import read_scene
-
-    scene = read_scene(place)
-    with output.counted("comparing", min(MOST_VIEWS, len(scene.test))) as step:
-        found = lint_images(folder, scene, step)
-    output.write_json(found.to_dict())
-    if output.prints_text:
-        if not output.quiet and not found.strangers:
-            cells = [
-                (str(version), f"{value:.2f}") for version, value in [*found.versions.items()][:_NEAREST]
-            ]
-            output.table((f"Nearest, of {found.views} views", "PSNR"), cells, right=(1,))
-        output.line(f"{folder}: {found.sentence}")
-    return 0 if found.is_wanted else 1
 
 
 class _Task:

@@ -173,7 +173,7 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
             continue
         if name == "sh_degree" and isinstance(value, int) and value > degree:
             text = shorten(
-                f"model.{key} is {json_safe(value)}; the degree {degree} of the checkpoint is used", 200
+                f"model.{key} is {json_safe(value)}; the checkpoint's degree {degree} is used", 200
             )
             warnings.append(finding("CHECKPOINT_CONFIG", text, severity="warning", file=str(file)))
             value = degree

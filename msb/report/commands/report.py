@@ -255,7 +255,7 @@ def _topology(made: Report, which: str, output: Output) -> dict[Place, bytes]:
         from msb_viewers.gl import GlProbe
 
         GlProbe.start().check()
-    except UsageError as error:
+    except (ImportError, UsageError) as error:  # the viewers can be missing
         output.note(f"warning: no topology figures: {error}")
         return {}
     with output.counted("drawing topology figures", len(audited)) as step:

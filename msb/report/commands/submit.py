@@ -23,7 +23,8 @@ def submit(
 ) -> None:
     """Make of results one file to be published: records, hashes, commands, a few pictures.
 
-    Paths and the names of this machine and its user are taken out. msb report makes a board of such files.
+    Only numbers, hashes, versions, and names of scenes, methods and devices are published. msb report makes a
+    board of such files.
     The same results give the same bytes.
     """
     from hashlib import sha256
@@ -40,7 +41,7 @@ def submit(
     records = [loaded.result for loaded in found]
     with output.progress(f"packing {len(records)} results"):
         pictures = submitted_pictures(found)
-        data = write_submission(name.strip(), records, pictures, private=[str(results.absolute())])
+        data = write_submission(name.strip(), records, pictures)
         with new_file(out, size=len(data), overwrite=output.force) as file:
             file.write(data)
     hashed = sha256(data).hexdigest()
@@ -60,4 +61,4 @@ def submit(
             f"{out}: {len(records)} results, {len(pictures)} pictures, {len(data):,} bytes, SHA-256 {hashed}"
         )
         if not output.quiet:
-            echo("paths, and the names of this machine and its user, are taken out; look at it once more")
+            echo("paths and messages are not published; names of scenes and images are: check them")

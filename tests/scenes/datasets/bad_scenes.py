@@ -9,7 +9,9 @@ from typing import Any
 
 from PIL import Image
 
-from .conftest import SCENES, text_model
+from msb.scenes.datasets import read_scene
+
+from .conftest import SCENES, STUBS, text_model
 
 
 def picture(path: Path, size: tuple[int, int], mode: str = "RGB") -> None:
@@ -103,3 +105,11 @@ BAD: dict[str, tuple[str, Callable[[Path], Any], str, str]] = {
     ),
     "more views than photographs": (DTU, remove("sparse", "images/0003.png"), "SCENE_LAYOUT", "cameras.npz"),
 }
+
+
+def read_case(name: str, root: Path) -> Any:
+    """Write one of them below `root`, and read it."""
+    place, change, *_ = BAD[name]
+    scene = shutil.copytree(STUBS / place, root / place)
+    change(scene)
+    return read_scene(scene)

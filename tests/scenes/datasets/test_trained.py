@@ -45,12 +45,11 @@ def test_a_training_as_the_scene_is_evaluated_gives_no_warning(training: dict[st
 )
 def test_another_size_is_said_with_both(training: dict[str, Any], size: str) -> None:
     (found,) = trained_otherwise(training, None, read_scene(CAPTURE))
-    assert f"trained on photographs of {size} pixels and is evaluated at 64 x 48" in found.message
+    assert f"{size} pixels" in found.message
+    assert "64 x 48" in found.message
 
 
 def test_the_split_and_the_background_are_said_with_what_follows() -> None:
     first, second = trained_otherwise({"eval": False}, (1.0, 1.0, 1.0), read_scene(CAPTURE))
-    assert first.message == (
-        "it was trained on the test views (eval=False): its numbers on them are not comparable"
-    )
-    assert "trained over white and is drawn over black: where the background shows" in second.message
+    assert "eval=False" in first.message
+    assert "over white" in second.message

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("msb.bench", reason="msb.bench was removed")
 from benchmarks import pages
 from tests.conftest import ROOT
 

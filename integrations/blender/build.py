@@ -1,7 +1,7 @@
-"""Build the extension for Blender: ``python blender/build.py``, on the system and by the Python it is for.
+"""Build the extension for Blender: ``python integrations/blender/build.py``.
 
-The zip holds the sources beside this file, a wheel of this tree and those that it needs, which pip fetches;
-NumPy is Blender's own.
+Run it on the target system, with the Python version of the target Blender. The zip holds the sources beside
+this file, a wheel of this tree and the wheels it needs, which pip fetches. NumPy is Blender's own.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ROOT / "blender" / "meshsplatbench"
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = Path(__file__).resolve().parent / "meshsplatbench"
 NUMPY = {(3, 11): "numpy<2", (3, 13): "numpy>=2"}
 """Python of a Blender -> its NumPy: 3.11 in Blender 4.2 to 5.0, 3.13 from 5.1 on."""
 MACHINES = {"x86_64": "x64", "amd64": "x64", "aarch64": "arm64"}

@@ -1,0 +1,221 @@
+"""Names that lead out of an asset, files that are not what they seem, and files with bad contents."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msb.asset import Asset
+from tests.corpus.bad_zips import good_entries
+from tests.corpus.case import Case, Writer, changed, packed
+from tests.corpus.forge import forge
+from tests.corpus.good import Parts, decoder, mesh, parts, soup
+
+_POSITIONS, _COLOR = "buffers/positions.bin", "buffers/color.bin"
+
+# --- names and files ---------------------------------------------------------------------------------------
+
+_NAMES = {
+    "parent": "../positions.bin",
+    "parent_encoded": "buffers/%2e%2e/positions.bin",
+    "dots": "buffers/a..b.bin",
+    "absolute": "/etc/passwd",
+    "host": "//host/share/positions.bin",
+    "nul": "buffers/a\0.bin",
+    "line_break": "buffers/positions.bin\n",
+    "wide_slash": "buffers\uff0fpositions.bin",
+    "right_to_left": "buffers/\u202enib.bin",
+    "device": "buffers/NUL.tar.bin",
+    "nested": "buffers/a/b.bin",
+    "empty": "",
+    "very_long": f"buffers/{'x' * 500_000}.bin",
+}
+
+
+def _on_disk(name: str, code: str, spoil: Writer, **more: Any) -> Case:
+    """Return a case that is a good folder after `spoil` has been at it."""
+
+    def write(path: Path) -> None:
+        parts(mesh()).write_folder(path)
+        parts(mesh()).write_folder(path.with_name("outside"))
+        spoil(path)
+
+    return Case(name, f"TRIASSET_{code}", write, **more)
+
+
+def _replaced(member: str, make: Writer) -> Writer:
+    """Return a function that puts something else in place of a member."""
+
+    def spoil(path: Path) -> None:
+        place = path / member
+        shutil.rmtree(place) if place.is_dir() else place.unlink()
+        make(place)
+
+    return spoil
+
+
+def _link(member: str, target: str) -> Writer:
+    return _replaced(member, lambda place: place.symlink_to(target))
+
+
+def _case_twins(path: Path) -> None:
+    good = parts(mesh()).change("/buffers/color/file", "buffers/POSITIONS.bin")
+    good.files["buffers/POSITIONS.bin"] = good.files.pop(_COLOR)
+    good.write_folder(path)
+
+
+def _denied(name: str, mode: int = 0) -> Writer:
+    return lambda path: (path / name).chmod(mode)
+
+
+def _denied_file(path: Path) -> None:
+    path.write_bytes(forge(good_entries()))
+    path.chmod(0)
+
+
+PATH_CASES = [
+    *(changed(f"path_{name}", "PATH", {"/buffers/positions/file": file}) for name, file in _NAMES.items()),
+    Case("path_case_twins", "TRIASSET_PATH", _case_twins),
+    _on_disk("link_out", "PATH", _link(_POSITIONS, "../../outside/buffers/positions.bin")),
+    _on_disk("link_loop", "PATH", _link(_POSITIONS, "positions.bin")),
+    _on_disk("link_proc", "PATH", _link(_POSITIONS, "/proc/self/mem")),
+    _on_disk("link_buffers", "PATH", _link("buffers", "../outside/buffers")),
+    _on_disk("link_manifest", "PATH", _link("manifest.json", "../outside/manifest.json")),
+    _on_disk("folder_for_buffer", "PATH", _replaced(_POSITIONS, os.mkdir)),
+    _on_disk("folder_for_manifest", "PATH", _replaced("manifest.json", os.mkdir)),
+    _on_disk("pipe_for_buffer", "PATH", _replaced(_POSITIONS, os.mkfifo)),
+    _on_disk("file_for_buffers", "DAMAGED", _replaced("buffers", lambda place: place.write_bytes(b""))),
+    _on_disk(
+        "hardlink",
+        "PATH",
+        lambda path: os.link(path / _COLOR, path.with_name("second")),
+        severity="warning",
+        found_by="validate",
+    ),
+    *(
+        _on_disk(
+            f"stray_{i}",
+            "FILE_UNDECLARED",
+            lambda path, name=name: (path / name).write_bytes(b"stray"),
+            severity="warning",
+        )
+        for i, name in enumerate(["notes.txt", "buffers/x.bin", "\x1b[2J\n"])
+    ),
+    *(
+        _on_disk(f"denied_{i}", "FILE_UNREADABLE", _denied(name), denied=True)
+        for i, name in enumerate([_POSITIONS, "manifest.json", ".", "buffers"])
+    ),
+    _on_disk("denied_listing", "FILE_UNREADABLE", _denied(".", 0o311), severity="warning", denied=True),
+    Case("not_there", "FILE_NOT_FOUND", lambda path: None),
+    Case("not_there_loop", "FILE_UNREADABLE", lambda path: path.symlink_to(path.name)),
+    Case("not_file_pipe", "FILE_UNREADABLE", os.mkfifo),
+    Case("denied_file", "FILE_UNREADABLE", _denied_file, denied=True),
+]
+
+# --- contents ----------------------------------------------------------------------------------------------
+
+
+def _file(name: str, code: str, spoil: Callable[[dict[str, bytes]], object]) -> list[Case]:
+    """Return a folder and a packed case in which `spoil` was at the files."""
+
+    def make() -> Parts:
+        good = parts(mesh())
+        spoil(good.files)
+        return good
+
+    in_folder = Case(f"{name}_folder", f"TRIASSET_{code}", lambda path: make().write_folder(path))
+    return [in_folder, packed(f"{name}_packed", code, make)]
+
+
+FILE_CASES = [
+    *_file("buffer_missing", "DAMAGED", lambda files: files.pop(_COLOR)),
+    *_file("truncated", "DAMAGED", lambda files: files.update({_COLOR: files[_COLOR][:-1]})),
+    *_file("truncated_to_none", "DAMAGED", lambda files: files.update({_COLOR: b""})),
+    *_file("longer", "DAMAGED", lambda files: files.update({_COLOR: files[_COLOR] + b"\0"})),
+    _file("buffer_undeclared", "FILE_UNDECLARED", lambda files: files.update({"buffers/x.bin": b"x"}))[1],
+]
+
+
+def _values(
+    name: str, code: str, buffer: str, put: dict[Any, Any], make: Callable[[], Asset] = mesh, **more: Any
+) -> Case:
+    """Return a case in which some elements of a buffer are others; the hash is that of the new values."""
+
+    def change() -> Parts:
+        asset = make()
+        array = asset.buffers[buffer].copy()
+        for where, value in put.items():
+            array[where] = value
+        return parts(asset).set_array(buffer, array)
+
+    return packed(name, code, change, **{"found_by": "validate", **more})
+
+
+def _stated(name: str, code: str, pointer: str, value: Any, **more: Any) -> Case:
+    return changed(name, code, {pointer: value}, found_by="validate", **more)
+
+
+def _signalling_nan() -> Parts:
+    good = parts(mesh())
+    array = np.frombuffer(good.files[_POSITIONS], np.uint32).reshape(4, 3).copy()
+    array[2, 1] = 0x7FA00001
+    return good.set_array("positions", array.view(np.float32))
+
+
+def _float_color() -> Parts:
+    good = parts(mesh()).change("/buffers/color/dtype", "float32")
+    return good.set_array("color", np.full((4, 3), 1.5, np.float32))
+
+
+def _placed(points: Any, most: list[float], radius: float) -> Parts:
+    """Return a mesh of other points with bounds and a sphere that hold them."""
+    good = parts(mesh()).set_array("positions", np.array(points, np.float32))
+    good.change("/bounds", {"min": [0, 0, 0], "max": most})
+    return good.change("/bounding_sphere", {"center": [0, 0, 0], "radius": radius})
+
+
+NAN, INF = float("nan"), float("inf")
+_NOTED = {"severity": "info", "found_by": "command"}
+_WARNED = {"severity": "warning", "found_by": "validate"}
+VALUE_CASES = [
+    packed("signalling_nan", "VALUE_NONFINITE", _signalling_nan, found_by="validate"),
+    _values("inf_f_rest", "VALUE_NONFINITE", "f_rest", {(1, 8): -INF}, soup),
+    _values("nan_opacity", "VALUE_NONFINITE", "opacity", {0: NAN}, soup),
+    _values("inf_weight", "VALUE_NONFINITE", "decoder.w0", {(0, 0): INF}, decoder),
+    _values("index_v", "INDEX_OUT_OF_RANGE", "indices", {(3, 2): 4}),
+    _values("index_greatest", "INDEX_OUT_OF_RANGE", "indices", {(0, 0): 2**32 - 1}),
+    _values("soup_swapped", "VALUE_RANGE", "indices", {...: [[3, 4, 5], [0, 1, 2]]}, soup),
+    packed("color_range", "VALUE_RANGE", _float_color, **_WARNED),
+    packed(
+        "magnitude",
+        "VALUE_RANGE",
+        lambda: _placed(3e38 * np.eye(4, 3, k=-1), [3e38] * 3, 3.003e38),
+        **_WARNED,
+    ),
+    _stated("bounds_small", "BOUNDS", "/bounds/max/2", 2.5),
+    _stated("sphere_small", "BOUNDS", "/bounding_sphere/radius", 1),
+    _stated("sphere_loose", "BOUNDS", "/bounding_sphere/radius", 300, severity="warning"),
+    _stated("checksum", "DAMAGED", "/buffers/color/sha256", "0123456789abcdef" * 4),
+    _values("face_repeated_index", "FACE_REPEATED_INDEX", "indices", {(2, 1): 0}, **_NOTED),
+    _values("face_duplicate", "FACE_DUPLICATE", "indices", {2: [1, 3, 0]}, **_NOTED),
+    _values(
+        "vertex_unreferenced",
+        "VERTEX_UNREFERENCED",
+        "indices",
+        {...: [[0, 1, 2], [2, 1, 0], [1, 2, 0], [1, 0, 2]]},
+        **_NOTED,
+    ),
+    packed(
+        "face_zero_area",
+        "FACE_ZERO_AREA",
+        lambda: _placed([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 3]], [2, 0, 3], 4),
+        **_NOTED,
+    ),
+]
+
+CASES = [*PATH_CASES, *FILE_CASES, *VALUE_CASES]
