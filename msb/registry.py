@@ -229,7 +229,11 @@ BUILT_IN = (
 Role = Literal["adapter", "official", "reference", "look"]
 
 
-METHODS: Mapping[str, Method] = Lazy(lambda: {name: part[0] for name, part in _installed().items()})
+def _methods() -> Mapping[str, Method]:
+    return {name: method for name, (method, _) in _installed().items()}
+
+
+METHODS: Mapping[str, Method] = Lazy(_methods)
 """Name in manifests -> method: first ours in the order of the tables, then those of installed packages by
 name."""
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +17,19 @@ from msb.base.packages import Lazy, PackageError, contained, installed, load, wh
 from msb.errors import Finding, MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
 from msb.metrics.identity import ImageMetric
-from msb.metrics.images import PSNR, PSNR_CAP, SSIM, image_pair
-from msb.metrics.perceptual import LPIPS
+from msb.metrics.images import PSNR_CAP, image_pair
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from msb.metrics.identity import Definition, Identity, Pixels
 
-BUILT_IN = (PSNR, SSIM, LPIPS)
-"""Our image metrics, in the order of the tables."""
+BUILT_IN = (
+    "images.PSNR",
+    "images.SSIM",
+    "perceptual.LPIPS",
+)
+"""Module here and name of every image metric, in the order of the tables."""
 RESERVED = frozenset(
     "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
     "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
@@ -51,8 +55,10 @@ _FIELDS: dict[str, Any] = {
 @cache
 def _installed() -> Mapping[str, ImageMetric]:
     """Return key -> metric."""
-    ours = {metric.key: metric for metric in BUILT_IN}
-    taken = dict.fromkeys([*ours, LPIPS.name, CHAMFER.name], "msb.metrics")
+    places = (place.split(".") for place in BUILT_IN)
+    metrics = (getattr(import_module(f"msb.metrics.{module}"), name) for module, name in places)
+    ours: dict[str, ImageMetric] = {metric.key: metric for metric in metrics}
+    taken = dict.fromkeys([*ours, ours["lpips"].name, CHAMFER.name], "msb.metrics")
     theirs = installed("metric", taken, _accepted)
     return ours | {key: metric for key, (metric, _) in theirs.items()}
 

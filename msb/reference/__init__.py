@@ -135,7 +135,7 @@ class ReferenceRenderer:
     def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
         """Draw the asset from `camera` over `background`; `timings` has the time NumPy took."""
         start = time.perf_counter()
-        frame = self._draw(camera, background)
+        frame = self._draw(camera=camera, background=background)
         frame.timings["numpy"] = 1000 * (time.perf_counter() - start)
         return frame
 

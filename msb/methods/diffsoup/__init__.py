@@ -15,7 +15,7 @@ LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
 
 def samples(level: int) -> int:
     """Return how many samples a lattice of `level` has: (2^L + 1)(2^L + 2) / 2."""
-    return (2**level + 1) * (2**level + 2) // 2
+    return ((1 << level) + 1) * ((1 << level) + 2) // 2
 
 
 METHOD = Method(

@@ -172,9 +172,7 @@ def _configure(settings: Settings, model: dict[str, Any], degree: int, file: Pat
             settings.add(name, degree, "checkpoint")
             continue
         if name == "sh_degree" and isinstance(value, int) and value > degree:
-            text = shorten(
-                f"model.{key} is {json_safe(value)}; the checkpoint's degree {degree} is used", 200
-            )
+            text = shorten(f"model.{key} is {json_safe(value)}; the checkpoint has degree {degree} only", 200)
             warnings.append(finding("CHECKPOINT_CONFIG", text, severity="warning", file=str(file)))
             value = degree
         if name == "ste_threshold" and isinstance(value, int) and not isinstance(value, bool):
