@@ -41,12 +41,7 @@ def shares_vertices(content: Content) -> bool:
     return isinstance(value, dict) and bool({"_triangle_indices", "vertex_weight"} & value.keys())
 
 
-def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`."""
-    return read_as("mesh_splatting", place, content, options)
-
-
-def read_as(method: str, place: Place, content: Content, options: Options) -> Model:
+def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
     """Return the model at `place` as one of `method`, which has this layout.
 
     The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: it is what the
