@@ -221,7 +221,7 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
             assert node.level == 0, f"{path}: relative imports hide which part is meant"
             module = node.module or ""
             folder = ROOT / module.replace(".", "/")
-            # Of a module in a method's folder its role counts; the folder itself declares data for the registry.
+            # In a method's folder the role of a module counts; the folder itself declares data.
             if module.startswith("msb.methods."):
                 roles = {path.stem for path in folder.glob("*.py")} if folder.is_dir() else None
                 names = [
