@@ -56,7 +56,7 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     """
     place = given_path(path)
     if not is_asset(place):
-        from msb.adapters import export
+        from msb.adapters.exporter import export
 
         return export(place, method=method)
     asset = load(place)

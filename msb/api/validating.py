@@ -60,7 +60,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
 
 def _check_other(path: Path) -> Validation:
     """Check what is no asset by the asset made of it."""
-    from msb.adapters import export
+    from msb.adapters.exporter import export
 
     try:
         asset = export(path)

@@ -55,9 +55,7 @@ def cull_dtu(
     world = [_matrix(each, "world_mat") for each in world_mats]
     scale = [_matrix(each, "scale_mat") for each in scale_mats]
     if not world or len(world) != len(scale):
-        raise _bad(
-            f"there are {len(world)} world_mat and {len(scale)} scale_mat; one of each per view is needed"
-        )
+        raise _bad(f"there are {len(world)} world_mat and {len(scale)} scale_mat; each view needs both")
     views = 0
     for mask in masks:
         if views < len(world):

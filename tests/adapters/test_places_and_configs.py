@@ -13,7 +13,7 @@ import msb
 from msb.adapters.training_config import MAX_BYTES, read_cfg_args
 from msb.api.inputs import expand
 from msb.errors import CheckpointError, InputError, UsageError
-from msb.methods.two_dts.adapter_config import read_config
+from msb.methods.two_dts.adapter import read_config
 from msb.scenes.datasets.notes import saw_test_views
 from tests.adapters import models
 from tests.adapters.models import GOLDEN, VALUES, write_model, write_web_export

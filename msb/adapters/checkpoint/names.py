@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.tensors import BFloat16Array, Storages, StorageType, rebuild_tensor
+from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
 MAX_ENCODED = 64

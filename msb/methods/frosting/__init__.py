@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from msb.methods.sugar import PHOTOGRAPHS
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import Rules
 
 METHOD = extracted_mesh(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.registry.declare import NO_APPEARANCE, Method
+from msb.registry import NO_APPEARANCE, Method
 
 METHOD = Method(
     title="mesh",

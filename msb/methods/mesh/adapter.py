@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from msb.adapters.locate import is_named
-from msb.adapters.model import Content, Model, Options, background_of
-from msb.adapters.setting_sources import Settings
+from msb.adapters.model import Content, Model, Options, Settings, background_of
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance
-from msb.adapters.setting_sources import Settings
+from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
@@ -42,12 +41,7 @@ def shares_vertices(content: Content) -> bool:
     return isinstance(value, dict) and bool({"_triangle_indices", "vertex_weight"} & value.keys())
 
 
-def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`."""
-    return read_as("mesh_splatting", place, content, options)
-
-
-def read_as(method: str, place: Place, content: Content, options: Options) -> Model:
+def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
     """Return the model at `place` as one of `method`, which has this layout.
 
     The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: it is what the

@@ -15,10 +15,8 @@ from msb.render.splat.view import Culling
 if TYPE_CHECKING:
     from msb.asset import Asset
 
-    Settings = Mapping[str, Any]
 
-
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     floor, scale = settings["opacity_floor"], settings["supersample"]

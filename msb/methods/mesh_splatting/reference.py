@@ -33,6 +33,15 @@ MARGIN = 5
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
 
+def corner_tiles(windows: Windows, _opacity: Reals, _sigma: Reals, view: SplattingCamera) -> Rectangles:
+    """Return the tiles of the box around the corners, 5 samples wider on each side."""
+    margin = windows.corners.dtype.type(MARGIN)
+    grid = grid_size(view.width, view.height)
+    low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
+    high = tile_number(np.ceil((windows.corners + margin) / TILE), grid).max(axis=1)
+    return Rectangles(low, high)
+
+
 def render(
     asset: Asset,
     camera: Camera,
@@ -40,29 +49,15 @@ def render(
     settings: Mapping[str, Any],
     dtype: type[Any],
     modes: Modes,
-) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`."""
-    return form_image(
-        asset, camera, background, settings, dtype, modes, max_alpha=MAX_ALPHA, flat_depth=False
-    )
-
-
-def form_image(
-    asset: Asset,
-    camera: Camera,
-    background: Reals,
-    settings: Mapping[str, Any],
-    dtype: type[Any],
-    modes: Modes,
     *,
-    max_alpha: float,
-    flat_depth: bool,
-    tiles_of: TilesOf | None = None,
+    max_alpha: float = MAX_ALPHA,
+    flat_depth: bool = False,
+    tiles_of: TilesOf = corner_tiles,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`, as MeshSplatting or Triangle Splatting+ has it.
+    """Return `asset` seen by `camera`; see `render_reference`. The defaults are MeshSplatting's.
 
     `max_alpha` caps alpha. With `flat_depth` a face has the depth of its centroid everywhere, otherwise that
-    of its corners is interpolated. `tiles_of` gives the tiles of faces, `corner_tiles` if it is not given.
+    of its corners is interpolated. `tiles_of` gives the tiles of faces.
     """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)
@@ -77,12 +72,10 @@ def form_image(
     color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
     shapes = project_shapes(positions[indices], view, modes)
-    if not isinstance(shapes, Windows):
-        rectangles = shapes.rectangles
-    elif tiles_of is None:
-        rectangles = corner_tiles(shapes, view)
-    else:
+    if isinstance(shapes, Windows):
         rectangles = tiles_of(shapes, opacity, sigma, view)
+    else:
+        rectangles = shapes.rectangles
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
     def cover(chosen: Integers, x: Reals, y: Reals) -> Reals:
@@ -128,15 +121,6 @@ def form_image(
             "radii": np.where(kept, np.ceil(shapes.radius), 0).astype(np.int32),
         },
     )
-
-
-def corner_tiles(windows: Windows, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the box around the corners, 5 samples wider on each side."""
-    margin = windows.corners.dtype.type(MARGIN)
-    grid = grid_size(view.width, view.height)
-    low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
-    high = tile_number(np.ceil((windows.corners + margin) / TILE), grid).max(axis=1)
-    return Rectangles(low, high)
 
 
 def box_mean(raster: Reals, size: int) -> Reals:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.registry.declare import OTHER_LPIPS, TIERS, Method
+from msb.registry import OTHER_LPIPS, TIERS, Method
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(

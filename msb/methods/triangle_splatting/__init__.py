@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.registry.declare import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
+from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(

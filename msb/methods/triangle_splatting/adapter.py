@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance, soup_buffers
-from msb.adapters.setting_sources import Settings
+from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance, soup_buffers
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description

@@ -14,10 +14,8 @@ from msb.render.splat.model import Model, contour
 if TYPE_CHECKING:
     from msb.asset import Asset
 
-    Settings = Mapping[str, Any]
 
-
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     model = look.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))

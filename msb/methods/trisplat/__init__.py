@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 
 METHOD = extracted_mesh(
     "TriSplat mesh",

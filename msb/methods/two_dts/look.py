@@ -18,8 +18,6 @@ from msb.render.splat.view import Culling
 if TYPE_CHECKING:
     from msb.asset import Asset
 
-    Settings = Mapping[str, Any]
-
 _CHUNK = 1 << 16
 
 
@@ -50,7 +48,7 @@ def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     return np.where(squared > 0, np.minimum(limit, 10), -1).astype(np.float32)
 
 
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     positions = soup_positions(asset)
