@@ -1,29 +1,24 @@
 """From a path to an asset: find the model, determine its method, read it and describe it."""
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, Protocol, cast
 
 from msb.adapters.locate import Place, locate
 from msb.adapters.model import Content, Model, Options
 from msb.asset import Asset, build_asset
 from msb.asset.arguments import check_type
 from msb.asset.manifest import Source, SourceFile
-from msb.asset.progress import Meter
+from msb.asset.progress import Meter, Progress
 from msb.asset.settings import parse_overrides
 from msb.base.files import file_sha256, is_file
 from msb.base.packages import warn
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, Unsupported, UsageError, about, shorten
 from msb.registry import BUILT_IN, METHODS, role, with_role
-
-if TYPE_CHECKING:
-    from msb.asset.progress import Progress
 
 
 class Adapter(Protocol):

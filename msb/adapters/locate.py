@@ -4,8 +4,6 @@ This module looks at names only, so asking whether a folder is a checkpoint cost
 content of the file decides about the method (`detect`).
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Callable

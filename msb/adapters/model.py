@@ -1,32 +1,24 @@
 """What an adapter is given, the settings that it collects, and the model in an asset's terms it returns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.checkpoint import read_checkpoint
 from msb.adapters.checkpoint.reader import STRANGE
-from msb.adapters.locate import TORCH_SUFFIXES
-from msb.asset.manifest import StoredSetting
+from msb.adapters.locate import TORCH_SUFFIXES, Place
+from msb.asset import Description
+from msb.asset.manifest import Domain, StoredSetting
 from msb.asset.settings import check_overrides
-from msb.errors import CheckpointError, UsageError, shorten
+from msb.errors import CheckpointError, Finding, UsageError, shorten
 from msb.meshes.files import unknown_suffix
 from msb.meshes.ply_table import PlyTable, ply_names, read_ply_table
-from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.asset import Description
-    from msb.asset.manifest import Domain
-    from msb.errors import Finding
-    from msb.registry import SettingSource
+from msb.registry import METHODS, SettingSource
 
 
 @dataclass(frozen=True)

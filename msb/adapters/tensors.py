@@ -1,7 +1,5 @@
 """The tensors of a checkpoint by key; each is checked to exist, to have its shape and type, to be finite."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

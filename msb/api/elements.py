@@ -1,21 +1,17 @@
 """`--elements FILE`: the offending edges, vertices, faces and the components, for other programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.atomic import new_file
 from msb.base.npz import write_npz
-
-if TYPE_CHECKING:
-    from msb.topology.elements import Elements
+from msb.topology.elements import Elements
 
 
 def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) -> None:

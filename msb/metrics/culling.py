@@ -1,7 +1,5 @@
 """Step 0 of the DTU evaluation: drop parts outside the masks, and scale to the world of the laser scans."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

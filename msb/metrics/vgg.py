@@ -1,7 +1,5 @@
 """The files behind LPIPS: VGG16 weights the user supplies, and the linear layers of the lpips package."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import math

@@ -5,12 +5,10 @@ in float64 they are compared by statistics. docs/reference.md describes the form
 agree.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,13 +20,10 @@ from msb.base.version import __version__
 from msb.errors import Unsupported, UsageError, shorten
 from msb.reference.frame import ReferenceFrame
 from msb.reference.tiles import Modes
-from msb.registry import lookup, role
+from msb.registry import Order, Sampling, lookup, role
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
-
-if TYPE_CHECKING:
-    from msb.registry import Order, Sampling
 
 __all__ = ["ReferenceFrame", "ReferenceRenderer", "render_reference"]
 

@@ -3,20 +3,15 @@
 An opened asset has been checked for shapes, not for values: whoever computes with them does that.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
 from msb.errors import AssetError
-from msb.reference.arithmetic import sigmoid
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.arithmetic import Reals
+from msb.reference.arithmetic import Reals, sigmoid
 
 
 def number(asset: Asset, section: str, key: str) -> float:

@@ -1,7 +1,5 @@
 """What a change of a mesh deleted, added and cut, by the places of the corners: whoever made it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

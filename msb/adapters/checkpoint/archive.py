@@ -9,8 +9,6 @@ filled up so that data starts on a 64-byte boundary. Sources: pytorch/pytorch `t
 `caffe2/serialize/versions.h`, `caffe2/serialize/inline_container.cc`.
 """
 
-from __future__ import annotations
-
 import zlib
 from typing import Any, NoReturn
 

@@ -7,8 +7,6 @@ names. So its pickle is run twice: first to learn what it declares, then with ev
 pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from typing import Any

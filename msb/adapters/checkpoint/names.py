@@ -4,8 +4,6 @@ A name in the file selects one of our own functions, which work on inert records
 module, so no name, however spelt, can reach code: a name outside the list is refused before any call.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Recognise the kind of a checkpoint file, and read it: the one function that the adapters call."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path

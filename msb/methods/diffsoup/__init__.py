@@ -1,7 +1,5 @@
 """DiffSoup: triangles with binary opacity and lattices of features, which a small network decodes."""
 
-from __future__ import annotations
-
 from msb.registry import AWARE, Method, Native, PaperNote, Retained, Setting
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM

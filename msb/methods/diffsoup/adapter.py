@@ -5,25 +5,20 @@ barycentric lattice of eight numbers, seven features and an opacity, already thr
 MLP turns the features seen by a pixel and its view direction into a colour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.adapters.locate import in_bundle
+from msb.adapters.locate import Place, in_bundle
 from msb.adapters.model import Content, Model, Options, Settings
 from msb.adapters.tensors import Tensors
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.errors import finding
 from msb.methods.diffsoup import FEATURES, LAYERS, METHOD, samples
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
 MAX_LEVEL = 8

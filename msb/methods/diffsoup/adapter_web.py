@@ -3,26 +3,21 @@
 Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.adapters.locate import Place
 from msb.adapters.model import Content, Model, Options, Settings
 from msb.asset.strict_json import MAX_BYTES, parse_strict_json
 from msb.base.files import read_file
-from msb.errors import CheckpointError, InputError, finding
+from msb.errors import CheckpointError, Finding, InputError, finding
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.methods.diffsoup import METHOD, samples
 from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, direction, domains
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.errors import Finding
 
 MAX_WIDTH = 4096
 """Most texels in a row of a look-up texture."""

@@ -4,28 +4,24 @@ Rules: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encod
 python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). How an image is formed: docs/diffsoup.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.settings import check_modes, effective_settings
 from msb.base.version import __version__
+from msb.cl import Buffer, Device, Program
+from msb.cl.kernel_text import Define
 from msb.methods.diffsoup import FEATURES
 from msb.methods.diffsoup.look_model import diffsoup_matrices, diffsoup_model, pixel_centers, surface_model
+from msb.registry import Order, Sampling
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Buffer, Device, Program
-    from msb.cl.kernel_text import Define
-    from msb.registry import Order, Sampling
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 __all__ = ["Pipeline", "surface_model"]
 

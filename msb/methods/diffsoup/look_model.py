@@ -3,24 +3,20 @@
 `look` draws in OpenCL; `surface_model` is for a z-buffer in hardware (diffsoup.wgsl).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable, require, required_buffer
 from msb.asset.planes import invert_projection
 from msb.errors import AssetError
 from msb.methods.diffsoup import FEATURES, LAYERS, samples
 from msb.render.surface import Surface
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 THRESHOLD = 0.5
 MAX_LEVEL = 8

@@ -4,15 +4,14 @@ Sources, at c74e35d of kenji-tojo/diffsoup: src/cuda/rasterize.cu, multires.cu, 
 python/diffsoup/rasterize.py; examples/01_mip360.py, 02_synthetic.py (test loops), 06_export_web.py (bytes).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import required_buffer
 from msb.asset.planes import invert_projection
 from msb.asset.sh import SH_C0, sh_basis
@@ -20,11 +19,8 @@ from msb.errors import AssetError
 from msb.methods.diffsoup import FEATURES, LAYERS, samples
 from msb.reference.arithmetic import Reals, dot, matrix_product, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
+from msb.reference.tiles import Modes
+from msb.scenes import Camera
 
 OPACITY_THRESHOLD = 0.5
 BLEND_FEATURE = 3

@@ -1,7 +1,5 @@
 """Gaussian Frosting: Gaussians in a layer on a mesh; shown as that mesh with the texture they give."""
 
-from __future__ import annotations
-
 from msb.methods.sugar import PHOTOGRAPHS
 from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import Rules

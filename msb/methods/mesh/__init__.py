@@ -1,7 +1,5 @@
 """Any mesh that came from elsewhere."""
 
-from __future__ import annotations
-
 from msb.registry import NO_APPEARANCE, Method
 
 METHOD = Method(

@@ -4,14 +4,13 @@ Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create
 vertex; sigma is global. Its sibling Triangle Splatting+ lacks `pixel_count` alone and is read here, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.adapters.locate import Place
 from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
@@ -21,9 +20,6 @@ from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
 _FLOOR_OF_MESHES = 0.9999

@@ -5,13 +5,12 @@ triangle_renderer/__init__.py (supersampling); meshsplatting/diff-triangle-mesh-
 cuda_rasterizer/forward.cu.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.reference.arithmetic import Reals, transform
 from msb.reference.blend import Layers, Rule, composite, expected_depth
 from msb.reference.camera_matrices import SplattingCamera, splatting_camera
@@ -19,12 +18,8 @@ from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_s
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import opacities, sh_coefficients
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
+from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
+from msb.scenes import Camera
 
 TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
 MAX_ALPHA = 0.999

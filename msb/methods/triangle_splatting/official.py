@@ -1,20 +1,14 @@
 """What Triangle-Splatting's own exporter writes: COFF with merged vertices and face colours."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.activation import rest_coefficients
 from msb.asset.sh import SH_C0, sh_basis
 from msb.base.atomic import new_file
 from msb.meshes.writing import write_rows
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
 
 SUFFIXES = (".off",)
 

@@ -4,15 +4,10 @@ Layout: trianglesplatting2/triangle-splatting2 at fcde03d (scene/triangle_model.
 for the missing counts; its loader imposes an opacity floor of 0.9999.
 """
 
-from __future__ import annotations
-
 from functools import partial
-from typing import TYPE_CHECKING
 
+from msb.adapters.model import Content
 from msb.methods.mesh_splatting import adapter as sibling
-
-if TYPE_CHECKING:
-    from msb.adapters.model import Content
 
 KEYS = sibling.KEYS
 read = partial(sibling.read, method="triangle_splatting_plus")

@@ -5,8 +5,6 @@ triangle_renderer/__init__.py, render.py (supersampling); trianglesplatting2/dif
 42e62aa: cuda_rasterizer/forward.cu.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 from msb.methods.mesh_splatting import reference as mesh_splatting

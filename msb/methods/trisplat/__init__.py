@@ -1,7 +1,5 @@
 """TriSplat: a network that gives triangles for a few photographs; shown as the mesh it exports."""
 
-from __future__ import annotations
-
 from msb.registry import extracted_mesh
 
 METHOD = extracted_mesh(

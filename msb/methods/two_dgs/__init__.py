@@ -1,7 +1,5 @@
 """2DGS: shown as the mesh that its TSDF fusion extracts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from msb.registry import OTHER_LPIPS, extracted_mesh

@@ -1,7 +1,5 @@
 """2DTS: soups of triangles whose weight falls off as a Gaussian of an eccentricity, sorted and blended."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting

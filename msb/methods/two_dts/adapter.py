@@ -4,27 +4,22 @@ Layout: GaodeRender/triangle-splatting at 54c80f7 (src/diff_recon: the model's s
 A primitive is one free triangle with one opacity logit and one set of SH coefficients; `gamma` is global.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 from numpy.typing import NDArray
 
+from msb.adapters.locate import Place
 from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance, soup_buffers
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import missing, named_up, read_text, unusable
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
-from msb.errors import CheckpointError, finding, json_safe, shorten
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.errors import Finding
-    from msb.meshes.ply_table import PlyTable
+from msb.errors import CheckpointError, Finding, finding, json_safe, shorten
+from msb.meshes.ply_table import PlyTable
 
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")

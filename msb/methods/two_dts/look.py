@@ -1,22 +1,18 @@
 """2DTS on the dedicated tier: settings and activations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
 from msb.render.splat.model import CLIPPED, Model, soup_positions
 from msb.render.splat.view import Culling
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 _CHUNK = 1 << 16
 

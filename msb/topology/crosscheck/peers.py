@@ -7,8 +7,6 @@ made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0,
 usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The record of a repair step: the new faces, and where each vertex, face and corner comes from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

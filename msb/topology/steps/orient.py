@@ -1,7 +1,5 @@
 """Make the winding consistent across ordinary edges, turning as few faces as a component allows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
