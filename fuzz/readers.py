@@ -64,13 +64,13 @@ def submission(path: Path) -> None:
 
 
 def export(path: Path, method: str | None = None) -> None:
-    from msb.adapters import export as make
+    from msb.adapters.exporter import export as make
 
     make(path, method=method)
 
 
 def two_dts_config(path: Path) -> None:
-    from msb.methods.two_dts.adapter_config import read_config as read
+    from msb.methods.two_dts.adapter import read_config as read
 
     read(path.parent, path)
 

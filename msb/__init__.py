@@ -13,7 +13,7 @@ from msb.base.version import __version__
 
 if TYPE_CHECKING:
     from msb import metrics
-    from msb.adapters import export
+    from msb.adapters.exporter import export
     from msb.api.auditing import audit
     from msb.api.opening import open
     from msb.api.validating import validate
@@ -39,7 +39,7 @@ _HOME = {
     "Unsupported": "msb.errors",
     "Camera": "msb.scenes",
     "read_cameras": "msb.scenes",
-    "export": "msb.adapters",
+    "export": "msb.adapters.exporter",
     "Frame": "msb.render",
     "Renderer": "msb.render",
     "Repaired": "msb.repair",

@@ -4,8 +4,6 @@ Every failure a user can cause has one stable code. A code belongs to exactly on
 exactly one exit status. The command line prints ``CODE: FILE: what is wrong, where, what would be right``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import re
 import tomllib

@@ -9,27 +9,25 @@ import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.tiers import why_not
 from msb.errors import DeviceError, UsageError
 from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
 from msb.metrics.images import psnr_of_mse
+from msb.registry import Tier
 from msb.render import Renderer
 from msb.render.backend import lean_options
 from msb.render.images import to_bytes
 from msb.render.standard.renderer import StandardRenderer
+from msb.scenes import Camera
 from msb.scenes.around import around, bulk_of, inside, surrounded
 from msb.scenes.sets import given_cameras
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.meshes.mesh import Mesh
-    from msb.registry import Tier
-    from msb.scenes import Camera
 
 MOST = 12
 """Cameras of a training that are taken, evenly spread."""

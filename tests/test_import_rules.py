@@ -220,10 +220,12 @@ def imports_of(path: Path) -> list[tuple[str, When]]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative imports hide which part is meant"
             module = node.module or ""
-            # Of what is imported from a method's folder its role is asked, not the folder's.
+            folder = ROOT / module.replace(".", "/")
+            # In a method's folder the role of a module counts; the folder itself declares data.
             if module.startswith("msb.methods."):
+                roles = {path.stem for path in folder.glob("*.py")} if folder.is_dir() else None
                 names = [
-                    f"{module}.{name.name}" if name.name != "METHOD" else "msb.registry"
+                    f"{module}.{name.name}" if roles is None or name.name in roles else "msb.registry"
                     for name in node.names
                 ]
             else:

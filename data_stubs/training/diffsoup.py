@@ -31,11 +31,11 @@ from msb.methods.diffsoup.reference import (
     BLEND_FEATURE,
     LAYERS,
     OPACITY_THRESHOLD,
+    diffsoup_projection,
     ndc_centers,
     pixel_boxes,
     towards_camera,
 )
-from msb.methods.diffsoup.reference_camera import diffsoup_projection
 
 if TYPE_CHECKING:
     from data_stubs.training.drawing import Parameters

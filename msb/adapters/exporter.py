@@ -1,29 +1,24 @@
 """From a path to an asset: find the model, determine its method, read it and describe it."""
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, Protocol, cast
 
 from msb.adapters.locate import Place, locate
 from msb.adapters.model import Content, Model, Options
 from msb.asset import Asset, build_asset
 from msb.asset.arguments import check_type
 from msb.asset.manifest import Source, SourceFile
-from msb.asset.progress import Meter
+from msb.asset.progress import Meter, Progress
 from msb.asset.settings import parse_overrides
 from msb.base.files import file_sha256, is_file
 from msb.base.packages import warn
 from msb.base.paths import given_path
 from msb.errors import CheckpointError, InputError, Unsupported, UsageError, about, shorten
 from msb.registry import BUILT_IN, METHODS, role, with_role
-
-if TYPE_CHECKING:
-    from msb.asset.progress import Progress
 
 
 class Adapter(Protocol):
@@ -42,20 +37,16 @@ def adapters() -> dict[str, Adapter]:
     A package is asked first because it knows our methods, but they do not know it: its files may look like
     ours.
     """
-    by_name = {name: _by_name(name) for name in METHODS if _is_extracted(name)}
+    by_name = {name: adapter for name in METHODS if (adapter := _by_name(name)) is not None}
     by_name |= dict(with_role("adapter"))
     others = [name for name in by_name if name not in BUILT_IN]
     return {name: by_name[name] for name in (*others, *BUILT_IN)}
 
 
-def _is_extracted(method: str) -> bool:
-    """Return whether `method` is only shown as a mesh whose file's name says whose it is."""
-    return METHODS[method].reads_meshes and METHODS[method].native is None and bool(METHODS[method].files)
-
-
-def _by_name(method: str) -> Adapter:
-    meshes: Any = role("mesh", "adapter")
-    return cast("Adapter", meshes.ByName(method))
+def _by_name(method: str) -> Adapter | None:
+    """Return the adapter of a method that is only shown as a mesh whose file's name says whose it is."""
+    known, meshes = METHODS[method], cast("Any", role("mesh", "adapter"))
+    return meshes.ByName(method) if known.reads_meshes and known.native is None and known.files else None
 
 
 def export(
@@ -150,9 +141,7 @@ def detect(path: str | os.PathLike[str]) -> str:
 
 
 def _adapter(method: str) -> Adapter:
-    adapter: Any = role(method, "adapter")
-    if adapter is None and _is_extracted(method):
-        return _by_name(method)
+    adapter: Any = role(method, "adapter") or _by_name(method)
     if adapter is None:
         text = f"{METHODS[method].title} brings nothing that reads its models"
         raise Unsupported("UNSUPPORTED_METHOD", text)

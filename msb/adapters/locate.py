@@ -4,11 +4,9 @@ This module looks at names only, so asking whether a folder is a checkpoint cost
 content of the file decides about the method (`detect`).
 """
 
-from __future__ import annotations
-
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -87,7 +85,7 @@ def _model_file(path: Path) -> tuple[Path, Path]:
         return path, path
     file = _pick(path)
     if file is None:
-        below = [folder for folder in _folders(path) if _pick(folder) is not None]
+        below = [each for name in sorted(_names(path)) if (each := path / name).is_dir() and _pick(each)]
         if len(below) == 1:
             return _model_file(below[0])
         bare = [] if below else bare_models(path) or _named_meshes(path)
@@ -235,10 +233,6 @@ def _names(folder: Path) -> list[str]:
         return [path.name for path in folder.iterdir()]
     except (OSError, ValueError):  # the latter for a NUL in the path
         return []
-
-
-def _folders(folder: Path) -> Iterator[Path]:
-    return (folder / name for name in sorted(_names(folder)) if (folder / name).is_dir())
 
 
 def is_mesh_file(path: Path) -> bool:

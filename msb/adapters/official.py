@@ -4,20 +4,16 @@ These files differ from the standard tier on purpose: some exporters keep an alp
 direction, merge vertices or write every face twice. Tests compare with files that the official code wrote.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.errors import Unsupported, UsageError
 from msb.registry import lookup, role, with_role
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 
 class Official(Protocol):

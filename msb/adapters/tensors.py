@@ -1,7 +1,5 @@
 """The tensors of a checkpoint by key; each is checked to exist, to have its shape and type, to be finite."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -42,12 +40,13 @@ class Tensors:
         return key in self._values
 
     def value(self, key: str) -> Any:
-        """Return what is stored under `key`, whatever it is."""
+        """Return what is stored under `key`, whatever it is; bfloat16 as float32, which is exact."""
         if key not in self._values:
             there = ", ".join(shorten(str(name), 40) for name in list(self._values)[:16]) or "nothing"
             text = f'it has no key "{key}"; it has {there}'
             raise CheckpointError("CHECKPOINT_LAYOUT", text, file=self._file, pointer=key)
-        return self._values[key]
+        value = self._values[key]
+        return value.to_float32() if isinstance(value, BFloat16Array) else value
 
     def floats(self, key: str, *shape: Axis, infinite: bool = False) -> NDArray[np.float32]:
         """Return the float32 tensor `key` of `shape`, whose values are all numbers.
@@ -82,8 +81,6 @@ class Tensors:
     def number(self, key: str) -> float:
         """Return the number `key`: a Python number, or a tensor with one element."""
         value = self.value(key)
-        if isinstance(value, BFloat16Array):
-            value = value.to_float32()
         if isinstance(value, np.ndarray) and value.size == 1:
             value = value.item()
         if isinstance(value, bool) or not isinstance(value, int | float):
@@ -123,8 +120,6 @@ class Tensors:
 
     def _tensor(self, key: str, wanted: str, kinds: str) -> NDArray[Any]:
         value = self.value(key)
-        if isinstance(value, BFloat16Array):
-            value = value.to_float32()
         if not isinstance(value, np.ndarray):
             raise self._wrong_type(key, value, "a tensor")
         if value.dtype.kind not in kinds:

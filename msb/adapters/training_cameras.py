@@ -1,20 +1,15 @@
 """The cameras that a model was trained with: those beside it, or those of the scene its config names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.adapters.locate import locate
 from msb.adapters.training_config import read_cfg_args
 from msb.asset import is_asset
 from msb.errors import MsbError
 from msb.registry import role
-from msb.scenes import read_cameras
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
+from msb.scenes import Camera, read_cameras
 
 CAMERAS = "cameras.json"
 """What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:

@@ -3,8 +3,6 @@
 Nothing in the file is evaluated; values are parsed as literals.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import warnings

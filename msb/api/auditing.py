@@ -1,22 +1,18 @@
 """The function `msb.audit`, which audits arrays, an asset, or what lies at a path."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
+from numpy.typing import ArrayLike
+
+from msb.api.opening import StoredMesh
 from msb.asset import Asset
 from msb.base.paths import PATH_TYPES
 from msb.errors import MeshError, about
 from msb.topology import Audit, audit_arrays
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from msb.api.opening import StoredMesh
-    from msb.topology.analysis import Analysis
-    from msb.topology.weld import Weld
+from msb.topology.analysis import Analysis
+from msb.topology.weld import Weld
 
 
 @overload

@@ -1,23 +1,17 @@
 """Functions for commands that open input after input, or write a mesh with the files beside it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.api.inputs import inputs_at, matches
-from msb.cli.output import report_error
-from msb.errors import MsbError, UsageError
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cli.output import Output
-    from msb.errors import Finding
-    from msb.meshes import Mesh
-    from msb.meshes.formats import Style
+from msb.asset import Asset
+from msb.cli.output import Output, report_error
+from msb.errors import Finding, MsbError, UsageError
+from msb.meshes import Mesh
+from msb.meshes.formats import Style
 
 
 def open_asset(path: Path, output: Output) -> Asset:

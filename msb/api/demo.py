@@ -1,7 +1,5 @@
 """The demo's data: stub scenes and models, which a wheel carries along and a checkout has in `data_stubs`."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

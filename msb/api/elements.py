@@ -1,21 +1,17 @@
 """`--elements FILE`: the offending edges, vertices, faces and the components, for other programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.atomic import new_file
 from msb.base.npz import write_npz
-
-if TYPE_CHECKING:
-    from msb.topology.elements import Elements
+from msb.topology.elements import Elements
 
 
 def write_elements(elements: Elements, path: Path, *, overwrite: bool = True) -> None:
@@ -62,8 +58,6 @@ def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
     plain = (0, np.arange(len(elements.faces)), elements.faces)
     cells = [(kinds.index(group.kind) + 1, group.numbers, group.vertices) for group in elements.groups]
     cells = sorted([plain, *cells], key=lambda cell: cell[2].shape[1])  # VTK's order: points, lines, polygons
-    none = np.full(1, -1, elements.face_component.dtype)
-    components = np.concatenate([elements.face_component, none])
 
     def joined(size: int) -> NDArray[Any]:
         return np.concatenate([vertices for _, _, vertices in cells if vertices.shape[1] == size])
@@ -79,7 +73,7 @@ def _write_vtp(elements: Elements, file: IO[bytes]) -> None:
             "element": np.concatenate([ids for _, ids, _ in cells]).astype(np.int64),
             "component": np.concatenate(
                 [
-                    components[ids if vertices.shape[1] == 3 else np.full(len(ids), -1)]
+                    elements.face_component[ids] if vertices.shape[1] == 3 else np.full(len(ids), -1)
                     for _, ids, vertices in cells
                 ]
             ).astype(np.int64),

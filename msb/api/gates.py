@@ -105,13 +105,10 @@ class Gate:
         value = {**asdict(judged.counts), **asdict(judged.metrics)}[self.key]
         of = f" of profile {self.profile}" if self.profile else ""
         condition = f"gate{of}: {self.key} {self.sign} {self.limit:g}"
-        if value is None:
-            text = f"{self.key} does not exist for this mesh (a ratio over nothing), {condition}"
-            return GateFailed("GATE_FAILED", text, file=path)
-        if not _OPERATORS[self.sign](value, self.limit):
+        if value is not None and not _OPERATORS[self.sign](value, self.limit):
             return None
-        text = f"{self.key} is {value:g}, {condition}"
-        return GateFailed("GATE_FAILED", text, file=path)
+        text = "does not exist for this mesh (a ratio over nothing)" if value is None else f"is {value:g}"
+        return GateFailed("GATE_FAILED", f"{self.key} {text}, {condition}", file=path)
 
 
 @dataclass(frozen=True)

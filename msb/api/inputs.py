@@ -1,7 +1,5 @@
 """The inputs that a user names: assets, mesh files, checkpoints, folders of these, and patterns."""
 
-from __future__ import annotations
-
 import glob
 import os
 from collections.abc import Iterator

@@ -10,19 +10,16 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import NDArray
 
 from msb.asset import Asset, is_asset, load
 from msb.asset.arguments import AN_ASSET, check_type
 from msb.asset.texture import Sampler, is_textured
 from msb.base.paths import PATH_TYPES, given_path
-from msb.errors import CheckpointError, about
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from msb.errors import Finding
-    from msb.topology.seams import Attributes
+from msb.errors import CheckpointError, Finding, about
+from msb.topology.seams import Attributes
 
 
 def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
@@ -56,7 +53,7 @@ def open(path: str | os.PathLike[str], *, method: str | None = None) -> Asset:
     """
     place = given_path(path)
     if not is_asset(place):
-        from msb.adapters import export
+        from msb.adapters.exporter import export
 
         return export(place, method=method)
     asset = load(place)

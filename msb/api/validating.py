@@ -1,20 +1,15 @@
 """The function `msb.validate`: everything that is wrong with what lies at a path."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.asset import Validation, is_asset
 from msb.asset import validate as validate_asset
 from msb.base.paths import given_path
-from msb.errors import InputError, MsbError, Unsupported, error_finding, finding
-
-if TYPE_CHECKING:
-    from msb.errors import Finding
+from msb.errors import Finding, InputError, MsbError, Unsupported, error_finding, finding
 
 _SEVERITIES = ("error", "warning", "info")
 
@@ -60,7 +55,7 @@ def validate(path: str | os.PathLike[str]) -> Validation:
 
 def _check_other(path: Path) -> Validation:
     """Check what is no asset by the asset made of it."""
-    from msb.adapters import export
+    from msb.adapters.exporter import export
 
     try:
         asset = export(path)

@@ -3,8 +3,6 @@
 The package needs NumPy and the standard library only. docs/triasset.md describes the format itself.
 """
 
-from __future__ import annotations
-
 from msb.asset.asset import Asset
 from msb.asset.build import Description, build_asset
 from msb.asset.container import is_asset

@@ -3,8 +3,6 @@
 The reference renderers have arithmetic of their own; tests compare it with this module.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Refuse arguments of public functions that have a wrong type or value."""
 
-from __future__ import annotations
-
 from numbers import Integral, Real
 
 import numpy as np

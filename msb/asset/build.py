@@ -1,7 +1,5 @@
 """Make an asset in memory from arrays: bounds, topology, hashes and the manifest around them."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field

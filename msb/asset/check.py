@@ -3,8 +3,6 @@
 Nothing here reads a buffer. `check_values` in `validation.py` does.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

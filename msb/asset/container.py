@@ -4,8 +4,6 @@ The packed form is a ZIP of stored members, each starting on a 64-byte boundary,
 subset of ZIP that `docs/triasset.md` describes and `msb.asset.strict_zip` reads.
 """
 
-from __future__ import annotations
-
 import itertools
 import mmap
 import os

@@ -1,7 +1,5 @@
 """What every renderer needs of an asset before it draws it: drawable values, buffers of the right shape."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

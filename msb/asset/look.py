@@ -3,8 +3,6 @@
 The renderer, the engines, `msb convert` and the viewers all use this rule to draw or write the opaque mesh.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast

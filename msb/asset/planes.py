@@ -1,7 +1,5 @@
 """Which near and far planes of DiffSoup the camera's matrix can hold in floating point."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

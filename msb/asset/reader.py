@@ -1,7 +1,5 @@
 """Open an asset: check everything that costs milliseconds, map the buffers, read no values."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path

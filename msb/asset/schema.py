@@ -9,8 +9,6 @@ Two keywords are ours: `x-code` names the finding that a violation gives where i
 ``4.0`` is not one.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re

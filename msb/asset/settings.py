@@ -1,7 +1,5 @@
 """Settings of a method: stored in an asset, overridden by a call, written on a command line."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Real spherical harmonics up to degree 3, in the order and with the signs of 3DGS."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

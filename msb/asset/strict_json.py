@@ -4,8 +4,6 @@ Python's `json` keeps the last of two equal keys, accepts NaN and Infinity, turn
 lets deep nesting end in RecursionError. A manifest that relies on any of these is refused.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from typing import Any, NoReturn

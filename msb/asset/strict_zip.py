@@ -7,8 +7,6 @@ is refused. Where the two kinds of archive differ, a `Policy` says so. Record la
 sections 4.3.7, 4.3.9, 4.3.12, 4.3.14 to 4.3.16, 4.4.4 and 4.5.3.
 """
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from typing import Any, NoReturn

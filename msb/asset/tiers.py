@@ -1,7 +1,5 @@
 """Which tiers can show an asset."""
 
-from __future__ import annotations
-
 from msb.asset.manifest import Manifest
 from msb.registry import METHODS, Tier, lookup
 

@@ -1,7 +1,5 @@
 """Check an asset completely: `load` stops at the first error, this module reports all of them."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os

@@ -1,7 +1,5 @@
 """Write an asset, whole or not at all. The same content gives the same bytes."""
 
-from __future__ import annotations
-
 import os
 import struct
 import zipfile

@@ -1,7 +1,5 @@
 """How far one surface is from another: points all over the one, and the faces of the other next to them."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,25 +1,19 @@
 """Pictures that a model's own renderer drew, in a folder, so that another bake need not draw them again."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.build import as_bytes
 from msb.base.atomic import new_file
 from msb.base.files import is_file, read_file
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from msb.asset import Asset
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 SUFFIX = ".look"
 _HEAD = hashlib.sha256().digest_size

@@ -5,40 +5,31 @@ it is that with fewer faces, or the convex parts that CoACD cuts it into; of a s
 seen; where nothing is closed, hulls of patches. There is always something, and it says what.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.apart import POINTS, distances, spread
 from msb.bake.fusion import seen_points
-from msb.bake.hulls import PATCH_CORNERS, hull_of, patches_of, smallest_box
+from msb.bake.hulls import PATCH_CORNERS, Faces, Part, Reals, hull_of, patches_of, smallest_box
 from msb.bake.needs import need_enclosure
-from msb.bake.options import parse_collision
+from msb.bake.options import ShapeKind, parse_collision
 from msb.bake.simpler import closed, simpler
 from msb.bake.solid import compacted, mended, parted
 from msb.bake.space import Space
 from msb.bake.surface import enclosed
-from msb.base.children import run_apart
+from msb.base.children import Arrays, run_apart
 from msb.base.limits import Limits
+from msb.cl import Device
 from msb.errors import AssetError, MeshError
 from msb.meshes.mesh import Mesh
+from msb.scenes import Camera
 from msb.topology.faces import signed_volume
 from msb.topology.hulls import HULL_CORNERS
 from msb.topology.weld import weld_vertices
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from msb.bake.hulls import Faces, Part, Reals
-    from msb.bake.options import ShapeKind
-    from msb.base.children import Arrays
-    from msb.cl import Device
-    from msb.scenes import Camera
-
 
 SECONDS = 20.0
 # Distance from the visible surface, relative to its diagonal, above which a shape protrudes.

@@ -6,22 +6,17 @@ against it by Adam's rule (Kingma and Ba 2015, with one scale for all coordinate
 follow by least squares over what the last steps saw. Between steps faces are hidden or shown where that
 pays (`msb.bake.search`)."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.kept import FEWEST
+from msb.bake.raster import Raster
 from msb.bake.search import some_views, try_faces
+from msb.bake.soup import Soup
 from msb.bake.start import Best
-
-if TYPE_CHECKING:
-    from msb.bake.raster import Raster
-    from msb.bake.soup import Soup
 
 _MOMENTUM, _SCALE = 0.9, 0.99
 _TINY = 1e-30

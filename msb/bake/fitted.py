@@ -1,25 +1,20 @@
 """Triangles that make the opaque picture right: chosen, moved and coloured until it no longer gets better."""
 
-from __future__ import annotations
-
 import time
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.tiers import why_not
 from msb.bake.colors import pixels as shown_by
 from msb.bake.descent import Schedule, moved
 from msb.bake.kept import FEWEST, FINE, choosing
 from msb.bake.search import hide_least, try_faces
+from msb.bake.shares import Shares
 from msb.bake.soup import Soup
 from msb.bake.start import Best, Guide, choose, plain_mesh
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.shares import Shares
-    from msb.meshes.mesh import Mesh
+from msb.meshes.mesh import Mesh
 
 _HIDDEN_FIRST = 12  # rounds that hide faces before any face moves
 _STEPS = 400

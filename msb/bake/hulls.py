@@ -1,7 +1,5 @@
 """Convex shapes about points, in units of their diagonal: hulls of patches of a surface, the smallest box."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

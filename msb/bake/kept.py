@@ -1,22 +1,16 @@
 """The model's own triangles: those with which an opaque picture is best, in the best static colours."""
 
-from __future__ import annotations
+import numpy as np
 
-from typing import TYPE_CHECKING
-
+from msb.asset import Asset
+from msb.bake.raster import Raster
 from msb.bake.search import try_faces
+from msb.bake.shares import Shares
 from msb.bake.soup import Soup, is_uncut_soup, without_seams
 from msb.bake.start import Best, Guide, Watch, choose, plain_mesh
+from msb.meshes.mesh import Mesh
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from msb.asset import Asset
-    from msb.bake.raster import Raster
-    from msb.bake.shares import Shares
-    from msb.meshes.mesh import Mesh
 
 # Rounds that hide and show faces, rounds between validations, and validations without a gain that end it.
 _ROUNDS, _REFIT, _PATIENCE = 60, 5, 6

@@ -5,14 +5,13 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import IO, TYPE_CHECKING, Self
+from typing import IO, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.scenes import Camera
-    from msb.scenes.colors import Color
+from msb.scenes import Camera
+from msb.scenes.colors import Color
 
 Draw = Callable[["Camera"], NDArray[np.float32] | NDArray[np.uint16]]
 """From a camera to what it should see: (H, W, 3) RGB in the asset's colour space, or that in whole numbers of

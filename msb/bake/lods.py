@@ -1,12 +1,9 @@
 """Levels of detail: what was baked with fewer faces, each taught again."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +15,9 @@ from msb.bake.search import hide_least
 from msb.bake.simpler import closed, simpler
 from msb.bake.soup import Soup, is_uncut_soup, without_seams
 from msb.bake.space import Space
+from msb.bake.start import Guide
 from msb.bake.surface import Solid, taught, with_colors_of
 from msb.meshes.mesh import Mesh
-
-if TYPE_CHECKING:
-    from msb.bake.start import Guide
 
 ROWS = 1080  # height of the image in which the error of a level must be below a pixel
 _MOST_POINTS = 95.0  # percentile of the sample points whose error counts

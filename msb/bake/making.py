@@ -1,43 +1,34 @@
 """One bake: what is made of the faces of a model, which of that is taken, and in which colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msb.api.auditing import audit
+from msb.asset import Asset
 from msb.asset.look import stored_threshold, visible_faces, written_up
 from msb.asset.tiers import why_not
-from msb.bake.collision import PIXELS
+from msb.bake.collision import PIXELS, Collision
 from msb.bake.collision import collision as collide
 from msb.bake.fitted import PIXELS_TO_MOVE, fitted
 from msb.bake.kept import FEWEST, FINE, choosing, kept, rejoined
+from msb.bake.lessons import Lessons
 from msb.bake.lods import lods, screen_share
 from msb.bake.measured import mean_psnr, measured
 from msb.bake.needs import choose_look
+from msb.bake.options import BakeOptions, Geometry, Look
 from msb.bake.report import Level, Psnr, Verdict, compared
-from msb.bake.shares import blending_shares
-from msb.bake.start import Guide, colored
+from msb.bake.shares import Shares, blending_shares
+from msb.bake.start import Guide, Watch, colored
 from msb.bake.surface import surface
-from msb.bake.teacher import SAMPLES
+from msb.bake.teacher import SAMPLES, Teacher
 from msb.bake.texture import few_of, textured
+from msb.bake.views import BakeViews
 from msb.errors import AssetError, UsageError
 from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.collision import Collision
-    from msb.bake.lessons import Lessons
-    from msb.bake.options import BakeOptions, Geometry, Look
-    from msb.bake.shares import Shares
-    from msb.bake.start import Watch
-    from msb.bake.teacher import Teacher
-    from msb.bake.views import BakeViews
-    from msb.meshes.mesh import Mesh
 
 LEAST_SEEN = 0.8  # least share of the area that generated views must see
 # Shares of `seconds`: for fitted triangles and for each level of detail; for each of a surface's two

@@ -1,22 +1,17 @@
 """What a plain asset shows of the views held back, in dB: to the model's own look, and to photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.bake.lessons import Lessons
 from msb.bake.report import Psnr, mean
-from msb.bake.teacher import SAMPLES
+from msb.bake.teacher import SAMPLES, Teacher
+from msb.bake.views import BakeViews
 from msb.metrics import psnr
 from msb.render.standard.renderer import StandardRenderer
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.lessons import Lessons
-    from msb.bake.teacher import Teacher
-    from msb.bake.views import BakeViews
 
 
 def measured(

@@ -1,23 +1,16 @@
 """The options of a bake applied to a model, and the libraries they need, checked before any work."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
+from msb.asset import Asset
 from msb.asset.look import tint_of
 from msb.asset.texture import textures_of
 from msb.asset.tiers import why_not
 from msb.bake.atlas import need_xatlas
-from msb.bake.options import parse_collision
+from msb.bake.options import BakeOptions, Geometry, Look, parse_collision
 from msb.bake.soup import is_uncut_soup
 from msb.base.extras import is_installed, need_extra
 from msb.base.soup import is_soup
 from msb.topology import audit_arrays
 from msb.topology.weld import weld_vertices
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.options import BakeOptions, Geometry, Look
 
 _BOX = "box needs nothing"
 

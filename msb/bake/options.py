@@ -3,8 +3,6 @@
 Nothing here imports NumPy, so that the help of the command stays fast.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

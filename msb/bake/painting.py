@@ -1,22 +1,16 @@
 """A mesh with a texture, on the standard tier, and what pictures of it ask of each texel."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.bake.lessons import Lessons
 from msb.bake.raster import Pupil
-from msb.cl import sort_pairs
+from msb.bake.stencils import Pyramid
+from msb.cl import Buffer, Device, sort_pairs
 from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
-
-if TYPE_CHECKING:
-    from msb.bake.lessons import Lessons
-    from msb.bake.stencils import Pyramid
-    from msb.cl import Buffer, Device
-    from msb.meshes.mesh import Mesh
 
 _GROUP, _ROWS = 64, 8  # work-group sizes: pixels, and rows of texels
 _WAYS = 16  # words per face that the kernels keep

@@ -1,23 +1,17 @@
 """A picture of what a bake lost: what should be seen, the plain mesh of the model, and what was baked."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.tiers import why_not
-from msb.bake.teacher import SAMPLES
+from msb.bake.teacher import SAMPLES, Teacher
+from msb.bake.views import BakeViews
 from msb.render import Renderer
+from msb.scenes import Camera
 from msb.views import spread
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.teacher import Teacher
-    from msb.bake.views import BakeViews
-    from msb.scenes import Camera
 
 _VIEWS = 2
 _PIXELS = 1 << 18  # pixels of the largest image

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from copy import copy
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.cl import sort_pairs
+from msb.asset import Asset
+from msb.bake.lessons import Lessons
+from msb.cl import Buffer, Device, sort_pairs
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render.device_scope import in_turn
 from msb.render.standard.renderer import StandardRenderer, view_record
 from msb.render.standard.supersampling import box_mean
 from msb.render.standard.triangles import RECORD_DEFINES
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.lessons import Lessons
-    from msb.cl import Buffer, Device
 
 # Sums per face: six products of weights (aa, ab, ac, bb, bc, cc), then red, green, blue times a, b and c.
 SUMS = 15

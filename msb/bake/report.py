@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from msb.bake.collision import Collision
+from msb.bake.options import Geometry, Look
+from msb.scenes.colors import Color
+from msb.topology import Audit
 from msb.topology.verdict import judge
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from msb.bake.collision import Collision
-    from msb.bake.options import Geometry, Look
-    from msb.scenes.colors import Color
-    from msb.topology import Audit
 
 SCHEMA = "msb.bake/1"
 WORSE = "the plain mesh was nearer to its own look: give more views, or larger ones"

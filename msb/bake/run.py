@@ -1,7 +1,5 @@
 """A bake from end to end: options, views, training images, meshes, measurements and report."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -10,36 +8,31 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 from msb.api.auditing import audit
 from msb.api.opening import as_asset
+from msb.asset import Asset
 from msb.bake.cache import SUFFIX
+from msb.bake.collision import Collision
 from msb.bake.folder import only_folder, write_folder
-from msb.bake.making import Bake
+from msb.bake.making import Bake, Facts
 from msb.bake.needs import check_model
 from msb.bake.options import BakeKeywords, BakeOptions, need_libraries
 from msb.bake.preview import Preview, preview
-from msb.bake.report import WORSE, Report, Shape, Verdict
+from msb.bake.report import WORSE, Level, Psnr, Report, Shape, Verdict
+from msb.bake.start import Watch
 from msb.bake.teacher import Teacher
-from msb.bake.views import bake_views
+from msb.bake.views import BakeViews, bake_views
 from msb.bake.written import Part, endings, write_all
 from msb.base.atomic import check_place, room_for_temporaries
 from msb.base.paths import given_path
 from msb.cl.devices import choose_device
 from msb.errors import about
 from msb.meshes.assets import asset_from_mesh
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.collision import Collision
-    from msb.bake.making import Facts
-    from msb.bake.report import Level, Psnr
-    from msb.bake.start import Watch
-    from msb.bake.views import BakeViews
-    from msb.meshes.mesh import Mesh
-    from msb.scenes import Camera
-    from msb.scenes.datasets import Scene
+from msb.meshes.mesh import Mesh
+from msb.scenes import Camera
+from msb.scenes.datasets import Scene
 
 Progress = Callable[[str, int, int], None]
 

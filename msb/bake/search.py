@@ -5,16 +5,11 @@ books what each pixel's squared error gains or loses to the face that it shows o
 (`msb.bake.raster`). A change is taken if its gain stands out of its own spread over the views, so that
 faces of few pixels do not follow noise."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.bake.raster import Raster
-    from msb.bake.soup import Soup
+from msb.bake.raster import Raster
+from msb.bake.soup import Soup
 
 SHARE = 0.08  # share of the faces tried in a round; so few that neighbours rarely change together
 BATCH = 8  # views that judge a round

@@ -1,26 +1,21 @@
 """What each face adds to the pictures that teach: in how many pixels, and what they show there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.tiers import why_not
+from msb.bake.lessons import Lessons
+from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
+from msb.meshes.mesh import Mesh
+from msb.registry import Tier
 from msb.render import Renderer
 from msb.render.shares import shares_by_view
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.lessons import Lessons
-    from msb.cl import Device
-    from msb.meshes.mesh import Mesh
-    from msb.registry import Tier
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 _NO_COLOR = 0.5  # colour of a face that no image shows
 

@@ -5,25 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import stored_threshold, visible_faces
 from msb.asset.tiers import why_not
 from msb.bake.colors import pixels
+from msb.bake.lessons import Lessons
 from msb.bake.raster import Raster
+from msb.bake.shares import Shares
 from msb.bake.soup import Soup, seams_of
+from msb.cl import Device
 from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bake.lessons import Lessons
-    from msb.bake.shares import Shares
-    from msb.cl import Device
 
 Watch = Callable[[str, int, int], bool]
 """Is told the stage, how much of it is done, of how much; says whether to end with the best so far."""

@@ -1,12 +1,11 @@
 """One closed surface of an opaque soup: what its depths say is solid, with few faces that look right."""
 
-from __future__ import annotations
-
 import math
 import time
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +31,10 @@ from msb.bake.solid import (
 from msb.bake.soup import Soup
 from msb.bake.space import Space
 from msb.bake.start import Best, Guide
+from msb.cl import Device
 from msb.errors import AssetError
 from msb.meshes.mesh import Mesh
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from msb.cl import Device
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 OBJECT_FACES = 8_000
 # Default face budget of a scene: a face per `_PIXELS_A_FACE` of a view, within these bounds.

@@ -1,33 +1,28 @@
 """What teaches a bake: the model as its method draws it, or the photographs that it was trained on."""
 
-from __future__ import annotations
-
 import json
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.tiers import why_not
 from msb.bake.cache import Pictures
 from msb.bake.lessons import Lessons, whole
+from msb.bake.options import Supervision
+from msb.bake.views import BakeViews
 from msb.base.version import __version__
 from msb.cl.devices import choose_device
 from msb.errors import AssetError, UsageError
 from msb.metrics.ground_truth import ground_truth
+from msb.registry import Tier
 from msb.render import Renderer
 from msb.render.backend import check_supported, lean_options
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from msb.asset import Asset
-    from msb.bake.options import Supervision
-    from msb.bake.views import BakeViews
-    from msb.registry import Tier
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 SAMPLES = 4  # samples along each side of a pixel for a plain mesh, and in the finer of the two numbers
 

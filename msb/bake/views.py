@@ -3,20 +3,19 @@
 The three never overlap. What is held back is drawn only when everything is made.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.asset.tiers import why_not
 from msb.errors import MetricError, UsageError
+from msb.scenes import Camera
 from msb.scenes.around import around
-from msb.scenes.colors import check_background
+from msb.scenes.colors import Color, check_background
 from msb.scenes.datasets import (
     Scene,
     own_background,
@@ -27,11 +26,6 @@ from msb.scenes.datasets import (
 from msb.scenes.sets import given_cameras, split_every_8th
 from msb.scenes.walk import between
 from msb.views import Views, made_views, training_views
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.scenes import Camera
-    from msb.scenes.colors import Color
 
 # (degrees above the horizon, number of views), if there are no cameras.
 RINGS = ((15.0, 18), (40.0, 14), (65.0, 8))

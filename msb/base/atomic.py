@@ -4,8 +4,6 @@ An output is written beside its place under a temporary name, then renamed. A de
 through, because nothing can take its place.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

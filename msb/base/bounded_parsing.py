@@ -4,8 +4,6 @@ A parser can run into Python's recursion limit at any place, also inside code th
 happens to run, whose errors are printed on standard error. So nesting is bounded beforehand.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from typing import Any

@@ -4,8 +4,6 @@ Foreign code that may hang, crash or take too much memory runs in one, so that i
 and nothing else. Arguments and results travel as files in a temporary folder.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json
@@ -20,18 +18,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.atomic import DISK_ERRORS, room_for_temporaries
 from msb.base.files import read_file
+from msb.base.limits import Limits
 from msb.base.npz import write_npy
 from msb.errors import shorten
-
-if TYPE_CHECKING:
-    from msb.base.limits import Limits
 
 Arrays = Mapping[str, NDArray[Any]]
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]

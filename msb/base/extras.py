@@ -1,7 +1,5 @@
 """Optional packages: whether one is installed, and the one error that says how to install it."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 from msb.errors import UsageError

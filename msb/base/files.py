@@ -1,7 +1,5 @@
 """Files that somebody else may have prepared: opened only if they are regular ones, with errors of ours."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import mmap

@@ -1,7 +1,5 @@
 """What a call in a child process may take: seconds of the clock, and memory where the system limits it."""
 
-from __future__ import annotations
-
 import math
 import sys
 from dataclasses import dataclass

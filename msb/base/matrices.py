@@ -1,7 +1,5 @@
 """The inverse of a small matrix, without LAPACK."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

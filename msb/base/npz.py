@@ -1,7 +1,5 @@
 """Arrays in NumPy's files: one, or named ones in an archive."""
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ Write ``tier: Annotated[Tier, Option("How to draw.")] = "standard"``. A command 
 option for each such field.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints

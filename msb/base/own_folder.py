@@ -3,8 +3,6 @@
 The command leaves a list of its files in the folder. A later run replaces these files and keeps all others.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

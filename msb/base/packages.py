@@ -1,7 +1,5 @@
 """Parts that other packages bring: found by their entry points, and kept from ending a command."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import sys

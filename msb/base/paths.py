@@ -1,7 +1,5 @@
 """Paths and file names as callers and other systems give them."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

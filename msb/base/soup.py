@@ -1,7 +1,5 @@
 """The definition of a triangle soup, which every part of msb shares."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

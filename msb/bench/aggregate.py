@@ -4,22 +4,17 @@ Values are unrounded and in the records' units (bytes, seconds, milliseconds); t
 docs/protocol.md has the rules. `None` always means that there is no such number, never zero.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from msb.base.packages import Lazy
-from msb.bench.records import BAKED
+from msb.bench.records import BAKED, Result, Timing
 from msb.metrics.registry import IMAGE_METRICS
 from msb.scenes.datasets.catalog import DATASETS
 from msb.topology.shown import DECIMALS
-
-if TYPE_CHECKING:
-    from msb.bench.records import Result, Timing
 
 Better = Literal["higher", "lower"]
 _MIB = float(1 << 20)

@@ -3,12 +3,10 @@
 A bake lies in the results folder beside its facts, and is made again only if one of its inputs changed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.asset.settings import with_settings
 from msb.base.atomic import new_file
@@ -21,13 +19,11 @@ from msb.bench.folder import Results, check_run
 from msb.bench.models import Model, stored_size
 from msb.bench.parts import mask_files
 from msb.bench.photographs import Views, checked_scene, numbers_of
+from msb.bench.protocol_tables import BakeTable
 from msb.bench.records import File
 from msb.errors import MsbError
 from msb.registry import lookup
-
-if TYPE_CHECKING:
-    from msb.bench.protocol_tables import BakeTable
-    from msb.scenes.datasets import Scene, SceneAt
+from msb.scenes.datasets import Scene, SceneAt
 
 _MAX_BYTES = 1 << 20
 

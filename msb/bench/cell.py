@@ -1,7 +1,5 @@
 """Compute one cell: its parts, each of which may fail without the others, and its record, written whole."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 import traceback

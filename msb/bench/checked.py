@@ -1,7 +1,5 @@
 """Check data from outside against a pydantic model; one clear line says what is wrong with it."""
 
-from __future__ import annotations
-
 import difflib
 import json
 import os

@@ -1,7 +1,5 @@
 """Hashes: SHA-256 of files and folders, and short hashes of the inputs that decide a result."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -4,8 +4,6 @@ A document is stored as its writer's `to_dict` gives it. The models declare only
 reports read; all other keys are kept as they are. A new key of a writer needs no change here.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from math import inf
 from typing import Annotated, Any, Literal

@@ -1,24 +1,20 @@
 """What a renderer takes for one triangle: its images, tables and lists, whatever the mesh is."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.build import Description, build_asset
 from msb.bench.digest import digest
+from msb.bench.job import Job
 from msb.bench.profile import profile
 from msb.bench.quality import open_renderer, renderer_info
 from msb.bench.records import Floor
 from msb.errors import MsbError
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.bench.job import Job
-    from msb.scenes.datasets import Scene
+from msb.scenes.datasets import Scene
 
 _FRAMES = 20
 _known: dict[str, Floor | None] = {}

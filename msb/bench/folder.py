@@ -1,7 +1,5 @@
 """The results folder: where everything lies, and which run may write there."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

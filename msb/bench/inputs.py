@@ -4,20 +4,21 @@ Library versions are in the records and not here: an update of NumPy is no reaso
 The device decides timings only: images agree between devices, and a record names the one that drew it.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.extras import is_installed
 from msb.base.files import file_sha256
 from msb.base.version import __version__
 from msb.bench.digest import digest
+from msb.bench.job import Inputs, Job, Part
+from msb.bench.models import Model
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, numbers_of, views_of
+from msb.bench.protocol_tables import TrialTable, WalkTable
 from msb.bench.quality import metrics_digest
 from msb.bench.renders import find_renders
 from msb.bench.walk import flight
@@ -25,11 +26,6 @@ from msb.errors import MsbError
 from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
-
-if TYPE_CHECKING:
-    from msb.bench.job import Inputs, Job, Part
-    from msb.bench.models import Model
-    from msb.bench.protocol_tables import TrialTable, WalkTable
 
 _SHORT = 16
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"

@@ -6,19 +6,15 @@ t test (Student, "The probable error of a mean", Biometrika 6, 1908). docs/proto
 noise is called significant at each size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.bench.records import Result
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.registry import IMAGE_METRICS
-
-if TYPE_CHECKING:
-    from msb.bench.records import Result
 
 LEVEL = 0.05
 MOST_UNEQUAL = 3

@@ -1,21 +1,17 @@
 """The orders to workers: one cell, the parts of it to compute, and all that they need, as plain data."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from msb.bench.folder import Results
+from msb.bench.models import Model
+from msb.bench.photographs import Views
+from msb.bench.protocol_tables import TrialTable, WalkTable
 from msb.bench.records import TIER_OF, Cell, Status
-
-if TYPE_CHECKING:
-    from msb.bench.models import Model
-    from msb.bench.photographs import Views
-    from msb.bench.protocol_tables import TrialTable, WalkTable
-    from msb.registry import Tier
-    from msb.scenes.datasets import SceneAt
+from msb.registry import Tier
+from msb.scenes.datasets import SceneAt
 
 Part = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"

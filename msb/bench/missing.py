@@ -1,13 +1,11 @@
 """What a dry run finds missing: each thing once, with the number of cells that need it."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msb.adapters.locate import locate
 from msb.asset import is_asset
@@ -15,6 +13,8 @@ from msb.base.extras import need_extra
 from msb.base.files import regular_file
 from msb.bench.inputs import scan_files
 from msb.bench.models import method_of
+from msb.bench.plan import Pair, Planned, Planner
+from msb.bench.protocol import ProtocolFile
 from msb.bench.protocol_tables import AUTO, PLACE, REFERENCE
 from msb.bench.quality import image_measures
 from msb.bench.records import Reason
@@ -22,12 +22,7 @@ from msb.bench.renders import check_size, stored_size
 from msb.errors import InputError, MsbError, UsageError
 from msb.metrics.registry import modules_needed
 from msb.render.backend import what_is_missing
-
-if TYPE_CHECKING:
-    from msb.bench.plan import Pair, Planned, Planner
-    from msb.bench.protocol import ProtocolFile
-    from msb.scenes.datasets import SceneAt
-
+from msb.scenes.datasets import SceneAt
 
 _ANY = "needed before any cell"
 """What those things are for without which no run starts; they come first."""

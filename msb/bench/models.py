@@ -1,7 +1,5 @@
 """A scene's model as an asset: exported and hashed once, then known by size and time of its files."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How much memory processes hold on NVIDIA's GPUs."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections.abc import Iterator, Mapping

@@ -1,31 +1,27 @@
 """The parts of a cell besides its images: timing, audit, Chamfer distance, training cost."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
+from numpy.typing import NDArray
+
+from msb.asset import Asset
+from msb.base.limits import Limits
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
+from msb.bench.job import Job
 from msb.bench.nvml import driver_memory
 from msb.bench.photographs import checked_scene
+from msb.bench.protocol_tables import TrialTable
 from msb.bench.quality import open_renderer
 from msb.bench.records import Memory, Training, read_renderer_timing
 from msb.errors import InputError, MetricError, Unsupported
 from msb.render.backend import Group
 from msb.render.machine import machine
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from msb.asset import Asset
-    from msb.base.limits import Limits
-    from msb.bench.job import Job
-    from msb.bench.protocol_tables import TrialTable
-    from msb.scenes import Camera
-    from msb.scenes.datasets import Scene
+from msb.scenes import Camera
+from msb.scenes.datasets import Scene
 
 
 def measure_timing(job: Job) -> dict[str, Any]:

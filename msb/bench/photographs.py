@@ -4,14 +4,11 @@ Beside the copies lies a list of their hashes and of what they were made from. A
 are read and compared with that list, because a changed or damaged copy would make every later number wrong.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from msb.base.atomic import new_file, new_folder
 from msb.base.files import file_sha256
@@ -22,10 +19,8 @@ from msb.bench.records import Setup
 from msb.errors import MsbError, UsageError
 from msb.metrics.ground_truth import ground_truth
 from msb.render.images import image_names, write_image
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
-    from msb.scenes.datasets import Scene, SceneAt
+from msb.scenes import Camera
+from msb.scenes.datasets import Scene, SceneAt
 
 HASHES = "hashes.json"
 """The file in every folder of ground truth that says what it was made from, and the SHA-256 of each file."""

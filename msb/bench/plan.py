@@ -1,7 +1,5 @@
 """The plan of a run: every cell of the protocol, which of its parts are still to be computed, and why."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ A task is a function of this package and plain data. What a task raises is an ou
 that dies costs at most what it was computing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

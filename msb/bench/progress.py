@@ -1,7 +1,5 @@
 """How far a stage of a run is: what is being computed, and how long the rest will take."""
 
-from __future__ import annotations
-
 import statistics
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The protocol file (TOML), read and checked: which methods on which scenes, in which conditions, and how."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """What a protocol file may hold, table by table."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from typing import Annotated, Any, Literal, get_type_hints

@@ -5,14 +5,12 @@ milliseconds; a value that could not be had is None, with a reason beside it. do
 file.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -30,9 +28,7 @@ from msb.errors import InputError, shorten
 from msb.metrics.images import most_psnr
 from msb.metrics.registry import IMAGE_METRICS, mean_of
 from msb.metrics.vgg import MOST_LPIPS, is_weights_record
-
-if TYPE_CHECKING:
-    from msb.registry import Tier
+from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
 MAX_BYTES = 64 << 20

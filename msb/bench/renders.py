@@ -1,12 +1,10 @@
 """Official renderings, made elsewhere: which image belongs to which camera, and whether all are there."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from msb.base.files import file_sha256, is_folder
 from msb.base.paths import normal_form
@@ -17,11 +15,9 @@ from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import read_image
 from msb.metrics.pairs import images_below
 from msb.render.images import image_names
+from msb.scenes import Camera
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
 
 SUMS = "SHA256SUMS"
 """A file as ``sha256sum`` writes it. If it exists, it must list every image with its present hash."""

@@ -4,8 +4,6 @@ Every stage hands plain tasks to the workers and goes on even if one of them fai
 so a run that ends at any point goes on from there when it is started again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence

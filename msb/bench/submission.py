@@ -7,8 +7,6 @@ results give the same bytes, and nothing in it can grow when it is unpacked. A l
 every other member.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -1,7 +1,5 @@
 """How long a renderer is timed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

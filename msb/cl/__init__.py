@@ -3,8 +3,6 @@
 Importing this loads neither pyopencl nor a platform; the first device asked for does.
 """
 
-from __future__ import annotations
-
 from msb.cl.buffers import Buffer
 from msb.cl.device import Device
 from msb.cl.devices import list_devices, open_device, shared_device

@@ -1,7 +1,5 @@
 """The text of kernels: our files with their includes put in place, so that a package in a ZIP works, too."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import re

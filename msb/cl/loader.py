@@ -8,8 +8,6 @@ a folder of entries, the system's own included, is made for the moment in which 
 the environment is as before.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import importlib

@@ -16,8 +16,6 @@ and runs kernels with the new name in a process of its own first. Delete this mo
 wheel that knows today's processors.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import platform

@@ -1,7 +1,5 @@
 """What a device can do, as its platform reports it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import asdict, dataclass
 from typing import Any, Literal

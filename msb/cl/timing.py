@@ -1,7 +1,5 @@
 """Device time by stage, from the events of the commands themselves."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from functools import cached_property

@@ -5,8 +5,6 @@ A command lives in the package that does the work, in `command.py` or `commands/
 `msb.commands`.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from typing import Any

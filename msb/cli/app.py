@@ -1,7 +1,5 @@
 """The program `msb` with its commands, and programs of a single command."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

@@ -12,8 +12,6 @@ A function that is decorated with `command` takes parameters of these kinds:
 A parameter of type Path is an input, unless the `output` of its `Option` says that it is written.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import inspect

@@ -3,8 +3,6 @@
 The module of a command is imported when the command or its help is used, not for the list of commands.
 """
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 from importlib.util import find_spec

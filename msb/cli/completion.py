@@ -1,7 +1,5 @@
 """`msb completion`: print the script that completes commands and options in a shell."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from msb.base.option import Argument

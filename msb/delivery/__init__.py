@@ -1,7 +1,5 @@
 """From an asset to files that programs open as they come."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 Engine = Literal["unreal", "unity", "godot", "blender", "three", "web"]

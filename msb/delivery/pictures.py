@@ -5,19 +5,16 @@ from __future__ import annotations
 import io
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from msb.asset import Asset
 from msb.base.soup import is_unindexed
 from msb.errors import DeviceError
+from msb.meshes import Mesh
 from msb.meshes.formats import FORMATS, Style, Web
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from msb.asset import Asset
-    from msb.meshes import Mesh
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 LEAST = 50.0
 """dB to the asset that a file for the web keeps, in pictures of four samples a pixel each way."""

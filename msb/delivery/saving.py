@@ -1,27 +1,22 @@
 """From an asset to a file of any format that its suffix names."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from msb.asset import ASSET_SUFFIX, Asset, write_asset
 from msb.asset.arguments import AN_ASSET, check_type
-from msb.asset.writer import FORMS
+from msb.asset.progress import Progress
+from msb.asset.writer import FORMS, Form
 from msb.base.files import is_folder
 from msb.base.paths import given_path
 from msb.delivery import Engine
 from msb.errors import UsageError, about, shorten
+from msb.meshes import Mesh
 from msb.meshes.assets import as_held, mesh_from_asset
 from msb.meshes.files import write_whole
 from msb.meshes.formats import Color, Picture, Style, written_suffixes
-
-if TYPE_CHECKING:
-    from msb.asset.progress import Progress
-    from msb.asset.writer import Form
-    from msb.meshes import Mesh
 
 
 def save(

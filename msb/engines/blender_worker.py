@@ -5,8 +5,6 @@ JSON object per line from standard input and answers each with a line; what Blen
 standard error.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -6,8 +6,6 @@ can neither read the asset nor answer in the page's place. The browser is told a
 it once: every user can see what a program was started with.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

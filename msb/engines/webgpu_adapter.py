@@ -1,7 +1,5 @@
 """The adapter and the device of wgpu-py that draw: what is held there, the clock, and what goes wrong."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import os

@@ -4,20 +4,16 @@ Each face has corners of its own. Faces are drawn in their order, those that fol
 texture together, so that at equal depths the first face stays, whatever texture it shows.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import StaticColors, corner_tint
 from msb.asset.texture import ROUNDING, Textured, levels_read
+from msb.engines.engine import EngineMesh
+from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from msb.engines.engine import EngineMesh
-    from msb.engines.webgpu_adapter import Gpu
 
 _WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
 ATTRIBUTES = {

@@ -4,8 +4,6 @@ The modules of three.js, which `web/three` holds as published, go into the page 
 with their licence.
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
 import html
@@ -16,13 +14,11 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.base.atomic import new_file
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 LARGE = 3_000_000
 """Number of faces from which a page with the asset in it is more than most browsers hold."""

@@ -3,8 +3,6 @@
 docs/meshes.md says what each reader keeps, what each writer writes, and which libraries were tried.
 """
 
-from __future__ import annotations
-
 from msb.meshes.files import MESH_SUFFIXES, read_mesh, write_mesh
 from msb.meshes.mesh import Mesh
 

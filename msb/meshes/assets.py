@@ -1,7 +1,5 @@
 """Between meshes and assets: any mesh as an asset, and an asset as the mesh any engine can draw."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a mesh file names: files in its own folder or below it, and data that is written into the name."""
 
-from __future__ import annotations
-
 import base64
 import os
 import re

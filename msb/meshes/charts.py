@@ -1,7 +1,5 @@
 """Textures by vertex: their coordinates, which most formats and every engine want so, or their colours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

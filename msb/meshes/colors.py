@@ -1,7 +1,5 @@
 """Colour values of mesh files -> uint8, or float32 in [0, 1]."""
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

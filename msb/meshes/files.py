@@ -1,7 +1,5 @@
 """The mesh formats by suffix, and the functions that read and write a mesh file."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from pathlib import Path

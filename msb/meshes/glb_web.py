@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,10 @@ from msb.asset.texture import linear_to_srgb, srgb_to_linear
 from msb.base.extras import need_extra
 from msb.base.soup import is_unindexed
 from msb.meshes.colors import with_alpha
+from msb.meshes.formats import Style, Web
 from msb.meshes.glb_write import INDICES, VERTICES, Part, Parts, add_mesh, finish, root_of, split
+from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
-
-if TYPE_CHECKING:
-    from msb.meshes.formats import Style, Web
-    from msb.meshes.mesh import Mesh
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
 _FINEST, _FINEST_BY_DISTANCE = 88, 76

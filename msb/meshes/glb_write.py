@@ -1,7 +1,5 @@
 """Meshes written as GLB."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Materials of glTF: of each its base colour, and what else it has by name."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The decoders are other people's C++, so they run in a process of its own: what c
 and what takes more memory than the file says that its arrays need is ended.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from typing import Any

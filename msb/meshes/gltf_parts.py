@@ -1,7 +1,5 @@
 """Primitives of glTF: which there are, checked, and then their arrays."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -3,8 +3,6 @@
 GLB is all in one binary file; JSON, whose buffers and images lie beside it or in its text, is only read.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import replace

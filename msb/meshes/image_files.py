@@ -1,7 +1,5 @@
 """Textures as image files."""
 
-from __future__ import annotations
-
 import re
 from io import BytesIO
 from typing import Any

@@ -1,7 +1,5 @@
 """What a mesh file that is written does not have of its source."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Wavefront OBJ: polygon meshes as text, with materials and images in files beside it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
 

@@ -1,7 +1,5 @@
 """Materials of OBJ: the images and colours of MTL files, as textures."""
 
-from __future__ import annotations
-
 import codecs
 import re
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """OFF: the Object File Format of Geomview, as text, with its colour, normal and texture variants."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

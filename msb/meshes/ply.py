@@ -1,7 +1,5 @@
 """PLY: the Stanford polygon format, as text and in both binary byte orders."""
 
-from __future__ import annotations
-
 import re
 from typing import Any, BinaryIO
 

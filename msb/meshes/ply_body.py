@@ -5,8 +5,6 @@ without gaps, so once the rows' places are known, those of any property follow b
 done for all rows at a time.
 """
 
-from __future__ import annotations
-
 import struct
 from array import array
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The header of a PLY file."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable

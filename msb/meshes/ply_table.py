@@ -1,7 +1,5 @@
 """PLY files that are a table: one element whose rows are numbers, as splatting methods store primitives."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

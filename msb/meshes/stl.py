@@ -1,7 +1,5 @@
 """STL: triangles one by one, binary or as text. Three vertex rows per face, nothing merged."""
 
-from __future__ import annotations
-
 import re
 import struct
 from typing import BinaryIO

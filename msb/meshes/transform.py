@@ -1,7 +1,5 @@
 """Changes of a mesh on its way into a file: turned upright, its colours made linear."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

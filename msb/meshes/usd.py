@@ -3,8 +3,6 @@
 What is written is a stage with one mesh, its unlit look, and what it collides as.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import zipfile

@@ -1,7 +1,5 @@
 """What a stage of USD shows, as arrays: the part of the reader that runs usd-core in a process of its own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

@@ -4,8 +4,6 @@ Layout: "VTK XML file formats" of the VTK documentation; all arrays raw in one a
 64-bit byte count. VTK itself is not used because it is an extra (`view`), and too large for writing one file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import IO, Any
 from xml.sax.saxutils import quoteattr

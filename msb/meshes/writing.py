@@ -1,7 +1,5 @@
 """What every writer needs: checks before the first byte, and rows of text."""
 
-from __future__ import annotations
-
 from typing import Any, BinaryIO
 
 import numpy as np

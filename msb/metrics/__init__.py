@@ -4,8 +4,6 @@ docs/metrics.md gives the definitions and how other programs differ. `identity` 
 beside every number.
 """
 
-from __future__ import annotations
-
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface
 from msb.metrics.culling import CulledMesh, cull_dtu
 from msb.metrics.dtu_data import DtuScan, read_dtu_scan

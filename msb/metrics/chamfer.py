@@ -1,7 +1,5 @@
 """The Chamfer distance of the DTU benchmark: accuracy and completeness where a surface could be seen."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Step 0 of the DTU evaluation: drop parts outside the masks, and scale to the world of the laser scans."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -55,9 +53,7 @@ def cull_dtu(
     world = [_matrix(each, "world_mat") for each in world_mats]
     scale = [_matrix(each, "scale_mat") for each in scale_mats]
     if not world or len(world) != len(scale):
-        raise _bad(
-            f"there are {len(world)} world_mat and {len(scale)} scale_mat; one of each per view is needed"
-        )
+        raise _bad(f"there are {len(world)} world_mat and {len(scale)} scale_mat; each view needs both")
     views = 0
     for mask in masks:
         if views < len(world):

@@ -1,7 +1,5 @@
 """The official DTU evaluation data: laser-scanned points, the observed volume and the table's plane."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,21 +1,16 @@
 """The photograph that a rendering is compared with, masked, resized and rounded by the rules of its scene."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import MetricError
 from msb.metrics.image_files import read_mask, read_pixels
+from msb.scenes import Camera
+from msb.scenes.datasets import Scene
 from msb.scenes.datasets.photographs import mask_beside
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from msb.scenes import Camera
-    from msb.scenes.datasets import Scene
 
 
 def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:

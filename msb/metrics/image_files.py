@@ -6,6 +6,7 @@ import contextlib
 import io
 import os
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,25 +40,25 @@ def read_image(path: str | os.PathLike[str], *, background: Color | None = None)
     place = regular_file(path)
     suffix = place.suffix.lower()
     if suffix not in IMAGE_SUFFIXES:
-        raise _bad(
-            place, f"the suffix is '{shorten(suffix, 20)}'; it must be one of {', '.join(IMAGE_SUFFIXES)}"
-        )
+        raise _bad(place, f"the suffix must be one of {', '.join(IMAGE_SUFFIXES)}")
     if suffix == ".exr":
         need_extra("bench", "OpenEXR", what="an EXR image")
-    try:
+    with _decoding(place):
         if suffix == ".npy":
             return _read_npy(place)
         if suffix == ".exr":
             return _read_exr(place)
         return _composited(place, read_pixels(place), background)
+
+
+@contextlib.contextmanager
+def _decoding(path: Path) -> Iterator[None]:
+    try:
+        yield
     except MetricError:
         raise
     except Exception as error:  # decoders raise all kinds of things about damaged files
-        raise _undecodable(place, error) from error
-
-
-def _undecodable(path: Path, error: Exception) -> MetricError:
-    return _bad(path, f"it cannot be decoded: {library_reason(error)}")
+        raise _bad(path, f"it cannot be decoded: {library_reason(error)}") from error
 
 
 def _bad(path: Path, message: str) -> MetricError:
@@ -67,7 +68,7 @@ def _bad(path: Path, message: str) -> MetricError:
 def _check_size(path: Path, width: int, height: int) -> None:
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
         text = f"it is {width} x {height} pixels; a side may have {MAX_SIDE}, the image {MAX_PIXELS}"
-        raise MetricError("METRIC_IMAGE", text, file=path)
+        raise _bad(path, text)
 
 
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
@@ -75,13 +76,9 @@ def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray
 
     `modes` are Pillow's names of the kinds of pixels that are accepted; "L", grey, gives (H, W).
     """
-    place = regular_file(path)
-    try:
-        return _read_picture(place, modes)
-    except MetricError:
-        raise
-    except Exception as error:  # decoders raise all kinds of things about damaged files
-        raise _undecodable(place, error) from error
+    path = regular_file(path)
+    with _decoding(path):
+        return _read_picture(path, modes)
 
 
 def read_mask(path: Path) -> NDArray[np.uint8]:

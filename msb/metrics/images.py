@@ -1,7 +1,5 @@
 """PSNR and SSIM of two images, and the checks of the inputs of all image metrics."""
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

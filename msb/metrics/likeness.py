@@ -1,7 +1,5 @@
 """How alike two renderings of one thing look: two limits of PSNR in dB, which all judgements share."""
 
-from __future__ import annotations
-
 import math
 
 ALIKE = 35.0

@@ -6,8 +6,6 @@ segmentation fault.
 Source: The MathWorks, MAT-File Format, chapter 1, "Level 5 MAT-Files".
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import zlib

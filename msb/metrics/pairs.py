@@ -1,7 +1,5 @@
 """Pair the images that are compared, by full relative name and never by their place in a list."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from pathlib import Path

@@ -30,8 +30,6 @@ BUILT_IN = (
     "perceptual.LPIPS",
 )
 """Module here and name of every image metric, in the order of the tables."""
-
-
 RESERVED = frozenset(
     "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
     "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
@@ -57,14 +55,11 @@ _FIELDS: dict[str, Any] = {
 @cache
 def _installed() -> Mapping[str, ImageMetric]:
     """Return key -> metric."""
-    ours: dict[str, ImageMetric] = {}
-    places: dict[str, str] = {}
-    for place in BUILT_IN:
-        module, _, name = place.partition(".")
-        metric: ImageMetric = getattr(import_module(f"msb.metrics.{module}"), name)
-        ours[metric.key], places[metric.key] = metric, f"msb.metrics.{module}:{name}"
-    places |= {ours["lpips"].name: places["lpips"], CHAMFER.name: "msb.metrics.chamfer:CHAMFER"}
-    theirs = installed("metric", places, _accepted)
+    places = (place.split(".") for place in BUILT_IN)
+    metrics = (getattr(import_module(f"msb.metrics.{module}"), name) for module, name in places)
+    ours: dict[str, ImageMetric] = {metric.key: metric for metric in metrics}
+    taken = dict.fromkeys([*ours, ours["lpips"].name, CHAMFER.name], "msb.metrics")
+    theirs = installed("metric", taken, _accepted)
     return ours | {key: metric for key, (metric, _) in theirs.items()}
 
 

@@ -4,8 +4,6 @@ Both as in `jzhangbs/DTUeval-python`: eval.py, which `hbb1/2d-gaussian-splatting
 scripts/eval_dtu/eval.py; here in bounded memory and without a loop over faces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

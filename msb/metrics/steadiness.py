@@ -128,14 +128,18 @@ def _seen_from(
 
     Pixel centres are whole numbers. NaN does not occur: what is behind the camera is far outside.
     """
-    own = here.camera
-    rays = np.stack([(columns + 0.5 - own.cx) / own.fx, (rows + 0.5 - own.cy) / own.fy, np.ones(len(rows))])
-    move = camera.world_to_camera @ own.camera_to_world
+    rays, move = _rays(here.camera, rows, columns), camera.world_to_camera @ here.camera.camera_to_world
     # Divided by the depth, the background is a point at infinity like any other.
     x, y, z = move[:3, :3] @ rays + move[:3, 3:] * inverse
     ahead = np.where(z > 1e-6, z, 1e-6)
     place = np.stack([y / ahead * camera.fy + camera.cy - 0.5, x / ahead * camera.fx + camera.cx - 0.5])
     return place, np.where(z > 1e-6, inverse / ahead, np.inf)
+
+
+def _rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_]) -> NDArray[np.float64]:
+    """Return the rays (3, N) through the centres of N pixels, with z = 1 in camera space."""
+    x, y = (columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy
+    return np.stack([x, y, np.ones(len(rows))])
 
 
 def _shows(
@@ -156,11 +160,7 @@ def surface_points(one: Still) -> NDArray[np.float64]:
     own, nearest, farthest = one.inverse_depths
     inner = (farthest > 0) & (nearest - farthest <= _FLAT * nearest)
     rows, columns = 2 * np.array(np.nonzero(inner[::2, ::2]))
-    camera = one.camera
-    local = np.stack(
-        [(columns + 0.5 - camera.cx) / camera.fx, (rows + 0.5 - camera.cy) / camera.fy, np.ones(len(rows))]
-    )
-    pose = camera.camera_to_world
+    local, pose = _rays(one.camera, rows, columns), one.camera.camera_to_world
     return np.asarray((pose[:3, :3] @ (local / own[rows, columns]) + pose[:3, 3:]).T)
 
 

@@ -1,7 +1,5 @@
 """The files behind LPIPS: VGG16 weights the user supplies, and the linear layers of the lpips package."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib.util
 import math
@@ -17,21 +15,9 @@ from msb.base.extras import need_extra
 from msb.base.files import file_sha256, library_reason, regular_file
 from msb.errors import MetricError
 
-LAYERS = (
-    (0, 3, 64),
-    (2, 64, 64),
-    (5, 64, 128),
-    (7, 128, 128),
-    (10, 128, 256),
-    (12, 256, 256),
-    (14, 256, 256),
-    (17, 256, 512),
-    (19, 512, 512),
-    (21, 512, 512),
-    (24, 512, 512),
-    (26, 512, 512),
-    (28, 512, 512),
-)
+_NUMBERS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
+_CHANNELS = (3, *2 * (64,), *2 * (128,), *3 * (256,), *6 * (512,))
+LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
 """(N, in, out): the number and the channels of each 3 x 3 convolution features.N of torchvision's VGG16."""
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 """Convolution whose rectified output is compared -> its channels: relu1_2, 2_2, 3_3, 4_3, 5_3."""

@@ -5,10 +5,10 @@ in float64 they are compared by statistics. docs/reference.md describes the form
 agree.
 """
 
-from __future__ import annotations
-
+import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -16,18 +16,16 @@ from msb.asset import Asset
 from msb.asset.arguments import A_CAMERA, AN_ASSET, check_type
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
+from msb.base.version import __version__
 from msb.errors import Unsupported, UsageError, shorten
 from msb.reference.frame import ReferenceFrame
 from msb.reference.tiles import Modes
-from msb.registry import lookup, role
+from msb.registry import Order, Sampling, lookup, role
 from msb.scenes import Camera
 from msb.scenes.colors import check_background
 from msb.scenes.datasets import own_background
 
-if TYPE_CHECKING:
-    from msb.registry import Order, Sampling
-
-__all__ = ["ReferenceFrame", "render_reference"]
+__all__ = ["ReferenceFrame", "ReferenceRenderer", "render_reference"]
 
 
 def render_reference(
@@ -107,3 +105,38 @@ def precision(dtype: Any) -> type[Any]:
             return real
     text = f"dtype is {shorten(str(dtype), 40)}; it must be float32 or float64"
     raise UsageError("USAGE", text)
+
+
+class ReferenceRenderer:
+    """NumPy, on the host: `device` is taken and ignored, the rest is as for `render_reference`."""
+
+    name = "msb-reference"
+    version = __version__
+
+    def __init__(
+        self,
+        asset: Asset,
+        *,
+        device: Any = None,
+        settings: Mapping[str, Any] | None = None,
+        dtype: str = "float32",
+        order: Order = "tile",
+        sampling: Sampling = "official",
+    ) -> None:
+        check_modes(order, sampling)
+        rules: dict[str, Any] = {"order": order, "sampling": sampling, "dtype": precision(dtype)}
+        self._draw = partial(render_reference, asset, settings=settings, **rules)
+
+    def render(self, camera: Camera, background: tuple[float, float, float]) -> ReferenceFrame:
+        """Draw the asset from `camera` over `background`; `timings` has the time NumPy took."""
+        start = time.perf_counter()
+        frame = self._draw(camera=camera, background=background)
+        frame.timings["numpy"] = 1000 * (time.perf_counter() - start)
+        return frame
+
+    def memory(self) -> Mapping[str, int]:
+        """Return nothing: there is no device."""
+        return {}
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""

@@ -7,8 +7,6 @@ rounded float32 result (up to double rounding), the same on every machine, where
 NumPy's own float32 functions are not.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,17 +1,14 @@
 """Front-to-back compositing as the three splatting methods share it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.reference.arithmetic import Reals
-    from msb.reference.tiles import Integers, Tile
+from msb.reference.arithmetic import Reals
+from msb.reference.tiles import Integers, Tile
 
 MIN_TRANSMITTANCE = 1e-4
 """Compositing of a sample stops here."""

@@ -5,18 +5,14 @@ view or an intrinsic matrix; going back through them reproduces its float32 matr
 what remains).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from msb.reference.arithmetic import Reals, matrix_product
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 
 @dataclass(frozen=True)

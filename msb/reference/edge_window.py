@@ -4,10 +4,7 @@ Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasteriz
 meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +21,9 @@ from msb.reference.arithmetic import (
     rotate,
     transform,
 )
+from msb.reference.camera_matrices import SplattingCamera
 from msb.reference.engine import EngineTriangles, project_engine
-
-if TYPE_CHECKING:
-    from msb.reference.camera_matrices import SplattingCamera
-    from msb.reference.tiles import Integers, Modes
+from msb.reference.tiles import Integers, Modes
 
 NEAR, FAR = 0.01, 100.0
 NEAREST = 0.2

@@ -9,20 +9,14 @@ functions (Olano and Greer, "Triangle scan conversion using 2D homogeneous coord
 clipped polygon: behind the camera all three are negative where the triangle is.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.reference.arithmetic import Reals, centroid, cross, dot, norm, transform
-from msb.reference.tiles import TILE, Rectangles
-
-if TYPE_CHECKING:
-    from msb.reference.camera_matrices import SplattingCamera
-    from msb.reference.tiles import Integers
+from msb.reference.camera_matrices import SplattingCamera
+from msb.reference.tiles import TILE, Integers, Rectangles
 
 NEAR = 0.01
 """Camera depth of the near plane: that of the standard tier."""

@@ -3,19 +3,15 @@
 An opened asset has been checked for shapes, not for values: whoever computes with them does that.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
+from msb.asset.activation import rest_coefficients
 from msb.asset.drawable import require, required_buffer
 from msb.errors import AssetError
-from msb.reference.arithmetic import sigmoid
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.arithmetic import Reals
+from msb.reference.arithmetic import Reals, sigmoid
 
 
 def number(asset: Asset, section: str, key: str) -> float:
@@ -44,9 +40,5 @@ def sh_coefficients(asset: Asset, rows: int, dtype: type[Any]) -> Reals:
     degree = asset.manifest.sh_degree
     if degree == 0:
         return first.astype(dtype)[:, None]
-    flat = required_buffer(asset, "f_rest", rows, 3 * ((degree + 1) ** 2 - 1))
-    if asset.manifest.appearance["f_rest_order"] == "coefficient_major":
-        rest = flat.reshape(rows, -1, 3)
-    else:
-        rest = flat.reshape(rows, 3, -1).transpose(0, 2, 1)
-    return np.concatenate([first[:, None], rest], axis=1, dtype=dtype)
+    required_buffer(asset, "f_rest", rows, 3 * ((degree + 1) ** 2 - 1))
+    return np.concatenate([first[:, None], rest_coefficients(asset)], axis=1, dtype=dtype)

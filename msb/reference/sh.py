@@ -1,7 +1,5 @@
 """Colours from spherical harmonics, as the official kernels evaluate them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from msb.asset.sh import SH_C0, sh_basis

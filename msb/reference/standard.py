@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msb.asset.look import StaticColors
+from msb.asset.look import StaticColors, corner_tint
+from msb.asset.texture import ROUNDING, Textured, linear_to_srgb, mip_levels, sample
 from msb.reference.frame import ReferenceFrame
-from msb.reference.textured import Surface, shown, steps_at
 
 if TYPE_CHECKING:
-    from msb.asset.texture import Textured
     from msb.scenes import Camera
 
     Reals = NDArray[np.float64]
@@ -58,7 +57,10 @@ def render_standard(
     """
     points = np.asarray(positions, np.float64)
     faces = np.asarray(indices, np.int64)
-    surface, rgb = None, np.zeros((0, 3)) if colors is None else _unit_colors(colors)
+    surface, rgb = None, np.zeros((0, 3))
+    if colors is not None:
+        stored = np.asarray(colors)[:, :3]
+        rgb = np.clip(stored / (255.0 if stored.dtype == np.uint8 else 1.0), 0, 1)
     if textured is not None:
         tint = None if colors is None else StaticColors(np.asarray(colors), cast("Any", domain))
         surface = Surface(textured, tint, np.asarray(indices))
@@ -87,7 +89,7 @@ def render_standard(
             else:
                 light = surface.at(face, order, weights, steps_at(local[corners], rays, camera))
                 wins &= surface.is_there(light)
-                seen = shown(light)
+                seen = np.clip(linear_to_srgb(light[:, :3]), 0, 1)
             y, x = y[wins], x[wins]
             nearest[y, x] = depth[wins]
             face_id[y, x] = face
@@ -115,7 +117,8 @@ def covered(corners: Reals, normal: Reals, camera: Camera) -> Iterator[Pixels]:
     focal, principal = np.array([camera.fx, camera.fy]), np.array([camera.cx, camera.cy])
     screen = outline[:, :2] / outline[:, 2:] * focal + principal
     snapped = np.trunc(screen * UNITS + 0.5).astype(np.int64)
-    low, high = _depth_range(corners)
+    # The least and the greatest 1 / z that the face can have in front of the near plane.
+    low, high = 1 / float(corners[:, 2].max()), 1 / max(float(corners[:, 2].min()), NEAR)
     first = corners[nearest_corner(corners)]
     for k in range(1, len(snapped) - 1):
         y, x = inside(snapped[[0, k, k + 1]], camera.width, camera.height)
@@ -200,14 +203,45 @@ def weights_at(corners: Reals, rays: Reals) -> Reals:
     return np.where(total > 0, weights / np.where(total > 0, total, 1), (1.0, 0.0, 0.0))
 
 
-def _depth_range(corners: Reals) -> tuple[float, float]:
-    """Return the least and the greatest 1 / z that a face can have in front of the near plane."""
-    z = corners[:, 2]
-    return 1 / float(z.max()), 1 / max(float(z.min()), NEAR)
+class Surface:
+    """The textures of a mesh with faces `indices` (F, 3), times `tint` if there is one."""
+
+    def __init__(self, textured: Textured, tint: StaticColors | None, indices: NDArray[Any]) -> None:
+        self._textured = textured
+        self._levels = [mip_levels(image) for image in textured.images]
+        self._tint = np.ones((3 * len(indices), 4)) if tint is None else corner_tint(tint, indices)
+
+    def at(self, face: int, order: NDArray[Any], weights: Reals, steps: Reals) -> Reals:
+        """Return linear light and alpha (n, 4) of a face where its corners, in `order`, have weights (n, 3).
+
+        `steps` (n, 2, 3) is how much the weights change to the pixel on the right and to the one below.
+        """
+        textured = self._textured
+        number = 0 if textured.face_texture is None else int(textured.face_texture[face])
+        levels = self._levels[number]
+        corners = textured.uvs[face].astype(np.float64)[order]
+        height, width = levels[0].shape[:2]
+        texels = np.linalg.norm(steps @ corners * (width, height), axis=2).max(axis=1)
+        lod = np.log2(np.maximum(texels, 1e-30))
+        light = sample(levels, weights @ corners, textured.sampler, lod)
+        return np.asarray(light * (weights @ self._tint[3 * face + order]))
+
+    def is_there(self, light: Reals) -> NDArray[np.bool_]:
+        """Return at which samples (n,) of `light` (n, 4) there is a surface."""
+        cutoff = self._textured.sampler.alpha_cutoff
+        return np.ones(len(light), bool) if cutoff is None else light[:, 3] >= cutoff - ROUNDING
 
 
-def _unit_colors(colors: Any) -> Reals:
-    values = np.asarray(colors)
-    if values.dtype == np.uint8:
-        return values[:, :3].astype(np.float64) / 255
-    return np.clip(values[:, :3].astype(np.float64), 0, 1)
+def steps_at(corners: Reals, rays: Reals, camera: Camera) -> Reals:
+    """Return how much (n, 2, 3) the weights of a face's corners at rays (n, 3) change to the next pixel.
+
+    The derivatives at the sample: a weight is V / sum V, and each volume V is affine on the screen.
+    """
+    normals = np.cross(corners[[1, 2, 0]], corners[[2, 0, 1]])
+    if corners[0] @ normals[0] < 0:
+        normals = -normals
+    volumes = np.maximum(rays @ normals.T, 0)
+    total = volumes.sum(axis=1)[:, None, None]
+    change = (normals / (camera.fx, camera.fy, 1)).T[:2]
+    within = volumes[:, None] / np.where(total > 0, total, 1) * change.sum(axis=1)[:, None]
+    return np.where(total > 0, (change - within) / np.where(total > 0, total, 1), 0)

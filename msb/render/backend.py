@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
     "dedicated": "msb.render.dedicated:dedicated_renderer",
-    "reference": "msb.reference.renderer:ReferenceRenderer",
+    "reference": "msb.reference:ReferenceRenderer",
 }
 """Tier -> our renderer of it."""
 ON_OPENCL = ("standard", "dedicated")

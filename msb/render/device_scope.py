@@ -1,22 +1,17 @@
 """A renderer's place on a device that it shares with others."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.cl import Device, shared_device
+from msb.cl import Buffer, Device, shared_device
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from msb.cl import Buffer
-    from msb.render.backend import Group
+from msb.render.backend import Group
 
 
 class DeviceScope:

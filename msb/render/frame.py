@@ -1,7 +1,5 @@
 """The frame that a renderer returns for one camera."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -3,14 +3,12 @@
 Pictures are display-referred: a PNG gets the numbers of the frame, clamped and rounded to bytes.
 """
 
-from __future__ import annotations
-
 import io
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +16,7 @@ from numpy.typing import NDArray
 from msb.base.atomic import new_file
 from msb.base.extras import need_extra
 from msb.errors import UsageError
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")

@@ -1,26 +1,21 @@
 """Draw an asset from a camera, on any tier."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from msb.api.opening import as_asset
+from msb.asset import Asset
 from msb.asset.arguments import A_CAMERA, check_type
 from msb.cl import Device
 from msb.errors import UsageError
+from msb.registry import Tier
 from msb.render.backend import Drawn, blaming, class_for, groups_of, make_backend
 from msb.render.frame import Frame
 from msb.scenes import Camera
-from msb.scenes.colors import check_background
+from msb.scenes.colors import Color, check_background
 from msb.scenes.datasets import own_background
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.registry import Tier
-    from msb.scenes.colors import Color
 
 Background = Sequence[float] | str
 

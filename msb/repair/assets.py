@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 from msb.api.opening import as_asset
 from msb.asset import Asset, Description, build_asset
 from msb.asset.look import colors_of, stored_threshold, visible_faces
+from msb.asset.manifest import Domain
 from msb.asset.tiers import refusal
 from msb.errors import Unsupported, about
+from msb.meshes import Mesh
 from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import Outcome, run_plan, what_is_left
+from msb.topology.steps import Change
 from msb.topology.steps.change import with_faces
-
-if TYPE_CHECKING:
-    from msb.asset.manifest import Domain
-    from msb.meshes import Mesh
-    from msb.topology.steps import Change
 
 
 @dataclass(frozen=True, eq=False, repr=False)

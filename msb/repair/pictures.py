@@ -1,24 +1,19 @@
 """Pictures of a repair: what was deleted in red, what was added in green, cut edges as lines."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset import build_asset
+from msb.asset import Asset, build_asset
 from msb.asset.look import drawn_colors
 from msb.render import Renderer
 from msb.render.images import write_image
+from msb.repair.assets import Repaired
+from msb.scenes import Camera
 from msb.topology.halfedge import NONE
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.repair.assets import Repaired
-    from msb.scenes import Camera
 
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
 # Grey of black and of white faces, light enough for the colours to stand out.

@@ -1,20 +1,15 @@
 """How much of an image each face covers: what debris is to the viewer."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.tiers import refusal
 from msb.errors import Unsupported
 from msb.render import Renderer
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 
 def seen_pixels(

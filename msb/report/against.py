@@ -1,7 +1,5 @@
 """Methods against one of them: differences view by view with their intervals, as a table and as findings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import groupby
 from typing import NamedTuple

@@ -1,16 +1,15 @@
 """The board: what many people submitted, in one table that says of each row where it is from."""
 
-from __future__ import annotations
-
 import io
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.bench.aggregate import AUDITED
+from msb.bench.records import Result
 from msb.bench.submission import MOST_PICTURES, Shown, Submission
 from msb.errors import InputError, UsageError, shorten
 from msb.metrics.identity import defined
@@ -34,9 +33,6 @@ from msb.report.report import Report, Section
 from msb.report.results import Loaded, ResultSet, result_set
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    from msb.bench.records import Result
 
 THE_PAPER = "the paper"
 _MESH = "exported_mesh"

@@ -1,11 +1,8 @@
 """Make the report of results, and that of the paper's own tables."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 from msb.base.version import __version__
 from msb.bench.records import BAKED
@@ -19,15 +16,13 @@ from msb.report.numbers import Key, Number, Numbers, dataset_title, method_title
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.pictures import View, view_names, views
 from msb.report.report import Report, Section, places_of
+from msb.report.results import ResultSet
+from msb.report.table import Table
 from msb.report.tables import measured
 from msb.report.tables.bakes import bakes_table, split_table
 from msb.report.tables.features import deployment_features, native_features
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.report.tables.reproducibility import SOURCES, reproducibility, reproducibility_statistics
-
-if TYPE_CHECKING:
-    from msb.report.results import ResultSet
-    from msb.report.table import Table
 
 OTHER_SCENES = (
     "{}: no scene is one of the published set, so means are over those there are and the paper's "

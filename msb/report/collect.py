@@ -1,17 +1,15 @@
 """From records to numbers: every metric of every cell, means over scenes, gaps; and why one is missing."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.bench.aggregate import AUDITED, METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.gaps import Gaps, Ratio, dataset_gaps, scene_gaps, slowdown
 from msb.bench.intervals import interval, view_values
-from msb.bench.records import BAKED
+from msb.bench.records import BAKED, Result
 from msb.bench.split import Split, loss_split
 from msb.metrics.registry import IMAGE_METRICS
 from msb.metrics.vgg import weights_source
@@ -35,9 +33,6 @@ from msb.report.numbers import (
 )
 from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
-
-if TYPE_CHECKING:
-    from msb.bench.records import Result
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")

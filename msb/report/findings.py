@@ -1,7 +1,5 @@
 """The findings: what the numbers say in sentences, each with its numbers and the table they stand in."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import accumulate, combinations

@@ -1,7 +1,5 @@
 """From the places of numbers to a table: look up, print, mark the best, set the paper's under ours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """How each metric is printed: its title, unit, arrow and number of decimals."""
 
-from __future__ import annotations
-
 from msb.bench.aggregate import METRICS
 from msb.topology.shown import structure_text
 

@@ -4,24 +4,20 @@ Ours come from records (`msb.report.collect`), the paper's from its tables (`msb
 both take the same way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from msb.bench.aggregate import CONDITION_TITLES, SCENES, TITLES
+from msb.bench.gaps import Gaps, Ratio
+from msb.bench.intervals import Interval
 from msb.bench.records import BAKED, TIER_OF
+from msb.bench.split import Split
 from msb.metrics.registry import IMAGE_METRICS
 from msb.registry import METHODS
 from msb.report.safe_names import plain_text
 from msb.report.table import NOT_THERE
-
-if TYPE_CHECKING:
-    from msb.bench.gaps import Gaps, Ratio
-    from msb.bench.intervals import Interval
-    from msb.bench.split import Split
 
 MEAN = "mean"
 FLOOR = "floor_mean"

@@ -1,7 +1,5 @@
 """The paper's own numbers, read from its tables as data, to be set beside ours or printed again."""
 
-from __future__ import annotations
-
 import json
 import os
 from dataclasses import replace

@@ -1,15 +1,13 @@
 """Renderings beside each other: which views to show, and their pictures as small JPEGs."""
 
-from __future__ import annotations
-
 import base64
 import io
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from msb.bench.records import ImageQuality
 from msb.metrics.images import PSNR_CAP
 from msb.report.numbers import (
     DRAWN_CONDITIONS,
@@ -19,11 +17,8 @@ from msb.report.numbers import (
     method_title,
     scene_title,
 )
+from msb.report.results import Loaded, Place, ResultSet
 from msb.report.safe_names import plain_text, slug
-
-if TYPE_CHECKING:
-    from msb.bench.records import ImageQuality
-    from msb.report.results import Loaded, Place, ResultSet
 
 GT = "Ground truth"
 _WIDTH = 480

@@ -1,21 +1,17 @@
 """The report as data: sections with tables, charts and pictures, the findings, and a verdict per asset."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.base.version import __version__
+from msb.report.figures import Figure
+from msb.report.findings import Finding
+from msb.report.numbers import Numbers
+from msb.report.pictures import View
 from msb.report.results import Place, ResultSet
+from msb.report.table import Table
 from msb.report.verdict import Verdict, judge
-
-if TYPE_CHECKING:
-    from msb.report.figures import Figure
-    from msb.report.findings import Finding
-    from msb.report.numbers import Numbers
-    from msb.report.pictures import View
-    from msb.report.table import Table
 
 SCHEMA = "msb.report/1"
 

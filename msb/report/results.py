@@ -1,7 +1,5 @@
 """Result records from results folders: they are found, read, and refused where they cannot be compared."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

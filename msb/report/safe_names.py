@@ -1,7 +1,5 @@
 """Names from records made safe: as names of files and anchors, and as text of one line."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import unicodedata

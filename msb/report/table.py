@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from msb.bench.intervals import Interval
 from msb.metrics.registry import IMAGE_METRICS
-
-if TYPE_CHECKING:
-    from msb.bench.intervals import Interval
 
 SCHEMA = "msb.table/1"
 NOT_SUPPORTED, NOT_THERE = "N/A", "--"

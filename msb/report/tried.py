@@ -1,21 +1,17 @@
 """What was tried on an asset's mesh, tasks and ways to repair it, as its page shows them."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from msb.base.files import read_file
 from msb.bench.documents import Look, RepairDocument, Strategy
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
 from msb.errors import shorten
 from msb.report.metric_format import text
+from msb.report.results import Loaded
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    from msb.report.results import Loaded
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN"]
 _MARKS: dict[str, Mark] = {"works": "YES", "care": "WITH CARE", "fails": "NO", "not_run": "UNKNOWN"}

@@ -1,27 +1,22 @@
 """The verdict on one asset: what it can be used for, in plain words, each statement with its number."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from msb import metrics
-from msb.bench.records import BAKED
+from msb.bench.records import BAKED, ImageQuality, Result
 from msb.errors import MsbError
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.report.collect import REFERENCE
 from msb.report.metric_format import text
 from msb.report.numbers import GapKey, Key, Numbers, condition_title, dataset_title, method_title, scene_title
+from msb.report.results import Loaded, Place
 from msb.report.table import NOT_SUPPORTED
 from msb.report.tried import TriedTask, tried_tasks
-
-if TYPE_CHECKING:
-    from msb.bench.records import ImageQuality, Result
-    from msb.report.results import Loaded, Place
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 

@@ -3,8 +3,6 @@
 Names in a record can come from anywhere, so each format escapes what it would otherwise obey.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

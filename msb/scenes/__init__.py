@@ -3,8 +3,6 @@
 docs/cameras.md describes conventions and formats, docs/datasets.md the datasets.
 """
 
-from __future__ import annotations
-
 from msb.scenes.camera import Camera
 from msb.scenes.colmap import read_points
 from msb.scenes.datasets import Scene, read_scene

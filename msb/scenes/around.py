@@ -1,7 +1,5 @@
 """Cameras around an asset, for when it brings none."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

@@ -4,8 +4,6 @@ Source: `graphdeco-inria/gaussian-splatting`: utils/camera_utils.py, scene/__ini
 principal point, and its sizes and focal lengths are those of the original photographs.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

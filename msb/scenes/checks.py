@@ -1,7 +1,5 @@
 """Checks of the single values a camera is made of; each refuses with one clear error."""
 
-from __future__ import annotations
-
 import math
 import operator
 import re

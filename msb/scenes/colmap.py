@@ -1,7 +1,5 @@
 """COLMAP models: a folder with cameras, images and points3D, all .bin or all .txt."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterable, Iterator

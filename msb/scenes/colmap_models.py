@@ -4,8 +4,6 @@ Names, ids and the order of parameters: `colmap/colmap`: src/colmap/sensor/model
 lengths (one for both axes, or fx and fy), cx, cy, and what the lens distorts.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Layouts: `colmap/colmap`: doc/format.rst. Lines that begin with "#" are comments.
 """
 
-from __future__ import annotations
-
 import re
 from array import array
 from collections.abc import Iterator

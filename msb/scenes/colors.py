@@ -1,7 +1,5 @@
 """Colours behind a picture: the names that the command line and Python take, and what a renderer accepts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from typing import Any

@@ -1,7 +1,5 @@
 """`msb scenes`: what was found in the folders of scenes, and how it would be evaluated."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Camera paths: turntables around an object, and smooth flights through given cameras."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Sequence

@@ -3,8 +3,6 @@
 Matrices are for column vectors, x_camera = W x_world. Camera axes are OpenCV's: x right, y down, z forward.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

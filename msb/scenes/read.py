@@ -1,7 +1,5 @@
 """From a path to cameras: the files that are there decide which reader is asked."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Sets of cameras: what every set must fulfil, and the split into training and test views."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Read and write views.json, our own file of cameras, which holds all of a `Camera` but paths."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable

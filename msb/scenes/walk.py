@@ -1,7 +1,5 @@
 """Cameras off the path of a capture: a flight that stops beside its cameras, and cameras between them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import cycle

@@ -1,7 +1,5 @@
 """Everything the audit derives from a mesh, element by element: the audit counts it, viewers draw it."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

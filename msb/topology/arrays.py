@@ -1,7 +1,5 @@
 """Check once that arrays given by a caller are a triangle mesh."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Connected components of a graph given by pairs. Only this module joins elements into groups."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

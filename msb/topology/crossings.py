@@ -6,8 +6,6 @@ Using Orientation Predicates", 2003), and one that is within its rounding error 
 only touch do not cross, neither do neighbours at their common corner or edge, nor faces that overlap flat.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any
 

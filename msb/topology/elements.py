@@ -1,15 +1,12 @@
 """The offending elements with their vertices: what `--elements` writes and viewers draw."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.topology.analysis import Analysis
+from msb.topology.analysis import Analysis
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,6 @@
 The data is explanations.toml; docs/definitions.md holds the reasoning behind it, and the data on the site.
 """
 
-from __future__ import annotations
-
 import difflib
 import textwrap
 import tomllib

@@ -1,7 +1,5 @@
 """Properties of single faces: the area, and whether a face has none, is not finite, or is a duplicate."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

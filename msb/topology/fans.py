@@ -6,8 +6,6 @@ path or cycle. The proof is in docs/definitions.md; the identity *strict = sever
 of a non-manifold edge* is held by tests.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

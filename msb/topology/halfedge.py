@@ -9,8 +9,6 @@ the corner it starts from carries the same number. Definitions: docs/definitions
 Definitions and Interpretation Limits".
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

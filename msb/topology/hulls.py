@@ -1,7 +1,5 @@
 """Convex hulls of collision shapes: the limit of corners, and the directions to seek corners in."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

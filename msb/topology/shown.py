@@ -1,7 +1,5 @@
 """How the audit's ratios and counts of components are printed, on the terminal and in reports."""
 
-from __future__ import annotations
-
 DECIMALS = 2
 """Decimals of a ratio or mean, as in the paper's table of mesh diagnostics."""
 _MILLIONS_FROM = 1e5

@@ -1,7 +1,5 @@
 """Add up what the work-items of the audit's kernels have counted and listed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

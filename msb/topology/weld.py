@@ -1,7 +1,5 @@
 """Merge coincident vertices, as an option that runs before an audit and is reported beside it."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, Literal
 

@@ -10,20 +10,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import run_apart
+from msb.base.limits import Limits
 from msb.topology.faces import face_areas
 from msb.trial.mesh import TriedMesh
 from msb.trial.registry import TASKS
-from msb.trial.task import Attempted, Made
-
-if TYPE_CHECKING:
-    from msb.base.limits import Limits
-    from msb.trial.task import Attempt, Task
+from msb.trial.task import Attempt, Attempted, Made, Task
 
 
 def run_attempt(

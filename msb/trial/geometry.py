@@ -1,7 +1,5 @@
 """Edges and colours that several tasks need."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

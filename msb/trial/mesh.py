@@ -6,25 +6,21 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.api.opening import stored_mesh
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
 from msb.topology import audit_arrays
 from msb.topology.seams import find_seams
-from msb.topology.verdict import judge
-from msb.topology.weld import weld_vertices
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.topology.verdict import Verdict
-    from msb.topology.weld import Weld
+from msb.topology.verdict import Verdict, judge
+from msb.topology.weld import Weld, weld_vertices
 
 
 @dataclass(frozen=True, eq=False)

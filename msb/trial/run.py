@@ -1,14 +1,15 @@
 """Try tasks on a mesh: libraries in child processes, judged by pictures, kept as files if that is wanted."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import NDArray
 
 from msb.api.opening import as_asset
+from msb.asset import Asset
 from msb.asset.look import written_up
 from msb.base.atomic import new_file
 from msb.base.extras import install
@@ -18,22 +19,14 @@ from msb.meshes import write_mesh
 from msb.meshes.assets import as_held
 from msb.repair.assets import repair_mesh
 from msb.repair.plan import Options, parse_plan
-from msb.topology.weld import parse_weld
+from msb.scenes import Camera
+from msb.topology.weld import Weld, parse_weld
 from msb.trial.attempts import run_attempt
 from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.registry import able, chosen_tasks, missing_modules
-from msb.trial.task import Judgement, file_outcome
-from msb.views import choose_views
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from msb.asset import Asset
-    from msb.scenes import Camera
-    from msb.topology.weld import Weld
-    from msb.trial.task import Attempt, Attempted, Made, Numbers, Outcome, Task
-    from msb.views import Views
+from msb.trial.task import Attempt, Attempted, Judgement, Made, Numbers, Outcome, Task, file_outcome
+from msb.views import Views, choose_views
 
 SCHEMA = "msb.trial/1"
 # Least time of a substitute for a library, imports included, so that something is made.

@@ -1,17 +1,14 @@
 """What a task is: what is asked of which libraries, each in its own child, and how the answers are judged."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.mesh import TriedMesh
+from msb.base.children import Arrays
+from msb.trial.look import Look
+from msb.trial.mesh import TriedMesh
 
 Outcome = Literal["works", "care", "fails", "not_run"]
 # The outcomes of a task that was run, best first.

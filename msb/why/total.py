@@ -1,7 +1,5 @@
 """All causes at once: what a plain mesh loses, what engine settings mend, and what only a bake could."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass

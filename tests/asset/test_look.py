@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from msb.adapters import export
+from msb.adapters.exporter import export
 from msb.adapters.official import write_official
 from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces

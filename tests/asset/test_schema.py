@@ -23,8 +23,9 @@ from msb.asset.manifest import (
     StoredSetting,
 )
 from msb.asset.schema import check_schema, manifest_schema
+from msb.base.packages import NAME
 from msb.errors import AssetError
-from msb.registry import METHODS, NAME, PASSES, SETTING_SOURCES, TIERS
+from msb.registry import METHODS, PASSES, SETTING_SOURCES, TIERS
 from tests.corpus.good import decoder, mesh, parts, soup
 
 SCHEMA = manifest_schema()

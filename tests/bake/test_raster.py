@@ -10,8 +10,8 @@ import pytest
 
 from msb.bake.raster import Raster
 from msb.cl import Device
-from msb.reference.taught import Drawn, booked, sums_of
 from tests.bake.soups import cameras, lessons_of, tiles
+from tests.bake.teaching_twin import Drawn, booked, sums_of
 from tests.cl.conftest import STYLES, open_styled
 
 

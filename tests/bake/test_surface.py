@@ -20,7 +20,6 @@ from msb.cl import Device
 from msb.errors import AssetError
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
-from msb.reference.fusion import fused
 from msb.render import Renderer
 from msb.scenes import Camera
 from msb.scenes.paths import unit_at
@@ -28,6 +27,7 @@ from msb.topology import audit_arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.faces import signed_volume
 from tests.bake import solids
+from tests.bake.fusion_twin import fused
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled
 

@@ -21,10 +21,10 @@ from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.metrics import psnr
-from msb.reference.taught import applied, asked_of, samples_of, solved
 from msb.render import Renderer
 from msb.scenes import Camera
 from tests.bake.soups import all_round, lessons_of, tiles
+from tests.bake.teaching_twin import applied, asked_of, samples_of, solved
 from tests.cl.conftest import STYLES, open_styled
 
 GREY = (0.5, 0.5, 0.5)

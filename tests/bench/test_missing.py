@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from msb.adapters import export
+from msb.adapters.exporter import export
 from msb.asset import write_asset
 from msb.bench.missing import Missing
 from msb.bench.models import method_of

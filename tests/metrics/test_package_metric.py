@@ -90,7 +90,7 @@ def test_one_that_prints_and_changes_its_images_changes_nothing(
     ("old", "new", "entry", "why"),
     [
         ("EDGES = ", "EDGES = 3\nOTHER = ", None, "ImageMetric, .* int"),
-        ("", "", "psnr = msb_edges:EDGES", "msb.metrics.images:PSNR"),
+        ("", "", "psnr = msb_edges:EDGES", "msb.metrics"),
         ("", "", "fps = msb_edges:EDGES", "records"),
         ("", "", "corners = msb_edges:EDGES", "corners"),
         ("decimals=4", "decimals='4'", None, "decimals"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msb.methods.diffsoup.reference_camera import diffsoup_projection
+from msb.methods.diffsoup.reference import diffsoup_projection
 from msb.reference.camera_matrices import splatting_camera
 from msb.scenes import Camera
 from tests.reference.golden import View, golden_views, names

@@ -203,7 +203,7 @@ def test_fragments_have_perspective_correct_barycentrics() -> None:
 
 
 def test_view_directions_point_to_the_camera() -> None:
-    from msb.methods.diffsoup.reference_camera import diffsoup_projection
+    from msb.methods.diffsoup.reference import diffsoup_projection
 
     camera = front_camera()
     _, inverse = diffsoup_projection(camera, "colmap", 0.5, 100.0, np.float64)

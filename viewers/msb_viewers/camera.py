@@ -1,16 +1,13 @@
 """Cameras: the first view of a mesh, and a clear view of one element. They are plain arrays."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
+from msb_viewers.model import ViewModel
 
 FOV_Y = math.radians(30)
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)

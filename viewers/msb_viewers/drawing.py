@@ -3,18 +3,14 @@
 Everything of VTK is imported inside the functions: nothing here loads it before something is drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset.texture import Sampler
 from msb_viewers.palette import Color, unit
-
-if TYPE_CHECKING:
-    from msb.asset.texture import Sampler
 
 _SHAPES = {
     # Distance from the middle in p, a vec2 in [-1, 1]^2; above 1 is outside, just below it the dark rim.

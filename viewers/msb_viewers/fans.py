@@ -1,20 +1,16 @@
 """The fan inspector: the fans at a vertex, drawn apart in a corner of the window."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb_viewers import drawing
 from msb_viewers.camera import sphere
+from msb_viewers.model import ViewModel
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 _APART = 0.6
 """The least distance by which a fan is moved, in radii of the faces at the vertex."""

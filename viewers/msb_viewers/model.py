@@ -1,20 +1,16 @@
 """What the topology viewer shows, as plain arrays: no window, no VTK, nothing that needs a display."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import known_up
+from msb.topology import Audit
+from msb.topology.analysis import Analysis
 from msb_viewers.palette import NEUTRAL, SIZE_CLASSES, STYLES, Style
-
-if TYPE_CHECKING:
-    from msb.topology import Audit
-    from msb.topology.analysis import Analysis
-    from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh
+from msb_viewers.viewed_mesh import Colors, Skin, ViewedMesh
 
 SOUP_NOTE = "Triangle soup: no two faces share a vertex, so every edge is a boundary; these are not drawn."
 CLEAN_NOTE = "Nothing wrong: closed, manifold, consistently wound."

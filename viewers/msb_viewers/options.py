@@ -1,7 +1,5 @@
 """What the topology viewer shows at first. It loads nothing, so that a command's help can name it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, Literal
 

@@ -1,12 +1,10 @@
 """`--html`: the viewer as one file for browsers with WebGL 2, offline; it is made without pyvista."""
 
-from __future__ import annotations
-
 import base64
 import zlib
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +12,10 @@ from numpy.typing import NDArray
 from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.meshes.image_files import packed
 from msb_viewers.camera import FOV_Y, default_pose
+from msb_viewers.model import ViewModel
 from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, size_label
 from msb_viewers.state import ViewState
 from msb_viewers.template import filled
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 LARGE = 2_000_000
 """With more faces a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads."""

@@ -4,8 +4,6 @@ Colours are those of Okabe and Ito (M. Okabe and K. Ito, Color Universal Design,
 under the common kinds of colour blindness. No two kinds differ by colour alone.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

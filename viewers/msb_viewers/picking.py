@@ -1,7 +1,5 @@
 """Which face and vertex lie under a pixel, in NumPy: the same on soups and indexed meshes, GL or not."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

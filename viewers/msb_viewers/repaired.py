@@ -1,7 +1,5 @@
 """A mesh and what a repair made of it, in one view: deleted and added faces, and cut edges, as layers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,21 +1,16 @@
 """The actors of one model: its surface, the stand-in while moving, and the layers. No window of its own."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.look import lit_grey
 from msb_viewers import drawing
-from msb_viewers.viewed_mesh import color_bytes
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
-    from msb_viewers.palette import Style
-    from msb_viewers.state import ViewState
-    from msb_viewers.viewed_mesh import Skin
+from msb_viewers.model import ViewModel
+from msb_viewers.palette import Style
+from msb_viewers.state import ViewState
+from msb_viewers.viewed_mesh import Skin, color_bytes
 
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
 """The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""

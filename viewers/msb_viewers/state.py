@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
 from msb.errors import UsageError, shorten
-from msb_viewers.model import SOUP_NOTE
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
-    from msb_viewers.options import ViewOptions
+from msb_viewers.model import SOUP_NOTE, ViewModel
+from msb_viewers.options import ViewOptions
 
 Coloring = Literal["own", "components", "grey"]
 COLORINGS: tuple[Coloring, ...] = ("own", "components", "grey")

@@ -1,7 +1,5 @@
 """Pages of one file that load nothing: the shell of both viewers, a viewer's own parts, and its data."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

@@ -1,21 +1,16 @@
 """The mesh that a viewer shows: exactly as it is audited, with its own colours."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import ROUNDING
-
-if TYPE_CHECKING:
-    from msb.api.opening import StoredMesh
-    from msb.asset.look import StaticColors
-    from msb.asset.texture import Textured
-    from msb.topology.seams import Attributes
+from msb.api.opening import StoredMesh
+from msb.asset.look import StaticColors
+from msb.asset.texture import ROUNDING, Textured
+from msb.topology.seams import Attributes
 
 Domain = Literal["vertex", "face", "corner"]
 NO_COLOR = "its colours depend on the view and have no static part: drawn in grey"

@@ -1,10 +1,8 @@
 """The topology viewer: a window, or a picture of what the window would show."""
 
-from __future__ import annotations
-
 import math
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +13,13 @@ from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, elemen
 from msb_viewers.controls import TopologyControls
 from msb_viewers.fans import Inset, background, size_of
 from msb_viewers.legend import legend_panel, legend_width
+from msb_viewers.model import ViewModel
 from msb_viewers.palette import HIGHLIGHT
 from msb_viewers.picking import pick
 from msb_viewers.sheet import Panel, help_panel, line_panel
 from msb_viewers.stage import Stage
 from msb_viewers.state import HELP, ViewState
 from msb_viewers.window import GAP, Window
-
-if TYPE_CHECKING:
-    from msb_viewers.model import ViewModel
 
 _SAMPLES = 4
 _FLIGHT_FRAMES = 14

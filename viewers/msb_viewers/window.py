@@ -1,7 +1,5 @@
 """A window with a camera: opening, closing and screenshots."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 `docs/checkpoints.md` says what is read and what is refused.
 """
 
-from __future__ import annotations
-
 from msb.adapters.checkpoint.reader import read_checkpoint
 from msb.adapters.checkpoint.tensors import BFloat16Array
 

@@ -9,14 +9,11 @@ filled up so that data starts on a 64-byte boundary. Sources: pytorch/pytorch `t
 `caffe2/serialize/versions.h`, `caffe2/serialize/inline_container.cc`.
 """
 
-from __future__ import annotations
-
 import zlib
 from typing import Any, NoReturn
 
 from msb.adapters.checkpoint.pickle_machine import run_pickle
-from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.tensors import Extent, Storages
+from msb.adapters.checkpoint.tensors import Extent, Refusal, Storages
 from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
@@ -92,9 +89,7 @@ def _root(members: dict[str, Member]) -> str:
     for name in filter(_is_script, members):
         _refuse_script(name)
     if not roots:
-        raise Refusal(
-            "CHECKPOINT_NOT_RECOGNISED", "it is an archive without data.pkl, so not from torch.save"
-        )
+        raise Refusal("CHECKPOINT_NOT_RECOGNISED", "it is an archive without torch's data.pkl")
     if len(roots) > 1:
         raise Refusal("CHECKPOINT_HOSTILE", f"it holds {len(roots)} files data.pkl; torch writes one")
     root = roots[0]

@@ -7,16 +7,13 @@ names. So its pickle is run twice: first to learn what it declares, then with ev
 pytorch/pytorch `torch/serialization.py` (`_legacy_save`).
 """
 
-from __future__ import annotations
-
 import re
 import struct
 from typing import Any
 
 from msb.adapters.checkpoint.archive import MAX_PICKLE
 from msb.adapters.checkpoint.pickle_machine import run_pickle
-from msb.adapters.checkpoint.refusal import Refusal, Unfinished
-from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Storages
+from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Refusal, Storages, Unfinished
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001

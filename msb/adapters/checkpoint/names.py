@@ -4,16 +4,13 @@ A name in the file selects one of our own functions, which work on inert records
 module, so no name, however spelt, can reach code: a name outside the list is refused before any call.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.tensors import BFloat16Array, Storages, StorageType, rebuild_tensor
+from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
 MAX_ENCODED = 64

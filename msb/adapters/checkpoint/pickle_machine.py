@@ -14,8 +14,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from msb.adapters.checkpoint.names import Function, ScalarType, find
-from msb.adapters.checkpoint.refusal import Refusal, Unfinished
-from msb.adapters.checkpoint.tensors import DeclaredStorages
+from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinished
 
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages

@@ -1,7 +1,5 @@
 """Recognise the kind of a checkpoint file, and read it: the one function that the adapters call."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,8 +9,7 @@ import numpy as np
 
 from msb.adapters.checkpoint.archive import read_archive
 from msb.adapters.checkpoint.legacy import is_legacy, read_legacy
-from msb.adapters.checkpoint.refusal import Refusal
-from msb.adapters.checkpoint.tensors import BFloat16Array
+from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal
 from msb.base.files import map_file
 from msb.errors import CheckpointError
 
@@ -78,10 +75,9 @@ def _stranger(view: memoryview, head: bytes) -> Refusal:
     if _END_RECORD in bytes(view[-_LONGEST_TAIL:]):
         text = "there is data before the archive's first member"
         return Refusal("CHECKPOINT_HOSTILE", text, at="byte 0")
-    what = (
-        "it is a Git LFS pointer, not the file itself" if head.startswith(b"version https://git-lfs") else ""
-    )
-    return Refusal("CHECKPOINT_NOT_RECOGNISED", what or STRANGE)
+    if head.startswith(b"version https://git-lfs"):
+        return Refusal("CHECKPOINT_NOT_RECOGNISED", "it is a Git LFS pointer, not the file itself")
+    return Refusal("CHECKPOINT_NOT_RECOGNISED", STRANGE)
 
 
 def _is_safetensors(view: memoryview, head: bytes) -> bool:

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from msb.adapters.checkpoint.refusal import Refusal
 from msb.errors import shorten
 
 MAX_AXES = 32
@@ -26,6 +25,27 @@ overflow in NumPy either."""
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
 _KEY = re.compile(r"[0-9]{1,20}\Z")
+
+
+class Refusal(Exception):
+    """A reason to refuse the file; `read_checkpoint` makes a `CheckpointError` of it.
+
+    Parameters
+    ----------
+    code, message : str
+        The code and the message of the `CheckpointError`.
+    at : str, optional
+        The place in the file: "byte 12", or "data.pkl byte 12".
+    """
+
+    def __init__(self, code: str, message: str, *, at: str | None = None) -> None:
+        super().__init__(code, message)
+        self.code, self.message = code, message
+        self.at = at
+
+
+class Unfinished(Refusal):
+    """The pickle goes on behind the bytes there are."""
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,15 @@
 """Print an audit for people: verdict, the paper's eight columns, defects, verdict; of several one table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msb.api.auditing import advice
 from msb.base.paths import shell_word
 from msb.cli.output import Cell, Output
 from msb.errors import one_line
+from msb.topology.audit import Audit, Sample
 from msb.topology.shown import structure_text
-from msb.topology.verdict import judge, percent
-
-if TYPE_CHECKING:
-    from msb.topology.audit import Audit, Sample
-    from msb.topology.verdict import Level
+from msb.topology.verdict import Level, judge, percent
 
 _COLUMNS = (
     ("V/F", "vf_ratio"),

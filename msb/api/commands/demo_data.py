@@ -1,7 +1,5 @@
 """`msb demo-data`: the scenes and models that the examples use."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

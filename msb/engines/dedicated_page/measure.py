@@ -1,7 +1,5 @@
 """How faithful a page is: its test views, drawn by a headless browser, against the images that it holds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

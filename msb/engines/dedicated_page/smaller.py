@@ -4,20 +4,16 @@ Rounding keeps an asset an asset of the same method, so that any renderer says w
 is what `stored` packs without a loss: positions on a grid by chunks, and few values a column.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.engines.dedicated_page.stored import CHUNK, LEVELS, exponents
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
 GRID = 65000
 """Steps that a chunk's positions span at most: fewer than 16 bits have: rounding may add one."""

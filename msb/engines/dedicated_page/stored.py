@@ -13,8 +13,6 @@ Values and codes lie column by column, and of each column all first bytes, then 
 side by side compress better.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass

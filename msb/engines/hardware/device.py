@@ -1,20 +1,15 @@
 """A plan on a device of wgpu-py: its buffers, pipelines and commands."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.engines.hardware.plan import SLOT, Compute, Draws
-
-if TYPE_CHECKING:
-    from msb.engines.hardware.plan import Binding, Plan
-    from msb.engines.webgpu_adapter import Gpu
+from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Plan
+from msb.engines.webgpu_adapter import Gpu
 
 _LAYOUTS = {
     "uniform": {"buffer": {"type": "uniform"}},

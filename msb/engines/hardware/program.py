@@ -1,24 +1,19 @@
 """The plan of an asset's frame: its texts of WGSL, its buffers, and the passes that use them."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.engines.hardware.packing import VIEW
+from msb.engines.hardware.packing import VIEW, Packed
 from msb.engines.hardware.plan import SLOT, Binding, Compute, Draws, Limits, Plan
 from msb.engines.hardware.wgsl import as_attributes, assemble, face_members
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from msb.engines.hardware.packing import Packed
-    from msb.registry import Order, Sampling
-    from msb.render.surface import Surface
+from msb.registry import Order, Sampling
+from msb.render.surface import Surface
 
 _GROUP = 64
 """Invocations of a work-group of the stages over faces."""

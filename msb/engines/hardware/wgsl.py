@@ -1,7 +1,5 @@
 """The text of shaders: files with their includes and conditions resolved, because WGSL has neither."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 from importlib import resources

@@ -36,7 +36,7 @@ function blendedProjection(view, near, far) {
   ]];
 }
 
-// That of DiffSoup, as in its look_camera.py: `flip` is set in the layout "synthetic", which is computed in
+// That of DiffSoup, as in its look_model.py: `flip` is set in the layout "synthetic", which is computed in
 // double and rounded once.
 function surfaceProjection(view, near, far, flip) {
   const f = Math.fround, g = flip ? (x) => x : f;

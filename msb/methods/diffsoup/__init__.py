@@ -1,11 +1,20 @@
 """DiffSoup: triangles with binary opacity and lattices of features, which a small network decodes."""
 
-from __future__ import annotations
-
-from msb.registry.declare import AWARE, Method, Native, PaperNote, Retained, Setting
+from msb.registry import AWARE, Method, Native, PaperNote, Retained, Setting
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM
 from msb.scenes.datasets.rules import Photographs, Rules
+
+FEATURES = 7
+"""Features of a sample of the lattices, beside its opacity."""
+LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
+"""Layer of the decoder -> shape of its weight, [out, in]."""
+
+
+def samples(level: int) -> int:
+    """Return how many samples a lattice of `level` has: (2^L + 1)(2^L + 2) / 2."""
+    return ((1 << level) + 1) * ((1 << level) + 2) // 2
+
 
 METHOD = Method(
     title="DiffSoup",

@@ -5,49 +5,31 @@ barycentric lattice of eight numbers, seven features and an opacity, already thr
 MLP turns the features seen by a pixel and its view direction into a colour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.adapters.locate import in_bundle
-from msb.adapters.model import Content, Model, Options
-from msb.adapters.setting_sources import Settings
+from msb.adapters.locate import Place, in_bundle
+from msb.adapters.model import Content, Model, Options, Settings
 from msb.adapters.tensors import Tensors
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
 from msb.errors import finding
-from msb.methods.diffsoup import METHOD
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
+from msb.methods.diffsoup import FEATURES, LAYERS, METHOD, samples
 
 KEYS = ("Rmax", "V", "F", "feat_acc", "alpha_acc", "color_mlp")
-FEATURES = 7
 MAX_LEVEL = 8
 """The highest level of a lattice. Official runs end at level 5; level 8 has 33,153 samples a triangle."""
-DECODER: dict[str, tuple[int, ...]] = {
-    "mlp.0.weight": (16, 16),
-    "mlp.0.bias": (16,),
-    "mlp.2.weight": (16, 16),
-    "mlp.2.bias": (16,),
-    "mlp.4.weight": (3, 16),
-    "mlp.4.bias": (3,),
-}
+DECODER: dict[str, tuple[int, ...]] = {}
+for _layer, _shape in LAYERS.items():
+    DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
 """Key in the state dict of the colour MLP -> shape; a weight is [out, in]."""
 _PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
 """Layout -> near and far plane of the official evaluation, in scene units."""
 _BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}
-
-
-def samples(level: int) -> int:
-    """Return how many samples a lattice of `level` has: (2^L + 1)(2^L + 2) / 2."""
-    side = (1 << level) + 1
-    return side * (side + 1) // 2
 
 
 def recognises(content: Content) -> bool:
@@ -88,7 +70,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     layout = "colmap" if "flip_z" in tensors else "synthetic"
     settings = Settings("diffsoup", options.settings)
     settings.add("layout", layout, "checkpoint", place.file)
-    description = describe(settings, level, _up(values.get("up")), "sigmoid")
+    description = describe(settings, level, direction(values.get("up")), "sigmoid")
     size = {name: values.get(name[0].upper()) for name in ("width", "height")}
     if all(type(side) is int and 0 < side < 1 << 31 for side in size.values()):
         description = replace(description, training=size)
@@ -135,9 +117,10 @@ def describe(
     )
 
 
-def _up(value: Any) -> list[float] | None:
-    if isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.shape == (3,):
-        return [float(item) for item in value]
+def direction(value: Any) -> list[float] | None:
+    """Return a vector of three numbers, stored as an array or a list; None if it is none."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
     if isinstance(value, list | tuple) and len(value) == 3 and all(type(v) in (int, float) for v in value):
         return [float(item) for item in value]
     return None

@@ -3,31 +3,25 @@
 Layout: kenji-tojo/diffsoup at c74e35d (examples/06_export_web.py).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.adapters.model import Content, Model, Options
-from msb.adapters.setting_sources import Settings
+from msb.adapters.locate import Place
+from msb.adapters.model import Content, Model, Options, Settings
 from msb.asset.strict_json import MAX_BYTES, parse_strict_json
 from msb.base.files import read_file
-from msb.errors import CheckpointError, InputError, finding
+from msb.errors import CheckpointError, Finding, InputError, finding
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
-from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, domains, samples
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.errors import Finding
+from msb.methods.diffsoup import METHOD, samples
+from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, direction, domains
 
 MAX_WIDTH = 4096
 """Most texels in a row of a look-up texture."""
-WEIGHTS = {"W1": "mlp.0.weight", "b1": "mlp.0.bias", "W2": "mlp.2.weight", "b2": "mlp.2.bias"}
-WEIGHTS |= {"W3": "mlp.4.weight", "b3": "mlp.4.bias"}
+WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
 """Key in mlp_weights.json, a flat list, row-major [out][in] -> key of the state dict."""
 
 
@@ -37,7 +31,7 @@ def read(place: Place, content: Content, options: Options) -> Model:
     Features and opacity stay the bytes of the textures; they stand for value / 255.
     """
     folder = place.file.parent
-    for name in ("mesh.ply", "lut0.png", "lut1.png", "mlp_weights.json"):
+    for name in METHOD.bundle:
         if not (folder / name).is_file():
             text = f"{name} is missing; the web export of DiffSoup has it beside mesh.ply"
             raise CheckpointError("CHECKPOINT_FILE_MISSING", text, file=folder, pointer=name)
@@ -54,11 +48,8 @@ def read(place: Place, content: Content, options: Options) -> Model:
     settings = Settings("diffsoup", options.settings)
     white = meta.get("background") == [1, 1, 1]
     settings.add("layout", "synthetic" if white else "colmap", "config" if meta else "default")
-    up = meta.get("up")
-    up = up if isinstance(up, list) and len(up) == 3 and _are_numbers(up) else None
-    description = describe(settings, level, up, "lut")
-    names = ("mesh.ply", "lut0.png", "lut1.png", "mlp_weights.json", *(["meta.json"] if meta else []))
-    files = tuple(folder / name for name in names)
+    description = describe(settings, level, direction(meta.get("up")), "lut")
+    files = tuple(folder / name for name in (*METHOD.bundle, *(["meta.json"] if meta else [])))
     return Model(buffers, domains(buffers), description, place.root, files, tuple(warnings))
 
 

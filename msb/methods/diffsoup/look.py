@@ -4,29 +4,24 @@ Rules: kenji-tojo/diffsoup at c74e35d: src/cuda/rasterize.cu, multires.cu, encod
 python/diffsoup/rasterize.py; viewer/src/viewer.cpp (for `viewer`). How an image is formed: docs/diffsoup.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.settings import check_modes, effective_settings
 from msb.base.version import __version__
-from msb.methods.diffsoup.look_camera import diffsoup_matrices, pixel_centers
-from msb.methods.diffsoup.look_model import FEATURES, diffsoup_model
-from msb.methods.diffsoup.look_surface import surface_model
+from msb.cl import Buffer, Device, Program
+from msb.cl.kernel_text import Define
+from msb.methods.diffsoup import FEATURES
+from msb.methods.diffsoup.look_model import diffsoup_matrices, diffsoup_model, pixel_centers, surface_model
+from msb.registry import Order, Sampling
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Buffer, Device, Program
-    from msb.cl.kernel_text import Define
-    from msb.registry import Order, Sampling
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 __all__ = ["Pipeline", "surface_model"]
 
@@ -122,19 +117,13 @@ class Pipeline(OnDevice):
             self._scope.keep("lattice features", model.features, "appearance")
             self._scope.keep("lattice opacity", model.opacity, "appearance")
             self._scope.keep("decoder", model.decoder, "appearance")
-            defines: dict[str, Define] = {"TEXEL": "float", "TEXEL_SCALE": 1}
-            if model.features.dtype == np.uint8:
-                defines = {"TEXEL": "uchar", "TEXEL_SCALE": 255}
-            defines["ENGINE"] = sampling == "engine"
-            self._program: Program = (
-                self._device.program("diffsoup_cpu", defines, __package__)
-                if self._bands
-                else self._device.program(
-                    "diffsoup_gpu",
-                    {**defines, "GROUP": _RASTER_GROUP, "KEYS": self._passes == 1},
-                    __package__,
-                )
-            )
+            texel, scale = ("uchar", 255) if model.features.dtype == np.uint8 else ("float", 1)
+            engine = sampling == "engine"
+            defines: dict[str, Define] = {"TEXEL": texel, "TEXEL_SCALE": scale, "ENGINE": engine}
+            if not self._bands:
+                defines |= {"GROUP": _RASTER_GROUP, "KEYS": self._passes == 1}
+            name = "diffsoup_cpu" if self._bands else "diffsoup_gpu"
+            self._program: Program = self._device.program(name, defines, __package__)
 
     @in_turn
     def render(self, camera: Camera, background: tuple[float, float, float]) -> Frame:

@@ -1,22 +1,23 @@
-"""Check that an asset has what the lattice renderer needs, and prepare the arrays that go to the device."""
+"""The checked arrays of an asset and the matrices of a camera, for the renderers of the dedicated tier.
 
-from __future__ import annotations
+`look` draws in OpenCL; `surface_model` is for a z-buffer in hardware (diffsoup.wgsl).
+"""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable, require, required_buffer
+from msb.asset.planes import invert_projection
 from msb.errors import AssetError
+from msb.methods.diffsoup import FEATURES, LAYERS, samples
+from msb.render.surface import Surface
+from msb.scenes import Camera
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
-FEATURES = 7
-LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-"""Layer of the decoder -> shape of its weight, [out, in]."""
 THRESHOLD = 0.5
 MAX_LEVEL = 8
 """The highest level of a lattice, which has 33,153 samples at level 8."""
@@ -69,11 +70,11 @@ def diffsoup_model(asset: Asset, *, quantise: bool = False) -> DiffSoupModel:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
     check_drawable(asset)
-    faces, samples = asset.manifest.face_count, (2**level + 1) * (2**level + 2) // 2
+    faces = asset.manifest.face_count
     positions = required_buffer(asset, "positions", asset.manifest.vertex_count, 3)
     indices = required_buffer(asset, "indices", faces, 3)
-    features = required_buffer(asset, "features.lattice", faces, samples, FEATURES)
-    opacity = required_buffer(asset, "features.opacity", faces, samples)
+    features = required_buffer(asset, "features.lattice", faces, samples(level), FEATURES)
+    opacity = required_buffer(asset, "features.opacity", faces, samples(level))
     if features.dtype != opacity.dtype:
         text = f"features.lattice is {features.dtype}, but features.opacity {opacity.dtype}; both must be one"
         raise AssetError("TRIASSET_BUFFER", text, file=asset.path, pointer="/buffers/features.opacity")
@@ -99,3 +100,100 @@ def _always_opaque(opacity: NDArray[Any]) -> NDArray[np.uint8]:
     scale = 255 if opacity.dtype == np.uint8 else 1
     low, high = opacity.min(axis=1), opacity.max(axis=1)
     return np.asarray((low >= (THRESHOLD + _MARGIN) * scale) & (high <= 2 * scale), np.uint8)
+
+
+def diffsoup_matrices(
+    camera: Camera, layout: str, near: float, far: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return DiffSoup's MVP = P V and its inverse.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera, with OpenCV axes in both layouts.
+    layout : {"colmap", "synthetic"}
+        "colmap": V negates the camera's z, NDC y grows downwards, and cy enters with upstream's sign, the
+        opposite of the true one. "synthetic": V negates y and z, NDC y grows upwards; upstream has the
+        principal point in the middle, here it is honoured.
+    near, far : float
+        Camera depths, scene units, that become NDC -1 and 1.
+
+    Returns
+    -------
+    mvp, inverse : (4, 4) float32
+        Matrices for column vectors (x, y, z, 1); clip w is the camera's z.
+
+    Notes
+    -----
+    Formulas: kenji-tojo/diffsoup: examples/utils.py ("colmap", from a float32 K, in float32),
+    examples/02_synthetic.py ("synthetic", in double, then rounded). The product is summed from first to last,
+    as upstream's on a CPU. The inverse is taken in double and rounded: the last bits of upstream's float32
+    inverse depend on its linear algebra library.
+    """
+    real: Any = np.float32 if layout == "colmap" else np.float64
+    width, height, two, one = real(camera.width), real(camera.height), real(2), real(1)
+    fx, fy, cx, cy = real(camera.fx), real(camera.fy), real(camera.cx), real(camera.cy)
+    projection = np.zeros((4, 4), np.float32)
+    projection[0, 0] = two * fx / width
+    projection[1, 1] = two * fy / height
+    projection[0, 2] = one - two * (cx / width)
+    projection[1, 2] = two * (cy / height) - one
+    projection[3, 2] = -1
+    near, far = np.float64(near), np.float64(far)  # what cannot be divided is refused below
+    with np.errstate(all="ignore"):
+        projection[2, 2] = (far + near) / (near - far)
+        projection[2, 3] = 2 * far * near / (near - far)
+    signs = (1, 1, -1, 1) if layout == "colmap" else (1, -1, -1, 1)
+    view = (np.diag(signs) @ camera.world_to_camera).astype(np.float32)
+    with np.errstate(all="ignore"):
+        mvp = projection[:, :1] * view[0]
+        for k in range(1, 4):  # not @: a BLAS fuses and reorders
+            mvp = mvp + projection[:, k : k + 1] * view[k]
+    return mvp, invert_projection(mvp, near, far)
+
+
+def pixel_centers(size: int, padded: int) -> NDArray[np.float32]:
+    """Return the NDC coordinates of the centres of `size` pixels, then zeros; (padded,) in all."""
+    centers = np.zeros(padded, np.float32)
+    centers[:size] = np.float32(-1) + np.float32(2) * (
+        np.arange(size, dtype=np.float32) + np.float32(0.5)
+    ) / np.float32(size)
+    return centers
+
+
+def surface_model(asset: Asset, settings: Mapping[str, Any]) -> Surface:
+    """Return `asset` as diffsoup.wgsl takes it."""
+    model = diffsoup_model(asset)
+    layout, near, far = settings["layout"], settings["z_near"], settings["z_far"]
+
+    def projection(camera: Camera) -> NDArray[np.float32]:
+        return diffsoup_matrices(camera, layout, near, far)[0]
+
+    return Surface(
+        program="diffsoup",
+        package=__package__,
+        positions=model.positions,
+        coverage=model.opaque.astype(np.float32)[:, None],
+        near=near,
+        far=far,
+        own={"flip": np.uint32(layout == "synthetic")},
+        indices=model.indices,
+        opacity=model.opacity,
+        features=model.features,
+        decoder=_blocks(model.decoder),
+        level=model.level,
+        projection=projection,
+    )
+
+
+def _blocks(decoder: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return weights as 4 x 4 matrices, output block by output block, column by column; then all biases."""
+    weights, biases, first = [], [], 0
+    for outputs, inputs in LAYERS.values():
+        padding = -outputs % 4
+        last = first + outputs * inputs
+        weight = np.pad(decoder[first:last].reshape(outputs, inputs), ((0, padding), (0, 0)))
+        weights.append(weight.reshape(-1, 4, inputs // 4, 4).transpose(0, 2, 3, 1).ravel())
+        first = last + outputs
+        biases.append(np.pad(decoder[last:first], (0, padding)))
+    return np.concatenate(weights + biases)

@@ -1,22 +1,17 @@
 """What DiffSoup's own exporter writes: a folder for its web viewer."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.base.atomic import new_folder
 from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
 
 SUFFIXES = ("",)
 """The suffix of a folder."""

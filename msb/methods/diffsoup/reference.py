@@ -4,33 +4,27 @@ Sources, at c74e35d of kenji-tojo/diffsoup: src/cuda/rasterize.cu, multires.cu, 
 python/diffsoup/rasterize.py; examples/01_mip360.py, 02_synthetic.py (test loops), 06_export_web.py (bytes).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import required_buffer
+from msb.asset.planes import invert_projection
 from msb.asset.sh import SH_C0, sh_basis
 from msb.errors import AssetError
-from msb.methods.diffsoup.reference_camera import diffsoup_projection
-from msb.reference.arithmetic import Reals, dot, norm, sigmoid, transform
+from msb.methods.diffsoup import FEATURES, LAYERS, samples
+from msb.reference.arithmetic import Reals, dot, matrix_product, norm, sigmoid, transform
 from msb.reference.frame import ReferenceFrame
+from msb.reference.tiles import Modes
+from msb.scenes import Camera
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
-
-FEATURES = 7
 OPACITY_THRESHOLD = 0.5
 BLEND_FEATURE = 3
 """The feature that weighs the decoder's colour against the base colour, features 0 to 2."""
-LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-"""Layer of the decoder -> shape of its weight, [out, in]."""
 MAX_LEVEL = 16
 _TOGETHER = 1 << 18
 """Pixels of the boxes of several faces that are looked at together."""
@@ -110,18 +104,58 @@ def render(
     )
 
 
+def diffsoup_projection(
+    camera: Camera, layout: str, near: float, far: float, dtype: type[Any]
+) -> tuple[Reals, Reals]:
+    """Return DiffSoup's MVP and its inverse, (4, 4) each, for column vectors.
+
+    Parameters
+    ----------
+    layout : {"colmap", "synthetic"}
+        "colmap": NDC y grows downwards, and the vertical principal point enters with upstream's sign, the
+        opposite of the true one. "synthetic": NDC y grows upwards; upstream centres the principal point,
+        here it is honoured.
+    near, far : float
+        Camera depths that become NDC -1 and 1.
+
+    Notes
+    -----
+    P = [2fx/W 0 1-2cx/W 0; 0 2fy/H 2cy/H-1 0; 0 0 (f+n)/(n-f) 2fn/(n-f); 0 0 -1 0] and MVP = P V in `dtype`.
+
+    "colmap" (kenji-tojo/diffsoup: examples/utils.py): V is W with its z row negated; P is computed in float32
+    from a float32 K. "synthetic" (examples/02_synthetic.py): V is W with its y and z rows negated; P is
+    computed in double and rounded. The inverse is taken in double and rounded, since the last bits of
+    upstream's float32 inverse depend on the linear algebra library.
+    """
+    real = dtype if layout == "colmap" else np.float64
+    width, height, two = real(camera.width), real(camera.height), real(2)
+    fx, fy, cx, cy = real(camera.fx), real(camera.fy), real(camera.cx), real(camera.cy)
+    projection = np.zeros((4, 4), dtype)
+    projection[0, 0] = two * fx / width
+    projection[1, 1] = two * fy / height
+    projection[0, 2] = real(1) - two * (cx / width)
+    projection[1, 2] = two * (cy / height) - real(1)
+    near, far = np.float64(near), np.float64(far)  # what cannot be divided is refused below
+    projection[2, 2] = (far + near) / (near - far)
+    projection[2, 3] = (2 * far * near) / (near - far)
+    projection[3, 2] = -1
+    signs = (1, 1, -1, 1) if layout == "colmap" else (1, -1, -1, 1)
+    view = (np.diag(signs) @ camera.world_to_camera).astype(dtype)
+    mvp = matrix_product(projection, view)
+    return mvp, invert_projection(mvp, near, far)
+
+
 def lattices(asset: Asset, dtype: type[Any]) -> tuple[int, Reals, Reals]:
     """Return the lattices' level, features (F, S, 7) and opacity (F, S); web export's bytes are v / 255."""
     level, count = asset.manifest.appearance.get("level"), asset.manifest.face_count
     if type(level) is not int or not 0 <= level <= MAX_LEVEL:
         text = f"appearance.level is {level!r:.40}; it must be an integer from 0 to {MAX_LEVEL}"
         raise AssetError("TRIASSET_FIELD", text, file=asset.path, pointer="/appearance/level")
-    samples = (2**level + 1) * (2**level + 2) // 2
     lattice, opacity = (
         array.astype(dtype) / dtype(255) if array.dtype == np.uint8 else array.astype(dtype, copy=False)
         for array in (
-            required_buffer(asset, "features.lattice", count, samples, FEATURES),
-            required_buffer(asset, "features.opacity", count, samples),
+            required_buffer(asset, "features.lattice", count, samples(level), FEATURES),
+            required_buffer(asset, "features.opacity", count, samples(level)),
         )
     )
     return level, lattice, opacity

@@ -1,9 +1,7 @@
 """Gaussian Frosting: Gaussians in a layer on a mesh; shown as that mesh with the texture they give."""
 
-from __future__ import annotations
-
 from msb.methods.sugar import PHOTOGRAPHS
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import Rules
 
 METHOD = extracted_mesh(

@@ -1,8 +1,6 @@
 """Gaussian Wrapping: oriented Gaussians, shown as the mesh around them, with colours at its vertices."""
 
-from __future__ import annotations
-
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FULL_SIZE, Rules
 
 METHOD = extracted_mesh(

@@ -1,8 +1,6 @@
 """Any mesh that came from elsewhere."""
 
-from __future__ import annotations
-
-from msb.registry.declare import NO_APPEARANCE, Method
+from msb.registry import NO_APPEARANCE, Method
 
 METHOD = Method(
     title="mesh",

@@ -1,13 +1,9 @@
 """Read any other mesh file; files of the methods' own exporters are among them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
-from msb.adapters.locate import is_named
-from msb.adapters.model import Content, Model, Options, background_of
-from msb.adapters.setting_sources import Settings
+from msb.adapters.locate import Place, is_named
+from msb.adapters.model import Content, Model, Options, Settings, background_of
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
@@ -16,9 +12,6 @@ from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 from msb.meshes.mesh import left_out_finding
 from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
 
 
 def recognises(content: Content) -> bool:

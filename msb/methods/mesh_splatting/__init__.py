@@ -1,8 +1,6 @@
 """MeshSplatting: triangles that share vertices, in the end nearly opaque."""
 
-from __future__ import annotations
-
-from msb.registry.declare import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
+from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(

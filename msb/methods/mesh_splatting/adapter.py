@@ -4,16 +4,14 @@ Layout: meshsplatting/mesh-splatting at 608e5d0 (scene/triangle_model.py, create
 vertex; sigma is global. Its sibling Triangle Splatting+ lacks `pixel_count` alone and is read here, too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance
-from msb.adapters.setting_sources import Settings
+from msb.adapters.locate import Place
+from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
@@ -22,9 +20,6 @@ from msb.asset.sh import SH_C0
 from msb.errors import CheckpointError, about
 from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
 _FLOOR_OF_MESHES = 0.9999
@@ -42,12 +37,7 @@ def shares_vertices(content: Content) -> bool:
     return isinstance(value, dict) and bool({"_triangle_indices", "vertex_weight"} & value.keys())
 
 
-def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`."""
-    return read_as("mesh_splatting", place, content, options)
-
-
-def read_as(method: str, place: Place, content: Content, options: Options) -> Model:
+def read(place: Place, content: Content, options: Options, method: str = "mesh_splatting") -> Model:
     """Return the model at `place` as one of `method`, which has this layout.
 
     The opacity of a vertex is floor + (1 - floor) sigmoid(logit). The floor is not stored: it is what the

@@ -1,24 +1,18 @@
 """MeshSplatting on the dedicated tier: settings and activations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
 from msb.render.splat.model import Model, rim
 from msb.render.splat.view import Culling
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
-    Settings = Mapping[str, Any]
-
-
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     floor, scale = settings["opacity_floor"], settings["supersample"]

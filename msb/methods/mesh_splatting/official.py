@@ -1,21 +1,15 @@
 """What MeshSplatting's own exporter writes: a PLY with vertex RGBA."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from msb.adapters.official import rounded_bytes
+from msb.asset import Asset
 from msb.asset.look import baked_colors
 from msb.base.atomic import new_file
 from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
 
 SUFFIXES = (".ply",)
 

@@ -5,13 +5,12 @@ triangle_renderer/__init__.py (supersampling); meshsplatting/diff-triangle-mesh-
 cuda_rasterizer/forward.cu.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.reference.arithmetic import Reals, transform
 from msb.reference.blend import Layers, Rule, composite, expected_depth
 from msb.reference.camera_matrices import SplattingCamera, splatting_camera
@@ -19,18 +18,23 @@ from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_s
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import opacities, sh_coefficients
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
+from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
+from msb.scenes import Camera
 
 TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
 MAX_ALPHA = 0.999
 MARGIN = 5
 """Samples by which a face's tiles reach beyond its corners."""
 _RULE = Rule(blends_crossing=False, weight_first=False)
+
+
+def corner_tiles(windows: Windows, _opacity: Reals, _sigma: Reals, view: SplattingCamera) -> Rectangles:
+    """Return the tiles of the box around the corners, 5 samples wider on each side."""
+    margin = windows.corners.dtype.type(MARGIN)
+    grid = grid_size(view.width, view.height)
+    low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
+    high = tile_number(np.ceil((windows.corners + margin) / TILE), grid).max(axis=1)
+    return Rectangles(low, high)
 
 
 def render(
@@ -40,29 +44,15 @@ def render(
     settings: Mapping[str, Any],
     dtype: type[Any],
     modes: Modes,
-) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`."""
-    return form_image(
-        asset, camera, background, settings, dtype, modes, max_alpha=MAX_ALPHA, flat_depth=False
-    )
-
-
-def form_image(
-    asset: Asset,
-    camera: Camera,
-    background: Reals,
-    settings: Mapping[str, Any],
-    dtype: type[Any],
-    modes: Modes,
     *,
-    max_alpha: float,
-    flat_depth: bool,
-    tiles_of: TilesOf | None = None,
+    max_alpha: float = MAX_ALPHA,
+    flat_depth: bool = False,
+    tiles_of: TilesOf = corner_tiles,
 ) -> ReferenceFrame:
-    """Return `asset` seen by `camera`, as MeshSplatting or Triangle Splatting+ has it.
+    """Return `asset` seen by `camera`; see `render_reference`. The defaults are MeshSplatting's.
 
     `max_alpha` caps alpha. With `flat_depth` a face has the depth of its centroid everywhere, otherwise that
-    of its corners is interpolated. `tiles_of` gives the tiles of faces, `corner_tiles` if it is not given.
+    of its corners is interpolated. `tiles_of` gives the tiles of faces.
     """
     samples = settings["supersample"]
     view = splatting_camera(camera, NEAR, FAR, dtype, samples)
@@ -77,12 +67,10 @@ def form_image(
     color = colors_from_sh(coefficients, positions, view.center, settings["sh_degree"])[indices]
     depth = transform(view.world_to_camera[:3], positions)[:, 2][indices]
     shapes = project_shapes(positions[indices], view, modes)
-    if not isinstance(shapes, Windows):
-        rectangles = shapes.rectangles
-    elif tiles_of is None:
-        rectangles = corner_tiles(shapes, view)
-    else:
+    if isinstance(shapes, Windows):
         rectangles = tiles_of(shapes, opacity, sigma, view)
+    else:
+        rectangles = shapes.rectangles
     kept = ~(shapes.dropped | (opacity < dtype(MIN_OPACITY)) | rectangles.empty)
 
     def cover(chosen: Integers, x: Reals, y: Reals) -> Reals:
@@ -128,15 +116,6 @@ def form_image(
             "radii": np.where(kept, np.ceil(shapes.radius), 0).astype(np.int32),
         },
     )
-
-
-def corner_tiles(windows: Windows, view: SplattingCamera) -> Rectangles:
-    """Return the tiles of the box around the corners, 5 samples wider on each side."""
-    margin = windows.corners.dtype.type(MARGIN)
-    grid = grid_size(view.width, view.height)
-    low = tile_number(np.floor((windows.corners - margin) / TILE), grid).min(axis=1)
-    high = tile_number(np.ceil((windows.corners + margin) / TILE), grid).max(axis=1)
-    return Rectangles(low, high)
 
 
 def box_mean(raster: Reals, size: int) -> Reals:

@@ -1,8 +1,6 @@
 """MILo: Gaussians whose mesh is trained along with them; shown as that mesh, with colours at its vertices."""
 
-from __future__ import annotations
-
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FULL_SIZE, Rules
 
 METHOD = extracted_mesh(

@@ -1,8 +1,6 @@
 """SuGaR: Gaussians on a mesh; shown as that mesh with the texture that their renderings give."""
 
-from __future__ import annotations
-
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 from msb.scenes.datasets.rules import FAMILY, Photographs, Rules
 
 PHOTOGRAPHS = {

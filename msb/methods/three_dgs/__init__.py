@@ -1,8 +1,6 @@
 """3DGS: recognised, and refused with the reason."""
 
-from __future__ import annotations
-
-from msb.registry.declare import OTHER_LPIPS, TIERS, Method
+from msb.registry import OTHER_LPIPS, TIERS, Method
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(

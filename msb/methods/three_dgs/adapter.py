@@ -1,15 +1,11 @@
 """3DGS: recognised, and refused with the reason; its primitives are Gaussians."""
 
-from __future__ import annotations
+from typing import NoReturn
 
-from typing import TYPE_CHECKING, NoReturn
-
+from msb.adapters.locate import Place
+from msb.adapters.model import Content, Options
 from msb.errors import Unsupported
 from msb.registry import METHODS
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.adapters.model import Content, Options
 
 _CAPTURED = 12
 """Items of the tuple that its training captures in chkpntN.pth (graphdeco-inria/gaussian-splatting)."""

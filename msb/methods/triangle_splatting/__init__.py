@@ -1,8 +1,6 @@
 """Triangle-Splatting: soups of triangles whose weight falls off from the incentre to the edges."""
 
-from __future__ import annotations
-
-from msb.registry.declare import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
+from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 METHOD = Method(

@@ -4,19 +4,12 @@ Layout: trianglesplatting/triangle-splatting at 685ff27 (scene/triangle_model.py
 triangle with one opacity logit, one sigma and one set of SH coefficients.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from msb.adapters.model import Content, Model, Options, domains_of, sh_appearance, soup_buffers
-from msb.adapters.setting_sources import Settings
+from msb.adapters.locate import Place
+from msb.adapters.model import Content, Model, Options, Settings, domains_of, sh_appearance, soup_buffers
 from msb.adapters.tensors import Tensors
 from msb.adapters.training_config import read_cfg_args, trained_up, training_of
 from msb.asset import Description
 from msb.asset.manifest import CoordinateFrame
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
 
 KEYS = ("triangles_points", "features_dc", "features_rest", "opacity", "sigma", "active_sh_degree")
 _NOT_OURS = {"_triangle_indices", "vertex_weight"}

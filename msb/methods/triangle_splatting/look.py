@@ -1,24 +1,18 @@
 """Triangle-Splatting on the dedicated tier: settings and activations."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.activation import exponential, sigmoid
 from msb.asset.drawable import require, required_buffer
 from msb.render.splat.model import Model, contour, rim, soup_positions
 from msb.render.splat.view import Culling
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
-    Settings = Mapping[str, Any]
-
-
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     require(asset, "coverage", "sigma_encoding", "exp")

@@ -1,21 +1,14 @@
 """What Triangle-Splatting's own exporter writes: COFF with merged vertices and face colours."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.activation import rest_coefficients
 from msb.asset.sh import SH_C0, sh_basis
 from msb.base.atomic import new_file
 from msb.meshes.writing import write_rows
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
 
 SUFFIXES = (".off",)
 
@@ -29,7 +22,10 @@ def write(asset: Asset, path: Path) -> None:
     triangles = positions.reshape(-1, 3, 3)
     directions = triangles.mean(axis=1, dtype=np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    colors = _evaluate_sh(asset, directions, degree=asset.manifest.sh_degree) + np.float32(0.5)
+    colors = np.float32(SH_C0) * asset.buffers["f_dc"]
+    for number, value in enumerate(sh_basis(directions, asset.manifest.sh_degree)):
+        colors = colors + value[:, None] * rest_coefficients(asset)[:, number]
+    colors = colors + np.float32(0.5)
     levels = (np.clip(colors, 0, 1) * np.float32(255)).astype(np.uint8)
     vertices, index = np.unique(positions, axis=0, return_inverse=True)
     faces = index.reshape(-1, 3)
@@ -38,16 +34,3 @@ def write(asset: Asset, path: Path) -> None:
         file.write(f"COFF\n{len(vertices)} {len(faces)} 0\n".encode())
         write_rows(file, "%r %r %r", vertices.astype(np.float64))
         write_rows(file, "%d %d %d %d %d %d %d %d", rows)
-
-
-def _evaluate_sh(asset: Asset, directions: NDArray[np.float32], degree: int) -> NDArray[np.float32]:
-    """Return the sum (n, 3) of the harmonics up to `degree`, without the 0.5 that makes it a colour.
-
-    `directions` (n, 3) are unit vectors from the camera to the primitive, in world axes.
-    """
-    total = np.float32(SH_C0) * asset.buffers["f_dc"]
-    if degree > 0:
-        rest = rest_coefficients(asset)
-        for number, value in enumerate(sh_basis(directions, degree)):
-            total = total + value[:, None] * rest[:, number]
-    return np.asarray(total)

@@ -5,13 +5,12 @@ triangle_renderer/__init__.py; trianglesplatting/diff-triangle-rasterization at 
 cuda_rasterizer/forward.cu.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.asset.drawable import require, required_buffer
 from msb.reference.arithmetic import Reals, centroid, exponential, fast_power, norm
 from msb.reference.blend import Layers, Rule, composite, expected_depth
@@ -20,12 +19,8 @@ from msb.reference.edge_window import FAR, MIN_OPACITY, NEAR, Windows, project_s
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import number, opacities, sh_coefficients, triangles
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
+from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
+from msb.scenes import Camera
 
 MAX_ALPHA = 0.99
 MIN_DETERMINANT = 1e-3

@@ -1,7 +1,5 @@
 """Triangle Splatting+: MeshSplatting's older sibling, of the same layout and nearly the same look."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from msb.methods.mesh_splatting import METHOD as SIBLING

@@ -4,24 +4,16 @@ Layout: trianglesplatting2/triangle-splatting2 at fcde03d (scene/triangle_model.
 for the missing counts; its loader imposes an opacity floor of 0.9999.
 """
 
-from __future__ import annotations
+from functools import partial
 
-from typing import TYPE_CHECKING
+from msb.adapters.model import Content
+from msb.methods.mesh_splatting import adapter as sibling
 
-from msb.methods.mesh_splatting.adapter import KEYS, read_as, shares_vertices
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.adapters.model import Content, Model, Options
-
-__all__ = ["KEYS", "read", "recognises"]
+KEYS = sibling.KEYS
+read = partial(sibling.read, method="triangle_splatting_plus")
+"""Return the model at a place, as MeshSplatting's adapter does; a mesh file as that re-imports one."""
 
 
 def recognises(content: Content) -> bool:
     """Return whether `content` is a state dict with shared vertices, without counts of pixels."""
-    return shares_vertices(content) and "pixel_count" not in content.value
-
-
-def read(place: Place, content: Content, options: Options) -> Model:
-    """Return the model at `place`; a mesh file as MeshSplatting re-imports one."""
-    return read_as("triangle_splatting_plus", place, content, options)
+    return sibling.shares_vertices(content) and "pixel_count" not in content.value

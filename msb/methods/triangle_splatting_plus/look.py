@@ -1,23 +1,17 @@
 """Triangle Splatting+ on the dedicated tier: MeshSplatting's kernels with their `PLUS` defined."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.asset import Asset
 from msb.methods.mesh_splatting import look
 from msb.render.splat.model import Model, contour
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
 
-    Settings = Mapping[str, Any]
-
-
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     model = look.splat_model(asset, settings)
     shrunk = contour(model.coverage[:, 0], np.float32(settings["sigma"]))

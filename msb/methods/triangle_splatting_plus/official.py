@@ -3,8 +3,6 @@
 trianglesplatting2/triangle-splatting2 at fcde03d: create_ply.py.
 """
 
-from __future__ import annotations
-
 from msb.methods.mesh_splatting.official import SUFFIXES, write
 
 __all__ = ["SUFFIXES", "write"]

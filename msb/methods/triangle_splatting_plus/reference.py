@@ -5,41 +5,9 @@ triangle_renderer/__init__.py, render.py (supersampling); trianglesplatting2/dif
 42e62aa: cuda_rasterizer/forward.cu.
 """
 
-from __future__ import annotations
+from functools import partial
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
-
-from msb.methods.mesh_splatting.reference import form_image
+from msb.methods.mesh_splatting import reference as mesh_splatting
 from msb.methods.triangle_splatting.reference import contour_tiles
 
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.arithmetic import Reals
-    from msb.reference.frame import ReferenceFrame
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
-
-MAX_ALPHA = 0.99
-
-
-def render(
-    asset: Asset,
-    camera: Camera,
-    background: Reals,
-    settings: Mapping[str, Any],
-    dtype: type[Any],
-    modes: Modes,
-) -> ReferenceFrame:
-    """Return `asset` seen by `camera`; see `render_reference`."""
-    return form_image(
-        asset,
-        camera,
-        background,
-        settings,
-        dtype,
-        modes,
-        max_alpha=MAX_ALPHA,
-        flat_depth=True,
-        tiles_of=contour_tiles,
-    )
+render = partial(mesh_splatting.render, max_alpha=0.99, flat_depth=True, tiles_of=contour_tiles)

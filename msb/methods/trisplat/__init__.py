@@ -1,8 +1,6 @@
 """TriSplat: a network that gives triangles for a few photographs; shown as the mesh it exports."""
 
-from __future__ import annotations
-
-from msb.registry.declare import extracted_mesh
+from msb.registry import extracted_mesh
 
 METHOD = extracted_mesh(
     "TriSplat mesh",

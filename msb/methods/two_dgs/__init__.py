@@ -1,10 +1,8 @@
 """2DGS: shown as the mesh that its TSDF fusion extracts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
-from msb.registry.declare import OTHER_LPIPS, extracted_mesh
+from msb.registry import OTHER_LPIPS, extracted_mesh
 from msb.scenes.datasets.rules import FAMILY, Rules
 
 _RULES = Rules(

@@ -3,18 +3,12 @@
 Layout: hbb1/2d-gaussian-splatting at 1920a23 (render.py, utils/mesh_utils.py).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from msb.adapters.locate import FUSED
+from msb.adapters.locate import FUSED, Place
+from msb.adapters.model import Content, Model, Options
 from msb.errors import CheckpointError
 from msb.methods.mesh import adapter as mesh
-
-if TYPE_CHECKING:
-    from msb.adapters.locate import Place
-    from msb.adapters.model import Content, Model, Options
 
 
 def recognises(content: Content) -> bool:

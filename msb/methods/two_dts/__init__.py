@@ -1,10 +1,8 @@
 """2DTS: soups of triangles whose weight falls off as a Gaussian of an eccentricity, sorted and blended."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
-from msb.registry.declare import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
+from msb.registry import AWARE, BAKED, BAKED_DC, BLENDED, SH_DEGREE, Method, Native, Retained, Setting
 from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM
 from msb.scenes.datasets.rules import Photographs, Rules

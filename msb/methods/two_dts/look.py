@@ -1,24 +1,18 @@
 """2DTS on the dedicated tier: settings and activations."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.activation import sigmoid
 from msb.asset.drawable import require, required_buffer
 from msb.render.splat.model import CLIPPED, Model, soup_positions
 from msb.render.splat.view import Culling
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
-    Settings = Mapping[str, Any]
 
 _CHUNK = 1 << 16
 
@@ -50,7 +44,7 @@ def reach(opacity: NDArray[np.float32], gamma: float) -> NDArray[np.float32]:
     return np.where(squared > 0, np.minimum(limit, 10), -1).astype(np.float32)
 
 
-def splat_model(asset: Asset, settings: Settings) -> Model:
+def splat_model(asset: Asset, settings: Mapping[str, Any]) -> Model:
     """Return `asset` as the kernels take it; errors as `make_model`."""
     require(asset, "opacity", "encoding", "logit")
     positions = soup_positions(asset)

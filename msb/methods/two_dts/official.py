@@ -1,24 +1,18 @@
 """What 2DTS's own exporter writes: GLB with vertex RGBA, PLY with face RGBA, by trimesh."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.adapters.official import rounded_bytes
+from msb.asset import Asset
 from msb.asset.activation import sigmoid
 from msb.asset.look import baked_colors, stored_threshold, visible_faces
 from msb.base.atomic import new_file
 from msb.meshes.files import write_mesh
 from msb.meshes.formats import Style
 from msb.meshes.mesh import Mesh
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-
 
 SUFFIXES = (".glb", ".ply")
 

@@ -5,15 +5,14 @@ gamma rescale, threshold, up-scaling), submodules/diff-triangle-rasterization-2D
 src/auxiliary.h (everything per triangle and per sample).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.reference.arithmetic import (
     Reals,
     centroid,
@@ -33,12 +32,8 @@ from msb.reference.engine import project_engine
 from msb.reference.frame import ReferenceFrame
 from msb.reference.parameters import opacities, sh_coefficients, triangles
 from msb.reference.sh import colors_from_sh
-from msb.reference.tiles import TILE, Integers, Rectangles, grid_size, tile_number
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.reference.tiles import Modes
-    from msb.scenes import Camera
+from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, tile_number
+from msb.scenes import Camera
 
 NEAR, FAR = 1.0, 1000.0
 EPS = 1e-8

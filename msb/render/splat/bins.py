@@ -4,19 +4,15 @@ The host reads two counts only: how many primitives are listed, and how many ent
 which decides how much memory the lists need.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from msb.cl import Buffer, Device, Program
 from msb.cl.scan import MOST, chunks_of, exclusive_scan
 from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from msb.cl import Buffer, Device, Program
-    from msb.registry import Order
+from msb.registry import Order
 
 LANES = {"cpu": 8, "gpu": 1}
 """Number of faces, or samples of a row, that a work-item takes at once; PoCL crashes with 16

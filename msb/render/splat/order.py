@@ -6,24 +6,19 @@ lie together. The order cannot be seen from outside: faces keep their numbers, a
 blended in the order of the asset.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.cl import Buffer, Device, Program
 from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
+from msb.render.backend import Group
+from msb.render.device_scope import DeviceScope
 from msb.render.splat.bins import LANES, WORK_GROUP
-
-if TYPE_CHECKING:
-    from msb.cl import Buffer, Device, Program
-    from msb.render.backend import Group
-    from msb.render.device_scope import DeviceScope
 
 FACE_GROUP = 64
 """Faces in a group with a common bounding sphere."""

@@ -3,19 +3,22 @@
 docs/dedicated.md describes the stages and their cost, `msb.render.splat.model` what differs between methods.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import check_modes, effective_settings
 from msb.base.version import __version__
+from msb.cl import Buffer, Device, Program
+from msb.cl.kernel_text import Define
+from msb.cl.programs import Kernel
+from msb.registry import Order, Sampling
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame, chosen_extras
@@ -23,14 +26,7 @@ from msb.render.splat.bins import LANES, SETTLED, WORK_GROUP, DepthSort, Project
 from msb.render.splat.model import ENGINE_NEAR, make_model, sh_buffers
 from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Buffer, Device, Program
-    from msb.cl.kernel_text import Define
-    from msb.cl.programs import Kernel
-    from msb.registry import Order, Sampling
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 _CHUNK = {"cpu": 4096, "gpu": 1}
 """Number of faces that a work-item projects: on a CPU enough to fill its queues, yet few enough to give many

@@ -1,19 +1,15 @@
 """The record of a camera for the splatting kernels; `View` in splat_common.cl has the same layout."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.scenes import Camera
 from msb.scenes.poses import rigid_inverse
-
-if TYPE_CHECKING:
-    from msb.scenes import Camera
 
 TILE = 16
 

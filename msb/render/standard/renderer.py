@@ -1,27 +1,23 @@
 """The standard tier: an opaque, z-buffered, unlit mesh, drawn by OpenCL on a CPU or a GPU."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.drawable import check_drawable
 from msb.asset.settings import effective_settings
 from msb.base.version import __version__
+from msb.cl import Buffer, Device
 from msb.render.backend import Drawn
 from msb.render.device_scope import DeviceScope, OnDevice, in_turn
 from msb.render.frame import Frame
 from msb.render.standard.supersampling import box_filter, box_mean, checked_supersample, enlarged
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, SUBPIXEL_BITS, make_triangles
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Buffer, Device
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
 _UNITS = 1 << SUBPIXEL_BITS
 """Steps per pixel of the grid that corners are snapped to."""

@@ -1,19 +1,15 @@
 """Supersampling, the option of the standard tier: many samples a pixel."""
 
-from __future__ import annotations
-
 import operator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.errors import UsageError
-
-if TYPE_CHECKING:
-    from msb.render.frame import Frame
-    from msb.scenes import Camera
+from msb.render.frame import Frame
+from msb.scenes import Camera
 
 MAX_SUPERSAMPLE = 16
 

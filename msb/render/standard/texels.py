@@ -1,18 +1,14 @@
 """An asset's textures on the device: every level of every texture in one buffer, and where each lies."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, ROUNDING, Sampler, Textured, level_sizes, levels_read
+from msb.cl import Buffer, Device
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from msb.cl import Buffer, Device
 
 _FIRST_ROW, _TEXTURE_ROWS = 2, 5
 """Rows before those of textures, and rows of a texture; zbuffer_texture.cl says what they hold."""

@@ -1,22 +1,17 @@
 """An asset's triangles on the device, made once, as the z-buffer's kernels read them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import StaticColors, corner_tint, drawn_colors, shown_faces, tint_of
 from msb.asset.texture import textures_of
-from msb.cl import sort_pairs
+from msb.cl import Buffer, Device, sort_pairs
 from msb.render.standard.texels import Texels, put_texels
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.cl import Buffer, Device
 
 SUBPIXEL_BITS = 12
 """Bits of the grid that corners are snapped to: 1/4096 pixel."""

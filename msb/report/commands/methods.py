@@ -1,17 +1,13 @@
 """`msb methods`: what each method has, and what each tier keeps of it, printed from `msb.registry`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from msb.base.option import Option
 from msb.cli.command import command
 from msb.cli.output import JsonOutput, echo
-
-if TYPE_CHECKING:
-    from msb.report.table import Table
+from msb.report.table import Table
 
 TableRows = list[tuple[str, ...]]
 

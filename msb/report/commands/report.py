@@ -1,22 +1,18 @@
 """`msb report`: tables, figures, findings and pages from result records."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, cast
+from typing import Annotated, Literal, cast
 
 from msb.base.extras import need_extra
 from msb.base.option import Argument, Option
+from msb.bench.records import Result
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo
 from msb.errors import InputError, MsbError, UsageError, shorten
-
-if TYPE_CHECKING:
-    from msb.bench.records import Result
-    from msb.report.report import Report
-    from msb.report.results import Place
-    from msb.report.writers import Format, Printed
+from msb.report.report import Report
+from msb.report.results import Place
+from msb.report.writers import Format, Printed
 
 _FOLDER = "report"
 _MOST_FACES = 300_000

@@ -1,7 +1,5 @@
 """`msb submit`: results made fit to be published."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,11 +1,9 @@
 """The tables on the page of one asset and scene, and what they were measured on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS, SCENES
+from msb.bench.records import Memory, Result
 from msb.report.collect import WALK
 from msb.report.layout import line, make_table, number_cell
 from msb.report.metric_format import text, title_with_unit
@@ -19,14 +17,11 @@ from msb.report.numbers import (
     method_title,
 )
 from msb.report.paper import methods_in, paper_row
+from msb.report.results import Place
 from msb.report.table import Cell, Column, Row, Table
 from msb.report.tables.bakes import scene_bakes_table, scene_split_table
 from msb.report.tables.gaps import scene_gaps_table
 from msb.report.tables.measured import DRIVER_NOTE, STRUCTURE_NOTES, connectivity_columns
-
-if TYPE_CHECKING:
-    from msb.bench.records import Memory, Result
-    from msb.report.results import Place
 
 _TIMES = ("fps", "p50_ms", "p95_ms", "memory", "asset_size")
 _BYTES = ("geometry", "appearance", "scratch", "targets", "total")

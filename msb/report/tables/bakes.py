@@ -1,26 +1,28 @@
 """Tables of bakes: what plain assets made of the models reach and cost, and what the loss is made of."""
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from msb.bench.records import BAKED
-from msb.bench.split import STEPS, StepName
+from msb.bench.split import STEPS, Split, StepName
 from msb.report.layout import number_cell
 from msb.report.metric_format import title, title_with_unit
-from msb.report.numbers import MEAN, QUALITY, Key, SplitKey, condition_title, dataset_title, method_title
+from msb.report.numbers import (
+    MEAN,
+    QUALITY,
+    Key,
+    Number,
+    Numbers,
+    SplitKey,
+    condition_title,
+    dataset_title,
+    method_title,
+)
+from msb.report.results import Place
 from msb.report.safe_names import slug
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.tables.gaps import absent_cell, gap_cell
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from msb.bench.split import Split
-    from msb.report.numbers import Number, Numbers
-    from msb.report.results import Place
 
 STEP_TITLES: dict[StepName, str] = {"colors": "Colours", "faces": "Faces", "blending": "Blending"}
 SPLIT_NOTES = (

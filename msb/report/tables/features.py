@@ -1,7 +1,5 @@
 """The two feature matrices, made from `msb.registry`."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 from msb.registry import METHODS, Method, Native, Tier

@@ -1,9 +1,6 @@
 """Tables of what deployment costs: the three gaps, and frame rates against each other."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from msb.bench.aggregate import METRICS
 from msb.bench.gaps import PAIRS, Gap, GapName
@@ -22,11 +19,9 @@ from msb.report.numbers import (
     dataset_title,
     method_title,
 )
+from msb.report.results import Place
 from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
-
-if TYPE_CHECKING:
-    from msb.report.results import Place
 
 REASONS = {
     "failed": "a run failed",

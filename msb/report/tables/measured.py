@@ -1,7 +1,5 @@
 """Tables of what was measured: image quality, device time and memory, and the structure of meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 from msb.bench.aggregate import METRICS, scene_groups

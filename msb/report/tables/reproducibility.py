@@ -1,7 +1,5 @@
 """How near our numbers come to published ones."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

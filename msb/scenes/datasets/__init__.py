@@ -4,8 +4,6 @@ It decodes no photograph; `msb.metrics.ground_truth`
 does. docs/datasets.md describes layouts and rules.
 """
 
-from __future__ import annotations
-
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.describe import SceneReport, color_name, describe_scene
 from msb.scenes.datasets.layout import find_scenes

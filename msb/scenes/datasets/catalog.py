@@ -1,7 +1,5 @@
 """Plain data: the datasets of the benchmark, their scenes and groups of scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal

@@ -1,7 +1,5 @@
 """Describe a scene's folder: its content, what of it is used, and what official code does otherwise."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import asdict, dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How a scene's folder is laid out, where the scenes below a folder are, and the raw cameras in them."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Source: `lioryariv/idr`: code/utils/rend_util.py (`load_K_Rt_from_P`), as used by `Totoro97/NeuS` and 2DGS.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import warnings

@@ -1,7 +1,5 @@
 """What should be known of a scene: its cameras' size beside its photographs', and how a model was trained."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

@@ -1,7 +1,5 @@
 """Which photographs of a scene count, how large they are, and where their masks are."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

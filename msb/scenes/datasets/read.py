@@ -1,7 +1,5 @@
 """From a scene's folder to a `Scene`: layout, rules, photographs and cameras brought together."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

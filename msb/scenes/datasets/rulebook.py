@@ -1,7 +1,5 @@
 """The rules by which datasets are read, by name: ours, and those of each method's official code."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 from msb.asset.manifest import Manifest

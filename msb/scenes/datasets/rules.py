@@ -8,8 +8,6 @@ A `resolution` is what the 3DGS family takes as ``-r``: 1, 2, 4 or 8 divide the 
 large photographs alone, any other number is a width in pixels.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """A scene of a dataset, once read: cameras at the size evaluated, and facts about their photographs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

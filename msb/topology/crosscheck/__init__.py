@@ -51,10 +51,6 @@ class Row:
     why: str
     call: str
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the row as JSON data."""
-        return dict(vars(self))
-
 
 @dataclass(frozen=True)
 class CrossCheck:
@@ -65,7 +61,7 @@ class CrossCheck:
 
     def to_rows(self) -> list[dict[str, Any]]:
         """Return the rows as JSON data (audit: `cross_check`)."""
-        return [row.to_dict() for row in self.rows]
+        return [dict(vars(row)) for row in self.rows]
 
 
 def cross_check(

@@ -74,11 +74,11 @@ class Facts:
             self.with_all_rows = pair_numbers(mesh.faces)
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
-    def same(self, quantity: str, call: str, shift: str | None = None, answer: str = "") -> Expected:
+    def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
         """Expect our count, shifted by what the peer makes of repeated-index rows."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
-        return Expected(quantity, call, answer or quantity, ours, ours + by, self.rows_kept(by))
+        return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
         """Return in words that the peer counts repeated-index rows, or nothing if that changes no number."""
@@ -278,9 +278,7 @@ def expect_nvidia(facts: Facts) -> list[Expected]:
     unused = counts.unreferenced_vertices - facts.shift["used"]
     vertices = facts.same("nonmanifold_vertices", "ManifoldChecker", "double_fans")
     theirs = counts.nonmanifold_vertices + facts.shift["double_fans"] + unused
-    idle = (
-        f"it takes {some(unused, 'vertex', 'vertices')} that no row uses for non-manifold" if unused else ""
-    )
+    idle = f"it calls {some(unused, 'vertex', 'vertices')} without faces non-manifold" if unused else ""
     consistent = sees_consistent = counts.inconsistent_winding_edges == 0
     if facts.repeated:
         every = facts.with_all_rows

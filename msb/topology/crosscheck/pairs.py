@@ -1,7 +1,5 @@
 """A mesh counted the way most peers count: every row has three vertex pairs, repeated indices or not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

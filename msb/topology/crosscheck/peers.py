@@ -7,8 +7,6 @@ made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0,
 usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -35,7 +33,6 @@ class Peer:
     For a mesh of more than `max_faces` it would take too long or too much memory.
     """
 
-    name: str
     module: str
     distribution: str
     ask: Callable[[NDArray[np.float64], NDArray[np.int64]], Answers]
@@ -223,17 +220,14 @@ def _number(value: Any) -> float | None:
 
 
 PEERS: dict[str, Peer] = {
-    peer.name: peer
-    for peer in (
-        Peer("libigl", "igl", "libigl", ask_libigl),
-        Peer("PyMeshLab", "pymeshlab", "pymeshlab", ask_pymeshlab),
-        Peer("manifold3d", "manifold3d", "manifold3d", ask_manifold3d),
-        Peer("trimesh", "trimesh", "trimesh", ask_trimesh),
-        # Plain Python objects per element: about 10 s and 0.9 GB at the limit.
-        Peer("NetworkX", "networkx", "networkx", ask_networkx, max_faces=200_000),
-        # As much again: 10 s and 0.9 GB for a million faces.
-        Peer("NVIDIA", "usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
-    )
+    "libigl": Peer("igl", "libigl", ask_libigl),
+    "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
+    "manifold3d": Peer("manifold3d", "manifold3d", ask_manifold3d),
+    "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
+    # Plain Python objects per element: about 10 s and 0.9 GB at the limit.
+    "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
+    # As much again: 10 s and 0.9 GB for a million faces.
+    "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
 }
 """The peers by name, in the order of reports."""
 

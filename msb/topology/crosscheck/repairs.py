@@ -1,23 +1,19 @@
 """Steps of a repair done by a peer library, in a child process with limits of time and memory."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
+from msb.base.limits import Limits
 from msb.errors import Unsupported
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged
-
-if TYPE_CHECKING:
-    from msb.base.limits import Limits
 
 Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 """New faces, vertex map and face map."""

@@ -4,8 +4,6 @@ Every step takes arrays that `mesh_arrays` has checked, whose positions are fini
 place. docs/repair.md says what each step guarantees. Carrying what vertices and faces hold is `msb.repair`.
 """
 
-from __future__ import annotations
-
 from msb.topology.steps.change import Change
 from msb.topology.steps.close import close
 from msb.topology.steps.cut import cut

@@ -1,7 +1,5 @@
 """The record of a repair step: the new faces, and where each vertex, face and corner comes from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -60,15 +58,10 @@ class Change:
     @property
     def corner_map(self) -> NDArray[Any]:
         """(3F',) the old corner of each new one; NONE in added faces."""
-        return corners_from(self.face_map, self.turned)
-
-
-def corners_from(face_map: NDArray[Any], turned: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return the (3F',) old corner of each new one, for faces that are kept, `turned` or added."""
-    corners = face_map[:, None] * 3 + np.arange(3)
-    corners[turned, 1:] = corners[turned, :0:-1]
-    corners[face_map == NONE] = NONE
-    return corners.reshape(-1)
+        corners = self.face_map[:, None] * 3 + np.arange(3)
+        corners[self.turned, 1:] = corners[self.turned, :0:-1]
+        corners[self.face_map == NONE] = NONE
+        return corners.reshape(-1)
 
 
 def unchanged(faces: NDArray[Any], vertex_count: int) -> Change:

@@ -1,7 +1,5 @@
 """Close small holes: rims of few edges whose cap is small beside the piece it is in."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

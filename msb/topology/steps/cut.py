@@ -1,7 +1,5 @@
 """Cut a mesh until it is manifold: vertices get copies, faces keep their places and lose nothing."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

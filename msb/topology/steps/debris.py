@@ -1,7 +1,5 @@
 """Remove small pieces: components of few faces, or of little area, or that cameras hardly see."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Remove faces until no edge has more than two: few of them, and none that could be put back."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

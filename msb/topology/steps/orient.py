@@ -1,7 +1,5 @@
 """Make the winding consistent across ordinary edges, turning as few faces as a component allows."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -37,13 +35,9 @@ def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
     Those are kept few by preferring edges that agree already, so a second run turns nothing.
     """
     sides = sides_of_faces(build_half_edges(faces, vertex_count))
-    turned = fewer_side(sides.label, sides.other)
+    # In each component all faces end on the side that had more of them.
+    count = int(sides.label.max(initial=-1)) + 1
+    others = np.bincount(sides.label[sides.other], minlength=count)
+    turned = sides.other ^ (2 * others > np.bincount(sides.label, minlength=count))[sides.label]
     new = np.where(turned[:, None], faces[:, (0, 2, 1)], faces)
     return Change(new, np.arange(vertex_count), np.arange(len(faces)), turned)
-
-
-def fewer_side(label: NDArray[Any], other: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which nodes to turn, so that all of a component are on the side that had more of them."""
-    count = int(label.max(initial=-1)) + 1
-    turn_rest = 2 * np.bincount(label[other], minlength=count) > np.bincount(label, minlength=count)
-    return np.asarray(other ^ turn_rest[label])

@@ -71,12 +71,13 @@ def _flattest_pairs(
         sides, along = _directions(mesh, points, group)
         if group.shape[1] > MOST_COMPARED:
             chosen = _half_way_round(sides, along)
-            cost = (1 + np.einsum("npx,npx->np", *(_taken(sides, chosen[..., end]) for end in (0, 1)))) / 2
+            one, other = (np.take_along_axis(sides, chosen[..., end, None], axis=1) for end in (0, 1))
+            cost = (1 + np.einsum("npx,npx->np", one, other)) / 2
         else:
             table = (1 + np.einsum("nix,njx->nij", sides, sides)) / 2
-            for colors, rows in ((vertex_colors, _apexes), (face_colors, _faces)):
+            for colors, rows in ((vertex_colors, _apexes(mesh, group)), (face_colors, face_of(group))):
                 if colors is not None:
-                    table += color_weight * _distances(colors[rows(mesh, group)])
+                    table += color_weight * _distances(colors[rows])
             chosen, cost = _cheapest(table)
         row = np.arange(len(group))[:, None]
         pairs.append(np.stack([group[row, chosen[..., 0]], group[row, chosen[..., 1]]], -1).reshape(-1, 2))
@@ -97,11 +98,6 @@ def _crowded_groups(mesh: HalfEdgeMesh) -> Iterator[NDArray[Any]]:
 def _apexes(mesh: HalfEdgeMesh, group: NDArray[Any]) -> NDArray[Any]:
     """Return the vertex opposite to each half-edge."""
     return np.asarray(mesh.origin[next_in_face(next_in_face(group))])
-
-
-def _faces(mesh: HalfEdgeMesh, group: NDArray[Any]) -> NDArray[Any]:
-    """Return the face of each half-edge."""
-    return face_of(group)
 
 
 def _directions(
@@ -162,10 +158,6 @@ def _half_way_round(sides: NDArray[np.float64], along: NDArray[np.float64]) -> N
     order = np.argsort(angle, axis=1, kind="stable")
     half = size // 2
     return np.stack([order[:, :half], order[:, half : 2 * half]], axis=-1)
-
-
-def _taken(sides: NDArray[np.float64], which: NDArray[Any]) -> NDArray[np.float64]:
-    return np.take_along_axis(sides, which[..., None], axis=1)
 
 
 def _windable(mesh: HalfEdgeMesh, joined: NDArray[Any], cost: NDArray[np.float64]) -> NDArray[np.bool_]:

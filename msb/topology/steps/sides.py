@@ -1,7 +1,5 @@
 """On which side of a surface its faces are wound, and what is one-sided."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,17 +1,12 @@
 """Merge coincident vertices, as a step of a repair."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, followed_by, with_faces, with_vertices
-from msb.topology.weld import merged_vertices
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from msb.topology.weld import Weld
+from msb.topology.weld import Weld, merged_vertices
 
 
 def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:

@@ -1,23 +1,17 @@
 """A boolean with a box by manifold3d: the half of a mesh that the box takes away, and the one it leaves."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.topology.faces import signed_volume
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task
+from msb.trial.task import Attempt, Judgement, Made, Numbers, Task
 from msb.trial.tasks.decimate import beside
 from msb.trial.tasks.solid import INWARDS, offer
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.task import Numbers
 
 TOLERANCE = 0.01  # largest relative error of a volume
 

@@ -4,25 +4,20 @@ Where CoACD gives none, a convex hull is made, which moving things can have, and
 what stands still.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.topology.faces import face_areas, signed_volume
 from msb.topology.hulls import HULL_CORNERS, hull_directions
 from msb.trial.geometry import random_colors
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Task, counted, graded, judged, worst
+from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Numbers, Task, counted, graded, judged, worst
 from msb.trial.tasks.decimate import beside, by_pymeshlab
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.task import Numbers
 
 # Largest distance from the visible surface to the shape for 95 % of the points, relative to the diagonal.
 NEAR, FAR = 0.02, 0.05

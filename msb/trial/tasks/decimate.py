@@ -1,22 +1,17 @@
 """Decimation to a half, a quarter and a tenth of the faces, by two libraries; the better one counts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Outcome, Task, file_outcome, worst
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.task import Numbers
+from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Numbers, Outcome, Task, file_outcome, worst
 
 SLACK = 1.05  # a target counts as reached with up to this multiple of its faces
 

@@ -1,22 +1,17 @@
 """Faces that cross each other (`msb.topology.crossings`), and slivers, which a structural audit ignores."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.verdict import percent
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, counted, graded, judged
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.task import Numbers
+from msb.trial.task import Attempt, Judgement, Made, Numbers, Task, counted, graded, judged
 
 FEW = 0.01  # share of crossing faces; one in a hundred is repaired by hand
 FEW_SLIVERS, MANY_SLIVERS = 0.01, 0.1

@@ -1,21 +1,16 @@
 """A solid with a volume, as slicers and physics take it: what manifold3d and trimesh say of the mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.topology.faces import signed_volume
-from msb.trial.task import Attempt, Judgement, Made, Task
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.mesh import TriedMesh
-    from msb.trial.task import Numbers
+from msb.trial.look import Look
+from msb.trial.mesh import TriedMesh
+from msb.trial.task import Attempt, Judgement, Made, Numbers, Task
 
 _PIXELS = 360
 INWARDS = "it is wound inwards: its volume is negative"

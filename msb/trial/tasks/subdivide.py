@@ -5,29 +5,23 @@ all other edges and go on; so is done here. The copies of an edge are then smoot
 between them is a crack.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.metrics.likeness import decibels
 from msb.topology.faces import face_areas, names_vertex_twice
-from msb.topology.halfedge import build_half_edges, face_of
+from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of
 from msb.topology.steps import turn_faces
 from msb.topology.steps.cut import split_vertices
 from msb.topology.weld import merged_vertices
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Task, graded, judged
+from msb.trial.task import Attempt, Judgement, Made, Numbers, Task, graded, judged
 from msb.trial.tasks.decimate import beside
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.topology.halfedge import HalfEdgeMesh
-    from msb.trial.look import Look
-    from msb.trial.task import Numbers
 
 # Share of the faces without a neighbour; they are no surface to smooth.
 FEW_LONE, MANY_LONE = 0.01, 0.1

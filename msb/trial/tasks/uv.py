@@ -1,21 +1,16 @@
 """UV unwrapping by xatlas: how many charts the surface falls into, and how they fill and stretch the map."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.base.children import Arrays
 from msb.trial.geometry import corner_vectors, random_colors
+from msb.trial.look import Look
 from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Outcome, Task, counted, graded, judged
-
-if TYPE_CHECKING:
-    from msb.base.children import Arrays
-    from msb.trial.look import Look
-    from msb.trial.task import Numbers
+from msb.trial.task import Attempt, Judgement, Made, Numbers, Outcome, Task, counted, graded, judged
 
 # Charts per 1,000 faces. Charts of ten faces can still be painted and filtered. With fewer than two and a
 # half nearly every edge is a seam, and the padding between charts fills the texture.

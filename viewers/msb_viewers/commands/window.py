@@ -1,18 +1,14 @@
 """Options that `msb view` and `msb compare` share: the files to write, and the size of a picture."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from msb.base.option import Option
 from msb.cli.output import file_option
 from msb.errors import UsageError
 from msb.render.options import MOST_PIXELS, Up, not_a_size, pixels_of
-
-if TYPE_CHECKING:
-    from msb_viewers.gl import GlProbe
+from msb_viewers.gl import GlProbe
 
 
 @dataclass(frozen=True)

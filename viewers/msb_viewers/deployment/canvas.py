@@ -1,17 +1,13 @@
 """The picture that is composed, and what is drawn on it: pictures, lines of text, badges, a divider."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb_viewers.deployment.arrange import Box
 from msb_viewers.palette import BACKGROUND, INK, WHITE, Color
 from msb_viewers.sheet import FAINT, font, shortened, wrapped
-
-if TYPE_CHECKING:
-    from msb_viewers.deployment.arrange import Box
 
 _EMPTY: Color = (226, 227, 229)
 _BADGE: Color = (60, 64, 72)

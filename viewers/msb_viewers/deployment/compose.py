@@ -1,17 +1,14 @@
 """A comparison as one picture: panels, captions, the divider of a wipe, the scale. It needs no VTK."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.metrics import psnr
-from msb_viewers.deployment.arrange import Box
+from msb_viewers.deployment.arrange import Box, Cell
 from msb_viewers.deployment.canvas import Canvas
 from msb_viewers.deployment.difference import (
     TOP,
@@ -21,14 +18,10 @@ from msb_viewers.deployment.difference import (
     scale_colors,
     squared_error,
 )
-from msb_viewers.deployment.shots import LABELS
+from msb_viewers.deployment.shots import LABELS, Shot
+from msb_viewers.deployment.state import CompareState
 from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
-
-if TYPE_CHECKING:
-    from msb_viewers.deployment.arrange import Cell
-    from msb_viewers.deployment.shots import Shot
-    from msb_viewers.deployment.state import CompareState
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
 _LEAST_CAPTION = 300

@@ -1,7 +1,5 @@
 """How far two pictures are apart: at each pixel, as a colour, and as one number in dB."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

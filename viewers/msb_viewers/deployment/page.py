@@ -1,27 +1,22 @@
 """`msb compare --html`: pictures of every tier from every camera as one page, for any browser, offline."""
 
-from __future__ import annotations
-
 import base64
 import io
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from msb.metrics import psnr
 from msb_viewers.deployment.compose import caption_lines
 from msb_viewers.deployment.difference import ERROR_SCALE, TOP, TOPS
-from msb_viewers.deployment.shots import LABELS
+from msb_viewers.deployment.shots import LABELS, Shot, TierRenderers
+from msb_viewers.deployment.state import CompareState
+from msb_viewers.deployment.views import View
 from msb_viewers.template import filled
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from msb_viewers.deployment.shots import Shot, TierRenderers
-    from msb_viewers.deployment.state import CompareState
-    from msb_viewers.deployment.views import View
 
 
 def write_page(

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 from msb.errors import UsageError, shorten
-from msb_viewers.deployment.arrange import arrange
-from msb_viewers.deployment.shots import BAKED, REFERENCE, TRUTH
+from msb_viewers.deployment.arrange import Cell, arrange
+from msb_viewers.deployment.shots import BAKED, REFERENCE, TRUTH, Comparison
 from msb_viewers.deployment.views import Surroundings, View, sized
 from msb_viewers.sheet import text_scale
-
-if TYPE_CHECKING:
-    from msb_viewers.deployment.arrange import Cell
-    from msb_viewers.deployment.shots import Comparison
 
 Layout = Literal["side", "wipe", "difference"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)

@@ -6,21 +6,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from msb.asset import Asset
 from msb.asset.look import up_axis
 from msb.base.paths import SpelledFiles
 from msb.errors import UsageError
+from msb.scenes import Camera
 from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
 from msb_viewers.deployment.difference import fitted
 from msb_viewers.model import framing
-
-if TYPE_CHECKING:
-    from msb.asset import Asset
-    from msb.scenes import Camera
 
 SIDE = 1000
 """Width and height in pixels of the camera that a free view starts from; windows scale it."""
