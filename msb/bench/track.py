@@ -1,5 +1,7 @@
 """Measure the cost of a command and all it starts: wall time, and peak memory on the GPU and on the host."""
 
+from __future__ import annotations
+
 import contextlib
 import os
 import platform
