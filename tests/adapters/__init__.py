@@ -1,3 +1,0 @@
-"""Tests of what reads trained checkpoints."""
-
-from __future__ import annotations

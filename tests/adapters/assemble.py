@@ -1,7 +1,5 @@
 """Write pickles instruction by instruction, and the files around them, so that all of them can lie."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass

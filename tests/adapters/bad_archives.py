@@ -1,13 +1,10 @@
 """Checkpoints that are something else, archives that lie, and files of before torch 1.6 that do."""
 
-from __future__ import annotations
-
 import io
 import struct
 import tarfile
 import zipfile
 from collections.abc import Callable
-from typing import Any
 
 from msb.adapters.checkpoint.archive import MAX_MEMBERS
 from tests.adapters.assemble import (
@@ -23,21 +20,14 @@ from tests.adapters.assemble import (
     name,
     program,
     storage,
-    tensor,
     text,
     torch_entry,
 )
-from tests.corpus.forge import Entry, Fields, extra, forge, local_header
+from tests.corpus.forge import Entry, Fields, forge
 
 
 def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
     return Case(label, f"CHECKPOINT_{code}", make if callable(make) else lambda: make)
-
-
-def zipped(label: str, code: str, members: Any = None, **spoil: Any) -> Case:
-    """Return a case made by `forge`, from the members of a good archive or those that a function makes."""
-    make = entries if members is None else members
-    return bad(f"zip_{label}", code, lambda: forge(make(), **{"end64": {}, **spoil}))
 
 
 def member(label: str, code: str, which: int = 0, **changes: Fields) -> Case:
@@ -50,7 +40,7 @@ def member(label: str, code: str, which: int = 0, **changes: Fields) -> Case:
             setattr(parts[which], key, {**attribute, **value} if isinstance(value, dict) else value)
         return parts
 
-    return zipped(label, code, make)
+    return bad(f"zip_{label}", code, lambda: forge(make(), end64={}))
 
 
 def added(label: str, code: str, *more: Entry) -> Case:
@@ -92,14 +82,12 @@ KIND_CASES = [
     bad("tar", "FORM", tar),
     bad("safetensors", "NOT_RECOGNISED", safetensors),
     added("torchscript_code", "NOT_RECOGNISED", torch_entry("archive/code/__torch__.py", b"")),
-    bad("no_members", "NOT_RECOGNISED", lambda: forge([])),
     added("pickle_as_storage", "HOSTILE", torch_entry("archive/data/data.pkl", GOOD)),
     without("no_version", "FORM", "/version"),
     *(
         bad(f"version_{label}", "FORM", archive(version=value))
         for label, value in (
             ("empty", b""),
-            ("long", b"3" * 5000),
             ("arabic", "٣".encode()),
         )
     ),
@@ -113,39 +101,21 @@ KIND_CASES = [
 ]
 
 
-def nested() -> list[Entry]:
-    """Return an archive with a member whose headers and bytes are those of another member's data."""
-    inner = Entry("archive/data/0", VALUES, aligned=False)
-    outer = Entry("archive/data/1", local_header(inner, 0) + VALUES, aligned=False)
-    inner.listed_only, inner.central = True, {"offset": 30 + len(outer.name)}
-    return [outer, inner, *entries(data={})]
-
-
-LONG = {"size": 0xFFFFFFFF, "packed": 0xFFFFFFFF}
-
 # --- the archive --------------------------------------------------------------------------------------
 
 ZIP_CASES = [
-    bad("zip_cut_in_half", "DAMAGED", lambda: archive()[: len(archive()) // 2]),
-    bad("zip_prefix", "HOSTILE", lambda: b"#!/bin/sh\n" + archive()),
-    zipped("suffix", "HOSTILE", suffix=b"\0"),
-    member("gap_between", "HOSTILE", 1, before=b"hidden"),
     bad("zip_deflated", "FORM", lambda: by_zipfile(zipfile.ZIP_DEFLATED)),
-    member("encrypted", "FORM", both={"flags": 0x809}),
     added("zip_storage_twice", "HOSTILE", torch_entry("archive/data/0", VALUES)),
     added("zip_name_control", "FORM", torch_entry("archive/\x1b[2J", b"")),
     bad("zip_root_up", "FORM", archive(root="..")),
     bad("zip_no_root", "FORM", lambda: forge([torch_entry("data.pkl", GOOD)])),
-    member("local_name", "HOSTILE", local={"name": b"archive/data.pkI"}),
-    member("two_sizes", "HOSTILE", central={"packed": 7}),
     member("descriptor_size", "HOSTILE", 4, after=described(0, 24)),
     member("crc", "DAMAGED", both={"crc": 5}, after=described(5, len(GOOD))),
-    member("offset_far", "DAMAGED", central={"offset": 1 << 30}),
-    member("size_far", "DAMAGED", 4, central={"size": 3 << 30, "packed": 3 << 30}),
-    bad("zip_overlap", "DAMAGED", lambda: forge(nested(), end64={})),
-    zipped("many", "FORM", lambda: [Entry(f"archive/data/{n}", b"") for n in range(MAX_MEMBERS + 1)]),
-    zipped("end_contradicts", "HOSTILE", end64={"count": 3}),
-    member("zip64_odd", "HOSTILE", central={"extra": extra(1, bytes(5))}),
+    bad(
+        "zip_many",
+        "FORM",
+        lambda: forge([Entry(f"archive/data/{n}", b"") for n in range(MAX_MEMBERS + 1)], end64={}),
+    ),
 ]
 
 # --- files of before torch 1.6 ------------------------------------------------------------------------
@@ -160,22 +130,16 @@ def old(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
 
 LEGACY_CASES = [
     old("magic_more", "HOSTILE", legacy(magic=b"\x80\x02" + MAGIC + b"N.")),
-    old("magic_sign", "DAMAGED", legacy(magic=b"\x80\x02" + MAGIC + b"\x85.")),
     old("version", "DAMAGED", legacy(version=b"\x80\x02M\xea\x03.")),
     old("system", "DAMAGED", legacy(system=program(b"}"))),
     old("big", "FORM", legacy(system=SYSTEM.replace(b"\x88", b"\x89"))),
     old("attack_header", "HOSTILE", legacy(system=program(name("os", "system")))),
     old("view", "HOSTILE", legacy(program(storage(more=b"}")))),
-    old("cut_magic", "DAMAGED", legacy()[:15]),
     old("cut_value", "DAMAGED", lambda: legacy()[:120]),
-    old("keys_empty", "DAMAGED", legacy(keys=program(b"]"))),
     old("keys_other", "DAMAGED", legacy(keys=KEYS.replace(b"0", b"7"))),
     old("trailing", "DAMAGED", legacy(storages=SIX + b"\0")),
     old("cut_storage", "DAMAGED", legacy(storages=SIX[:-1])),
     old("count", "DAMAGED", legacy(storages=struct.pack("<q", 5) + VALUES)),
-    old("outside", "HOSTILE", legacy(program(tensor(size=(3, 3))))),
-    old("deep", "HOSTILE", legacy(program(b"]q\0", tensor(), b"ah\0a"))),
-    old("too_large", "FORM", lambda: legacy(program(text(b"x" * (16 << 20))))),
 ]
 
 CASES = [*KIND_CASES, *ZIP_CASES, *LEGACY_CASES]

@@ -1,15 +1,13 @@
 """Every bad checkpoint there is. Nothing in them is random: the same release writes the same bytes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 from msb.adapters.checkpoint import read_checkpoint
-from tests.adapters import bad_archives, bad_pickles, bad_results, bad_tensors
+from tests.adapters import bad_archives, bad_pickles, bad_tensors
 from tests.adapters.assemble import Case
 
-CASES: tuple[Case, ...] = (*bad_archives.CASES, *bad_pickles.CASES, *bad_results.CASES, *bad_tensors.CASES)
+CASES: tuple[Case, ...] = (*bad_archives.CASES, *bad_pickles.CASES, *bad_tensors.CASES)
 
 
 def write_case(case: Case, root: Path) -> Path:

@@ -1,11 +1,24 @@
-"""Checkpoints whose data.pkl is a bad program: names, instructions, stack, memo, frames, limits."""
-
-from __future__ import annotations
+"""Checkpoints whose data.pkl is a bad program, or does wrong with its stack, memo, calls and results."""
 
 import pickletools
 from collections.abc import Callable
 
-from tests.adapters.assemble import Case, archive, call, frame, name, program, row, short_text, text
+from msb.adapters.checkpoint.pickle_machine import MAX_MEMO, MAX_OPCODES
+from msb.adapters.checkpoint.reader import MAX_DEPTH
+from tests.adapters.assemble import (
+    ORDERED,
+    Case,
+    archive,
+    call,
+    frame,
+    name,
+    program,
+    row,
+    short_text,
+    storage,
+    tensor,
+    text,
+)
 
 
 def bad(label: str, code: str, make: bytes | Callable[[], bytes]) -> Case:
@@ -27,12 +40,7 @@ numpy._core.multiarray._reconstruct argparse.Namespace omegaconf.dictconfig.Dict
 ODD_NAMES = [
     ("dotted", "torch._utils", "_rebuild_tensor_v2.__globals__"),
     ("dotted_method", "collections", "OrderedDict.fromkeys"),
-    ("space", "collections ", "OrderedDict"),
-    ("nul", "collections\0", "OrderedDict"),
     ("no_module", "", "eval"),
-    ("greek_letter", "c\u03bfllections", "OrderedDict"),
-    ("escape_sequence", "\x1b[2J", "clear"),
-    ("long", "x" * 199, "y"),
 ]
 
 
@@ -49,7 +57,6 @@ NAME_CASES = [
         "HOSTILE",
         program(short_text("os"), short_text("system"), b"\x93", row(text("id")), b"R", protocol=4),
     ),
-    bad("name_number", "HOSTILE", program(b"K\x01K\x02\x93", protocol=4)),
     bad(
         "name_dotted_from_stack",
         "HOSTILE",
@@ -96,10 +103,100 @@ END_CASES = [
     bad("empty", "DAMAGED", b""),
     bad("trailing", "HOSTILE", program(b"N") + b"N"),
     bad("cut_name", "DAMAGED", b"\x80\x02ccollections\nOrd"),
-    bad("integer_long1", "HOSTILE", program(b"\x8a\xff" + bytes(255))),
     bad("frame_nested", "HOSTILE", program(frame(frame(b"N") + b"0"), protocol=4)),
-    bad("frame_splits", "HOSTILE", program(frame(b"J\x01") + b"\0\0\0", protocol=4)),
     bad("frame_past_stop", "HOSTILE", b"\x80\x04" + frame(b"N.N")),
 ]
 
-CASES = [*NAME_CASES, *OPCODE_CASES, *END_CASES]
+
+STACK_CASES = [
+    bad("stack_append", "HOSTILE", program(b"N" + b"a")),
+    bad("mark_many", "HOSTILE", lambda: program(b"(" * 100_000, b"N")),
+    bad("memo_unset", "HOSTILE", program(b"h\x07")),
+    bad("memo_mix", "HOSTILE", program(b"Nq\0", protocol=4)),
+    bad("memo_many", "HOSTILE", lambda: program(b"N" + b"\x94" * (MAX_MEMO + 1), protocol=4)),
+    bad("item_append", "HOSTILE", program(b"}Na")),
+    bad("item_setitems", "HOSTILE", program(tensor(), b"(", text("a"), b"Nu")),
+    bad("item_odd", "HOSTILE", program(b"}(NNNu")),
+    *(
+        bad(f"key_{label}", "FORM", program(b"}", key, b"Ns"))
+        for label, key in (
+            ("list", b"]"),
+            (
+                "tuple_of_2_40_hashes",
+                b")" + b"q\0h\0\x86" + b"".join(b"q%ch%c\x86" % (n, n) for n in range(1, 40)),
+            ),
+        )
+    ),
+    bad("key_twice", "HOSTILE", program(b"}(" + text("a") + b"N" + text("a") + b"Nu")),
+]
+
+# --- calls and states ---------------------------------------------------------------------------------
+
+F8 = call(name("numpy", "dtype"), text("f8"), b"\x89", b"\x88")
+SCALAR = name("numpy._core.multiarray", "scalar")
+ENCODE = name("_codecs", "encode")
+
+CALL_CASES = [
+    bad("call_result", "HOSTILE", program(ORDERED, b")R")),
+    bad("call_encode_base64", "HOSTILE", program(call(ENCODE, text("x"), text("base64")))),
+    bad(
+        "call_encode_long",
+        "HOSTILE",
+        lambda: program(
+            text("x" * (1 << 20)), b"q\0", *(call(ENCODE, b"h\0", text("latin1")) for _ in range(100))
+        ),
+    ),
+    bad("build_dict", "HOSTILE", program(b"}}b")),
+    bad("build_dtype_arrays", "HOSTILE", program(F8, row(tensor(), *[b"N"] * 7), b"b")),
+    *(
+        bad(
+            f"scalar_type_{code}",
+            "FORM",
+            program(call(name("numpy", "dtype"), text(code), b"\x89", b"\x88")),
+        )
+        for code in ("O8", "U2", ">f8", "f8,f8")
+    ),
+    bad("scalar_short", "FORM", program(call(SCALAR, F8, call(ENCODE, text("x"), text("latin1"))))),
+    bad(
+        "scalar_bool",
+        "FORM",
+        program(
+            call(SCALAR, call(name("numpy", "dtype"), text("b1"), b"\x89", b"\x88"), b"C\x01\x02"), protocol=3
+        ),
+    ),
+    *(
+        bad(f"persid_{label}", "HOSTILE", program(code))
+        for label, code in (
+            ("module", storage(tag=text("module"))),
+            ("a_path", storage(key="../data.pkl")),
+        )
+    ),
+]
+
+# --- results ------------------------------------------------------------------------------------------
+
+
+def laughs(levels: int) -> bytes:
+    """Lists that hold the one before twice."""
+    parts = [b"]q\0"]
+    for level in range(1, levels):
+        parts.append(b"](h%ch%ceq%c" % (level - 1, level - 1, level))
+    # All lists are on the stack; a tuple of the lot keeps one result.
+    return program(b"(", *parts, b"t")
+
+
+RESULT_CASES = [
+    bad("result_dtype", "FORM", program(row(F8))),
+    bad("cycle_ordered", "HOSTILE", program(ORDERED, b"q\0K\0h\0s")),
+    bad("deep_lists", "HOSTILE", program(b"]" * (MAX_DEPTH + 1), b"a" * MAX_DEPTH)),
+    bad(
+        "deep_shared",
+        "HOSTILE",
+        program(b"(]q\0" + b"".join(b"]h%caq%c" % (n - 1, n) for n in range(1, 70)) + b"t"),
+    ),
+    bad("laughs", "HOSTILE", laughs(40)),
+    bad("many_opcodes", "FORM", lambda: program(b"(" + b"N" * MAX_OPCODES + b"t")),
+    bad("too_large", "FORM", lambda: program(text(b"x" * (16 << 20)))),
+]
+
+CASES = [*NAME_CASES, *OPCODE_CASES, *END_CASES, *STACK_CASES, *CALL_CASES, *RESULT_CASES]

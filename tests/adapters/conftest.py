@@ -1,7 +1,5 @@
 """What imports torch is left to the session that has it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

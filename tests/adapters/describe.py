@@ -1,7 +1,5 @@
 """What a checkpoint holds, as JSON plus arrays: to compare two readers, and to keep what torch said."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

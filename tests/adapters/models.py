@@ -1,7 +1,5 @@
 """Small good models of each method, as values and as folders, for tests to change and break."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

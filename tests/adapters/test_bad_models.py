@@ -1,7 +1,5 @@
 """Models that are damaged, incomplete or of another method: a code each, and the key at fault."""
 
-from __future__ import annotations
-
 import math
 import re
 import zlib
@@ -34,28 +32,17 @@ BROKEN: list[tuple[str, str, Callable[[Any], Any] | None, str]] = [
     ("two_dts", "_vertex", lambda a: a[:, :2], "LAYOUT"),
     ("two_dts", "_opacity", None, "LAYOUT"),
     ("two_dts", "_opacity", lambda a: a[:4], "LAYOUT"),
-    ("two_dts", "_opacity", lambda a: a[:, 0], "LAYOUT"),
     ("two_dts", "_opacity", lambda a: spoiled(a, (2, 0), NAN), "NONFINITE"),
-    ("two_dts", "_f_dc", lambda a: spoiled(a, (4, 0, 1), np.inf), "NONFINITE"),
     ("two_dts", "_f_dc", lambda a: a.astype(np.int32), "LAYOUT"),
     ("two_dts", "_f_rest", lambda a: a[:, :7], "LAYOUT"),
-    ("two_dts", "_f_rest", lambda a: 3.0, "LAYOUT"),
     ("triangle_splatting", "triangles_points", lambda a: a[:0], "LAYOUT"),
-    ("triangle_splatting", "sigma", lambda a: spoiled(a, (1, 0), np.inf), "NONFINITE"),
-    ("triangle_splatting", "active_sh_degree", None, "LAYOUT"),
     ("triangle_splatting", "active_sh_degree", lambda a: 4, "LAYOUT"),
-    ("triangle_splatting", "active_sh_degree", lambda a: True, "LAYOUT"),
-    ("triangle_splatting", "features_rest", lambda a: None, "LAYOUT"),
-    ("mesh_splatting", "_triangle_indices", None, "LAYOUT"),
     ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (1, 2), 6), "LAYOUT"),
-    ("mesh_splatting", "_triangle_indices", lambda a: spoiled(a, (0, 0), -1), "LAYOUT"),
     ("mesh_splatting", "_triangle_indices", lambda a: a.astype(np.float32), "LAYOUT"),
     ("mesh_splatting", "vertex_weight", lambda a: a[:, :0], "LAYOUT"),
     ("mesh_splatting", "sigma", lambda a: math.nan, "NONFINITE"),
     ("mesh_splatting", "sigma", lambda a: 800.0, "LAYOUT"),
-    ("mesh_splatting", "sigma", lambda a: -800.0, "LAYOUT"),
     ("diffsoup", "feat_acc", lambda a: a[:, :5], "LAYOUT"),
-    ("diffsoup", "alpha_acc", lambda a: spoiled(a, (0, 0, 0), NAN), "NONFINITE"),
     ("diffsoup", "F", lambda a: a + 1, "LAYOUT"),
     ("diffsoup", "Rmax", lambda a: 9, "LAYOUT"),
     ("diffsoup", "color_mlp", lambda a: 1, "LAYOUT"),
@@ -93,9 +80,7 @@ def refused(path: Path, **options: Any) -> MsbError:
 @pytest.mark.parametrize(
     ("bad", "code"),
     [
-        ([None], "LAYOUT"),
         ([None, "x"], "LAYOUT"),
-        ([None, 0.5], "LAYOUT"),
         ([None, math.nan], "NONFINITE"),
         ([[1, 2, 3], 1.0], "LAYOUT"),
     ],
@@ -215,14 +200,10 @@ def beyond_float32(data: bytes) -> bytes:
 
 WEB: dict[str, tuple[str, Any, str]] = {
     "absent": ("lut0.png", None, "FILE_MISSING"),
-    "no mesh": ("mesh.ply", None, "FILE_MISSING"),
     "cut PNG": ("lut1.png", lambda data: data[:-20], "DAMAGED"),
-    "grey": ("lut0.png", Image.new("L", (24, 1)), "DAMAGED"),
     "too small": ("lut0.png", Image.new("RGBA", (23, 1)), "DAMAGED"),
     "bomb": ("lut0.png", bomb, "DAMAGED"),
     "other level": ("lut1.png", Image.new("RGBA", (12, 1)), "DAMAGED"),
-    "not JSON": ("mlp_weights.json", b"{", "DAMAGED"),
-    "no object": ("mlp_weights.json", b"[]", "DAMAGED"),
     "key missing": ("mlp_weights.json", b"{}", "DAMAGED"),
     "too long": ("mlp_weights.json", b"[" + b" " * (1 << 20) + b"]", "DAMAGED"),
     "no float32": ("mlp_weights.json", beyond_float32, "DAMAGED"),
@@ -282,10 +263,7 @@ def test_features_that_are_no_sigmoid_are_warned_about(tmp_path: Path) -> None:
     [
         ({"gama": 2.0}, "SETTING_UNKNOWN"),
         ({"gamma": 0.5}, "SETTING_VALUE"),
-        ({"gamma": "2"}, "SETTING_VALUE"),
         ({"sh_degree": 4}, "SETTING_VALUE"),
-        ({"rasterizer": "4D"}, "SETTING_VALUE"),
-        ({"back_culling": 1}, "SETTING_VALUE"),
     ],
 )
 def test_wrong_settings_are_refused(settings: dict[str, Any], code: str, tmp_path: Path) -> None:

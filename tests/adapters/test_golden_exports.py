@@ -1,7 +1,5 @@
 """Every golden scene exported, and compared tensor by tensor with what its checkpoint holds."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

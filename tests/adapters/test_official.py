@@ -1,7 +1,5 @@
 """What the methods' own exporters write, against files that they wrote."""
 
-from __future__ import annotations
-
 import filecmp
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Run by hand where torch is installed (the kept files are of torch 2.13); the tests read the files without it.
 """
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections import OrderedDict

@@ -1,3 +1,0 @@
-"""Tests of msb.asset."""
-
-from __future__ import annotations

@@ -1,7 +1,5 @@
 """Every bad asset has its code, its words in one clear line, and no partial result."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os
@@ -116,25 +114,6 @@ def test_what_the_bad_assets_are_made_from_is_good(make, tmp_path: Path) -> None
 
 def test_every_code_of_the_format_has_a_case() -> None:
     assert {case.code for case in CASES if case.code.startswith("TRIASSET_")} == TRIASSET_CODES
-
-
-@pytest.mark.parametrize("member", ["manifest.json", "buffers/positions.bin"])
-def test_a_file_that_cannot_be_opened_is_named(tmp_path: Path, monkeypatch, member: str) -> None:
-    """Whoever runs the tests: the system call itself refuses."""
-    path = tmp_path / "a.triasset"
-    parts(mesh()).write_folder(path)
-    real_open = os.open
-
-    def refuse(name, flags, *args, **keywords):
-        if os.fspath(name).endswith(Path(member).name):
-            raise PermissionError(13, "Permission denied")
-        return real_open(name, flags, *args, **keywords)
-
-    monkeypatch.setattr("msb.asset.container.os.open", refuse)
-    # The mapping asks whether this function takes dir_fd.
-    monkeypatch.setattr("msb.asset.container.os.supports_dir_fd", {refuse})
-    with pytest.raises(AssetError, match=f"TRIASSET_FILE_UNREADABLE: .*{member}"):
-        load(path)
 
 
 def test_a_link_put_in_place_at_the_last_moment_is_not_followed(tmp_path: Path, monkeypatch) -> None:

@@ -1,19 +1,15 @@
 """The reader and the hexdump that docs/triasset.md shows are right."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 import pytest
 
 from msb.asset import load, write_asset
-from msb.asset.schema import manifest_schema
 from tests.conftest import ROOT
 from tests.corpus.good import decoder, mesh, soup, textured
 
 DOC = (ROOT / "docs/triasset.md").read_text()
-SCHEMA = manifest_schema()
 
 
 def code_block(language: str) -> str:

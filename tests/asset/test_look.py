@@ -1,8 +1,5 @@
 """The standard look is one rule for all that draw it or write it."""
 
-from __future__ import annotations
-
-import io
 from dataclasses import fields, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +13,7 @@ from msb.asset import Asset, Description, build_asset, write_asset
 from msb.asset.look import drawn_colors, shown_faces, stored_threshold, visible_faces
 from msb.asset.settings import effective_settings
 from msb.errors import AssetError
-from msb.meshes import read_mesh, write_mesh
+from msb.meshes import read_mesh
 from msb.meshes.assets import mesh_from_asset
 from msb.methods.two_dts.reference import straight_through
 from msb.reference import arithmetic
@@ -49,14 +46,6 @@ def test_colours_are_written_and_shown_as_clamped_as_they_are_drawn(tmp_path: Pa
     viewed_mesh = pytest.importorskip("msb_viewers.viewed_mesh")
     shown = viewed_mesh.read_viewed_mesh(tmp_path / "a.triasset").colors
     assert np.array_equal(shown.values, viewed_mesh.color_bytes(expected))
-
-
-def test_a_converted_file_holds_no_colour_outside_of_0_to_1() -> None:
-    file = io.BytesIO()
-    write_mesh(mesh_from_asset(wild()), file, suffix=".ply")
-    header, _, rows = file.getvalue().partition(b"end_header\n")
-    assert b"property float red" in header
-    assert np.array_equal(np.frombuffer(rows[:72], "<f4").reshape(3, 6)[:, 3:], TAME)
 
 
 def test_the_same_faces_are_shown_everywhere(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The manifest as data: what is kept, what is ignored, and that both forms are judged alike."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from dataclasses import replace
@@ -13,7 +11,6 @@ import pytest
 import msb
 from msb.asset import Manifest, load, validate, write_asset
 from msb.asset.check import check_manifest
-from msb.errors import AssetError
 from tests.corpus.bad_assets import write_case
 from tests.corpus.bad_folders import VALUE_CASES
 from tests.corpus.bad_manifests import BUFFER_CASES, FIELD_CASES
@@ -41,23 +38,6 @@ def test_a_manifest_survives_its_own_bytes(make) -> None:
     assert b"\r" not in data
 
 
-def test_its_keys_are_attributes(tmp_path: Path) -> None:
-    m = reloaded(parts(soup()), tmp_path).manifest
-    assert (m.format, m.version, m.method, m.topology) == (
-        "triasset",
-        "1.0",
-        "triangle_splatting",
-        "triangle_soup",
-    )
-    assert (m.vertex_count, m.face_count, m.sh_degree) == (6, 2, 1)
-    assert m.settings["view_dir"].value == "centroid"
-    assert m.settings["view_dir"].source == "flag"
-    assert m.required_passes["standard"] == ("bake_dc", "opaque_unlit")
-    assert m.source.files[0].path == "point_cloud_state_dict.pt"
-    assert m.buffers["f_rest"].shape == (2, 9)
-    assert m.coordinate_frame.up == "unknown"
-
-
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_a_shipped_asset_has_nothing_to_complain_of(path: Path) -> None:
     assert validate(path).findings == ()
@@ -82,11 +62,9 @@ def test_a_newer_minor_version_is_read_with_a_warning_and_loses_nothing(tmp_path
         assert validate(tmp_path / form).valid
 
 
-def test_whole_numbers_may_stand_for_floats_but_not_the_reverse(tmp_path: Path) -> None:
+def test_whole_numbers_may_stand_for_floats(tmp_path: Path) -> None:
     asset = reloaded(parts(mesh()).change("/bounds", {"min": [0, 0, 0], "max": [1, 2, 3]}), tmp_path)
     assert asset.manifest == mesh().manifest
-    with pytest.raises(AssetError, match=r"TRIASSET_FIELD: .*/face_count"):
-        reloaded(parts(mesh()).change("/face_count", 4.0), tmp_path)
 
 
 def test_a_wrong_version_is_said_before_anything_else(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Textures: levels, sampling, colours for who knows no texture, and the way through a mesh."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 
 from msb.asset.look import colors_of
 from msb.asset.texture import LINEAR, Sampler, decoded, linear_to_srgb, mip_levels, sample, srgb_to_linear
-from msb.errors import AssetError
 from msb.meshes import Mesh
 from msb.meshes.assets import asset_from_mesh, mesh_from_asset
 from tests.corpus.good import textured
@@ -103,13 +100,3 @@ def test_colours_and_coordinates_of_vertices_stay_with_them() -> None:
     corner = mesh.faces.reshape(-1)
     expected = srgb_to_linear(plain.values) * LINEAR[mesh.vertex_colors[corner]]
     assert np.allclose(srgb_to_linear(tinted), expected, atol=1e-5)
-
-
-def test_coordinates_that_are_not_finite_make_no_asset() -> None:
-    corners = np.zeros((3, 2), np.float32)
-    corners[1, 0] = np.nan
-    mesh = Mesh(
-        np.eye(3, dtype=np.float32), np.array([[0, 1, 2]]), vertex_uvs=corners, textures=(noise(2, 2),)
-    )
-    with pytest.raises(AssetError, match="TRIASSET_VALUE_NONFINITE"):
-        asset_from_mesh(mesh)

@@ -1,7 +1,5 @@
 """What child processes of test_children.py do; each takes a word and arrays, as `msb.base.children.Work`."""
 
-from __future__ import annotations
-
 import errno
 import os
 import subprocess
@@ -35,14 +33,10 @@ def misbehave(word: str, arrays: Arrays) -> Result:
         time.sleep(600)
     elif word == "raise":
         raise ValueError("there are holes")
-    elif word == "raise without words":
-        raise KeyError
     elif word == "abort":
         os.abort()
     elif word == "exit":
         sys.exit("x" * 10_000)
-    elif word == "exit without words":
-        os._exit(0)
     elif word == "no JSON":
         return float("nan"), {}
     elif word == "half a reply":
@@ -54,8 +48,6 @@ def misbehave(word: str, arrays: Arrays) -> Result:
         os.abort()
     elif word == "memory of NumPy":
         return None, {"ones": np.ones(1 << 29)}
-    elif word == "memory of Python":
-        bytearray(1 << 32)
     elif word == "full disk":
         np.lib.format.write_array = _refuse
         return None, {"a": np.ones(3)}

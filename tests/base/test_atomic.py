@@ -7,8 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +15,13 @@ import pytest
 from msb.base.atomic import check_place, is_leftover, new_file, new_files, new_folder, remove_leftovers
 from msb.errors import OutputError, UsageError
 from tests.conftest import ROOT
-from tests.robustness.conftest import Bound, Disk, bound, disk, read_only
+from tests.robustness.conftest import Bound, bound, read_only
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-__all__ = ["bound", "disk", "read_only"]
+__all__ = ["bound", "read_only"]
 
 KINDS = pytest.mark.parametrize("kind", ["file", "folder"])
 FULL = OSError(errno.ENOSPC, "No space left on device")
@@ -167,25 +165,6 @@ def test_without_overwrite_what_is_there_or_comes_meanwhile_stays(
     assert {(tmp_path / name).read_bytes() for name in ("old", "new")} == {b"theirs"}
 
 
-def test_of_programs_that_make_one_file_at_once_only_one_succeeds(tmp_path: Path) -> None:
-    together = threading.Barrier(8)
-
-    def make(number: int) -> str:
-        try:
-            with new_file(tmp_path / "a", overwrite=False) as file:
-                file.write(str(number).encode())
-                together.wait()
-        except UsageError as error:
-            return error.code
-        return str(number)
-
-    with ThreadPoolExecutor(8) as pool:
-        codes = list(pool.map(make, range(8)))
-    (winner,) = set(codes) - {"OUTPUT_EXISTS"}
-    assert codes.count("OUTPUT_EXISTS") == 7
-    assert held(tmp_path) == {"a": winner.encode()}
-
-
 @pytest.mark.parametrize("kind", ["file", "folder", "files"])
 def test_folders_that_were_made_for_nothing_are_gone(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -214,18 +193,6 @@ def test_the_error_says_what_is_free_and_needed(number: int, tmp_path: Path) -> 
     with pytest.raises(OutputError, match=r"[\d,]+ bytes .* 7 are"):  # noqa: SIM117
         with new_file(tmp_path / "a", size=7):
             raise OSError(number, os.strerror(number))
-
-
-@pytest.mark.slow
-@KINDS
-def test_a_full_disk(kind: str, disk: Disk) -> None:
-    write(disk.folder / "a", kind, b"old")
-    disk.fill()
-    before = held(disk.folder)
-    for target in (disk.folder / "a", disk.folder / "new" / "b"):
-        with pytest.raises(OutputError, match=r"\(0 bytes .* 99 are"):
-            write(target, kind, bytes(99), 99)
-    assert held(disk.folder) == before
 
 
 _KILLED = """

@@ -1,7 +1,5 @@
 """Nesting is counted as the parsers nest, and never by recursion."""
 
-from __future__ import annotations
-
 import tomllib
 
 import pytest

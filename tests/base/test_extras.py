@@ -1,7 +1,5 @@
 """What the Python API says where an extra is not installed: one code, one status, the extra by name."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

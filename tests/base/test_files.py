@@ -1,7 +1,5 @@
 """Files are opened by one function: regular ones only, with the same two codes whoever asks."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Paths as callers give them, and names that another system spelled in another Unicode normal form."""
 
-from __future__ import annotations
-
 import shutil
 import unicodedata
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Each case has a folder of its own, since some need files beside the asset. Nothi
 same release writes the same bytes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from tests.corpus import bad_folders, bad_manifests, bad_zips

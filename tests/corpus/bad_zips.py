@@ -1,7 +1,5 @@
 """Packed assets whose ZIP is not plain: compressed, contradictory, with foreign bytes, names or records."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zipfile
@@ -132,10 +130,8 @@ STORED_CASES = [
     _member("encrypted", "FORM", both={"flags": 0x01}),
     _zip("descriptor", "HOSTILE", _descriptor),
     _member("crc", "DAMAGED", both=_CRC, more=_VALIDATED),
-    _member("crc_manifest", "DAMAGED", 0, both=_CRC, more=_VALIDATED),
     _patched("bit_rot", "DAMAGED", _bit_rot, found_by="validate", also=("TRIASSET_DAMAGED",)),
     _zip("unaligned", "FORM", lambda: _by_zipfile(zipfile.ZIP_STORED)),
-    _member("unaligned_by_4", "FORM", local={"extra": extra(PADDING_ID, bytes(9))}),
 ]
 HEADER_CASES = [
     _member("local_name", "HOSTILE", local={"name": b"buffers/positionz.bin"}),
@@ -150,7 +146,6 @@ HEADER_CASES = [
     _member("extra_overrun", "DAMAGED", local={"extra": b"\x35\xd9\xff\x00"}),
     _member("extra_64_kb", "HOSTILE", local={"extra": extra(PADDING_ID, bytes(65_000))}),
     _forged("count_less", "DAMAGED", end={"here": 3, "count": 3}),
-    _forged("count_more", "DAMAGED", end={"here": 5, "count": 5}),
     _forged("disk", "DAMAGED", end={"disk": 1}),
     _forged("directory_late", "DAMAGED", end={"start": 10**9}),
 ]
@@ -158,7 +153,6 @@ FOREIGN_CASES = [
     _patched("prefix_program", "HOSTILE", lambda z: b"MZ" + bytes(62) + z),
     _zip("hidden_member", "HOSTILE", _hidden_member),
     _forged("before_directory", "HOSTILE", before_directory=b"secret"),
-    _patched("suffix_64_kb", "HOSTILE", lambda z: z + bytes(65_535)),
     _patched("twice", "HOSTILE", lambda z: z + z),
     _forged("comment", "HOSTILE", end={"comment": b"hello"}),
     _patched("comment_lie", "HOSTILE", lambda z: z[:-2] + b"\5\0"),
@@ -170,7 +164,6 @@ _NAMES = [
     "buffers/\u202enib.bin",
     "buffers/x\x1b[2J.bin",
     "",
-    "x" * 60_000,
 ]
 _SECOND_NAME = extra(0x7075, b"\1" + struct.pack("<I", zlib.crc32(_POSITIONS.encode())) + b"../x")
 _LINK = 0o120777 << 16
@@ -187,7 +180,6 @@ NAME_CASES = [
         _member(f"kind_{name}", "PATH", central={"made_by": made_by, "attributes": attributes})
         for name, made_by, attributes in (
             ("link", 3 << 8 | 20, _LINK),
-            ("link_dos", 20, _LINK),
             ("device", 3 << 8 | 20, 0o060644 << 16),
             ("folder_dos", 20, 0x10),
         )
@@ -214,27 +206,12 @@ ZIP64_CASES = [
 
 # --- no ZIP at all, and ZIPs that are cut off --------------------------------------------------------------
 
-_STRANGERS: dict[str, Callable[[], bytes]] = {
-    "zero_bytes": lambda: b"",
-    "manifest_alone": lambda: parts(mesh()).text(),
-}
-_CUTS: dict[str, Callable[[bytes], int]] = {
-    "half": lambda z: len(z) // 2,
-    "last_byte": lambda z: len(z) - 1,
-}
-
-
-def _cut(length: Callable[[bytes], int]) -> Callable[[], bytes]:
-    def make() -> bytes:
-        data = forge(good_entries())
-        return data[: length(data)]
-
-    return make
-
 
 FILE_CASES = [
-    *(from_bytes(f"not_zip_{name}", "FILE_NOT_RECOGNISED", make) for name, make in _STRANGERS.items()),
-    *(from_bytes(f"cut_{name}", "TRIASSET_DAMAGED", _cut(length)) for name, length in _CUTS.items()),
+    from_bytes("not_zip_zero_bytes", "FILE_NOT_RECOGNISED", lambda: b""),
+    from_bytes("not_zip_manifest_alone", "FILE_NOT_RECOGNISED", lambda: parts(mesh()).text()),
+    from_bytes("cut_half", "TRIASSET_DAMAGED", lambda: forge(good_entries())[:1024]),
+    from_bytes("cut_last_byte", "TRIASSET_DAMAGED", lambda: forge(good_entries())[:-1]),
 ]
 
 CASES = [*STORED_CASES, *HEADER_CASES, *FOREIGN_CASES, *NAME_CASES, *ZIP64_CASES, *FILE_CASES]

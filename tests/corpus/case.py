@@ -1,7 +1,5 @@
 """What a bad asset is: a name that says what is wrong, and the code that says so."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,25 +14,12 @@ Writer = Callable[[Path], object]
 
 @dataclass(frozen=True)
 class Case:
-    """One bad asset.
+    """One bad asset: what `load` raises or tolerates, or what `validate` finds.
 
-    Attributes
-    ----------
-    name : str
-        Of the file; it says what is wrong.
-    code : str
-        What `load` raises or tolerates, or what `validate` finds.
-    write : callable
-        Writes the asset at the path it is given; what else it needs goes beside it.
-    severity : str
-        Of the finding; an error at `load` is raised.
-    found_by : {"load", "validate", "command"}
-        The first that reports it; the later ones do too. "command" is `msb validate`, which also knows
-        what makes a face degenerate.
-    also : tuple of str
-        Codes of further errors `validate` reports, because one fault has several consequences.
-    denied : bool
-        The asset is bad only for a user whose permissions are checked, so not for root.
+    `write` writes it at the path it is given; what else it needs goes beside it. `found_by` is the first that
+    reports the code; the later ones do too. "command" is `msb validate`, which also knows what makes a face
+    degenerate. `also` are codes of further errors that `validate` reports, because one fault has several
+    consequences. One that is `denied` is bad only for a user whose permissions are checked, so not for root.
     """
 
     name: str

@@ -1,13 +1,14 @@
-"""Write ZIP files field by field, so that every one of them can lie."""
-
-from __future__ import annotations
+"""Write ZIP files and PNGs field by field, so that every one of them can lie."""
 
 import struct
 import zlib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 ALIGNMENT = 64
+FULL32 = 0xFFFFFFFF
 PADDING_ID = 0xD935
 
 Fields = dict[str, Any]
@@ -57,20 +58,11 @@ def forge(
     before_directory: bytes = b"",
     end: Fields | None = None,
     end64: Fields | None = None,
-    suffix: bytes = b"",
 ) -> bytes:
-    """Return a ZIP of `entries`.
+    """Return a ZIP of `entries`, with `before_directory` between the last member and the central directory.
 
-    Parameters
-    ----------
-    entries : list of Entry
-    before_directory : bytes
-        Put between the last member and the central directory.
-    end, end64 : dict, optional
-        Fields of the end record (disk, first_disk, here, count, length, start, comment) to override; a ZIP64
-        end record and locator are written if `end64` is given (also: record_size, at, disks).
-    suffix : bytes
-        Put behind everything.
+    `end` and `end64` replace fields of the end record: disk, first_disk, here, count, length, start, comment.
+    A ZIP64 end record and locator are written if `end64` is given (also: record_size, at, disks).
     """
     out = bytearray()
     offsets = []
@@ -89,7 +81,7 @@ def forge(
     if end64 is not None:
         out += end64_records({**plain, "record_size": 44, "at": len(out), "disks": 1, **end64})
     out += end_record({**plain, **(end or {})})
-    return bytes(out + suffix)
+    return bytes(out)
 
 
 def local_header(entry: Entry, at: int) -> bytes:
@@ -143,3 +135,40 @@ def extra(kind: int, data: bytes) -> bytes:
 def zip64(*values: int) -> bytes:
     """Return a ZIP64 extra record with `values`."""
     return extra(1, struct.pack(f"<{len(values)}Q", *values))
+
+
+def write_sparse(
+    path: Path, members: Iterable[tuple[str, bytes, int]], make: Callable[[str, bytes, int, int], Entry]
+) -> None:
+    """Write an archive with ZIP64 records, of names, bytes, and the lengths of holes behind them.
+
+    `make` returns the entry of a name, its bytes, its whole size and its place.
+    """
+    directory, members = b"", list(members)
+    with path.open("wb") as file:
+        for name, data, hole in members:
+            at = file.tell()
+            entry = make(name, data, len(data) + hole, at)
+            file.write(local_header(entry, at) + data)
+            file.seek(hole, 1)
+            file.write(entry.after)
+            directory += central_header(entry, at)
+        start = file.tell()
+        f = {"disk": 0, "first_disk": 0, "here": len(members), "count": len(members), "comment": b""}
+        f |= {"length": len(directory), "start": start}
+        more = {"record_size": 44, "at": start + len(directory), "disks": 1}
+        file.write(directory + end64_records(f | more) + end_record(f | {"start": min(start, FULL32)}))
+
+
+def chunk(kind: bytes, body: bytes) -> bytes:
+    """Return a chunk of a PNG with its checksum."""
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+
+def png(
+    width: int, height: int, *, depth: int = 8, kind: int = 2, rows: bytes = b"", more: bytes = b""
+) -> bytes:
+    """Return a PNG whose header says so, whatever `rows` (before they are packed) hold."""
+    head = chunk(b"IHDR", struct.pack(">2I5B", width, height, depth, kind, 0, 0, 0))
+    end = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + head + more + end

@@ -1,13 +1,11 @@
 """Three small good assets, and their parts, which the bad ones are made from."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -118,7 +116,7 @@ class Parts:
         """Return the manifest as the writer would write it, whatever is in it."""
         return (json.dumps(self.manifest, indent=2) + "\n").encode()
 
-    def change(self, pointer: str, value: Any) -> Parts:
+    def change(self, pointer: str, value: Any) -> Self:
         """Set (or `REMOVE`) what the JSON pointer names, and return self."""
         *path, last = pointer[1:].split("/")
         target = self.manifest
@@ -130,7 +128,7 @@ class Parts:
             target[int(last) if isinstance(target, list) else last] = value
         return self
 
-    def set_array(self, name: str, array: np.ndarray) -> Parts:
+    def set_array(self, name: str, array: np.ndarray) -> Self:
         """Replace the values of a buffer, its hash and its shape included, and return self."""
         spec, data = self.manifest["buffers"][name], array.tobytes()
         spec.update(byte_length=len(data), shape=list(array.shape), sha256=hashlib.sha256(data).hexdigest())

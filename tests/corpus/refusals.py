@@ -5,8 +5,6 @@ The messages of all bad files are kept in tests/golden/refusals.json, one line f
 difference like code.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

@@ -1,7 +1,5 @@
 """Every bad checkpoint, mesh, source of cameras and scene gives its code, in one clear line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Bad images, evaluation data and weights: name -> fuzz target, content, and code."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -12,21 +10,8 @@ from typing import Any
 
 from PIL import Image
 
+from tests.corpus.forge import chunk, png
 from tests.fuzz.bad_texts import Bad
-
-
-def chunk(kind: bytes, body: bytes) -> bytes:
-    """Return a chunk of a PNG with its checksum."""
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
-
-
-def png(
-    width: int, height: int, *, depth: int = 8, kind: int = 2, rows: bytes = b"", more: bytes = b""
-) -> bytes:
-    """Return a PNG whose header says so, whatever `rows` (before they are packed) hold."""
-    head = chunk(b"IHDR", struct.pack(">2I5B", width, height, depth, kind, 0, 0, 0))
-    end = chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
-    return b"\x89PNG\r\n\x1a\n" + head + more + end
 
 
 def picture(mode: str, size: tuple[int, int] = (4, 3), form: str = "PNG") -> bytes:

@@ -1,7 +1,5 @@
 """Bad texts: name -> fuzz target, content, and code."""
 
-from __future__ import annotations
-
 Bad = tuple[str, bytes, str]
 
 _GATES: dict[str, bytes] = {

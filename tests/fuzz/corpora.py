@@ -4,8 +4,6 @@ Of each, index.json has the function of `fuzz.readers` that reads it, the path t
 the path below which the reader may open files, and the code of the error, or "" where the reader returns.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -4,8 +4,6 @@
 with ``corpora`` in place of targets it reads what `tests.fuzz.corpora` wrote to the folder SCRATCH.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """Seeded mutations of bytes and of JSON: what a fuzz target is fed when nothing watches its coverage."""
 
-from __future__ import annotations
-
 import os
 import random
 import re

@@ -1,7 +1,5 @@
 """Bad contents of files give their code, at the place where the reader looks for the file."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Every reader with hostile bytes: a value or our error, in a process that may do no harm."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,3 +1,0 @@
-"""Tests of msb.meshes."""
-
-from __future__ import annotations

@@ -1,12 +1,9 @@
 """Small mesh files made in memory, in every format, and the square most of them hold."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
 import struct
-import zlib
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -196,16 +193,6 @@ def glb_textured(image: bytes | str | None = None, **material: Any) -> Glb:
     made.root["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = made.accessor(UVS, "f4", "VEC2")
     made.material(picture() if image is None else image, **material)
     return made
-
-
-def png_header(width: int, height: int) -> bytes:
-    """Return a PNG that says how large it is, and has no texels."""
-    head = b"IHDR" + struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    data = b"IDAT" + zlib.compress(b"")
-    chunks = (head, data, b"IEND")
-    return b"\x89PNG\r\n\x1a\n" + b"".join(
-        struct.pack(">I", len(each) - 4) + each + struct.pack(">I", zlib.crc32(each)) for each in chunks
-    )
 
 
 def glb_file(text: bytes, binary: bytes = b"", version: int = 2) -> bytes:

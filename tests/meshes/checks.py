@@ -7,8 +7,6 @@
 is a whole one.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a file holds of a mesh: colours, vertices that are shared, and what is up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

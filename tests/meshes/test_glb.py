@@ -1,7 +1,5 @@
 """GLB as stored: accessors, primitives in node order, node transforms, colours."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +31,7 @@ def test_square(read: Read, dtype: str) -> None:
         (4, [0, 1, 2, 0, 2, 3], SQUARE_FACES),
         (5, [0, 1, 3, 2], [[0, 1, 3], [1, 2, 3]]),
         (5, [0, 1, 2, 3, 0], [[0, 1, 2], [1, 3, 2], [2, 3, 0]]),
-        (5, [0, 1], []),
         (6, [0, 1, 2, 3], SQUARE_FACES),
-        (6, [3, 2, 1, 0], [[3, 2, 1], [3, 1, 0]]),
         (6, [], []),
     ],
 )
@@ -56,16 +52,6 @@ def test_without_indices_three_vertices_make_a_face(read: Read) -> None:
     mesh = read(made.bytes(), ".glb")
     assert mesh.vertices.shape == (6, 3)
     assert mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
-
-
-def test_unused_and_repeated_vertices_are_kept(read: Read) -> None:
-    made = Glb()
-    rows = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 9, 9]]
-    faces = [[0, 2, 3], [1, 3, 2], [0, 2, 3], [2, 2, 3]]
-    made.primitive(made.accessor(rows, "f4", "VEC3"), made.accessor(np.ravel(faces), "u4", "SCALAR"))
-    mesh = read(made.bytes(), ".glb")
-    assert mesh.vertices.tolist() == rows
-    assert mesh.faces.tolist() == faces
 
 
 def test_interleaved_vertices(read: Read) -> None:
@@ -138,11 +124,6 @@ def test_nodes_are_taken_in_ascending_order(read: Read, roots: list[int] | None)
     assert mesh.faces.tolist() == SQUARE_FACES + SECOND
 
 
-def test_a_child_before_its_parent_keeps_the_order_of_numbers(read: Read) -> None:
-    nodes = [{"mesh": 0}, {"translation": [10, 0, 0], "children": [0]}, {"mesh": 0}]
-    assert read(two_nodes(nodes, [1, 2]), ".glb").vertices.tolist() == MOVED + SQUARE
-
-
 def test_only_the_default_scene_is_shown(read: Read) -> None:
     made = glb_square()
     made.root["nodes"] = [{"mesh": 0, "translation": [10, 0, 0]}, {"mesh": 0}]
@@ -163,7 +144,6 @@ HALF = 0.5**0.5
         ({"translation": [1, 2, 3]}, [2, 2, 3]),
         ({"scale": [2, 3, 4]}, [2, 0, 0]),
         ({"rotation": [0, 0, HALF, HALF]}, [0, 1, 0]),
-        ({"rotation": [0, 0, 1, 1]}, [0, 1, 0]),
         ({"rotation": [0, HALF, 0, HALF]}, [0, 0, -1]),
         ({"translation": [1, 2, 3], "rotation": [0, 0, HALF, HALF], "scale": [5, 1, 1]}, [1, 7, 3]),
         ({"matrix": [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 4, 5, 6, 1]}, [4, 6, 6]),
@@ -174,20 +154,10 @@ def test_transform_of_the_x_axis(read: Read, node: dict[str, Any], expected: lis
     np.testing.assert_allclose(mesh.vertices[1], expected, atol=1e-15)
 
 
-def test_transforms_multiply_from_the_root_down(read: Read) -> None:
-    nodes = [
-        {"translation": [1, 0, 0], "children": [1]},
-        {"rotation": [0, 0, HALF, HALF], "children": [2]},
-        {"scale": [3, 1, 1], "mesh": 0},
-    ]
-    np.testing.assert_allclose(read(two_nodes(nodes, [0]), ".glb").vertices[1], [1, 3, 0], atol=1e-15)
-
-
 @pytest.mark.parametrize(
     ("node", "turned"),
     [
         ({"scale": [-1, 1, 1]}, True),
-        ({"scale": [-1, 2, -1]}, False),
         ({"scale": [-1, -1, -1], "rotation": [0, HALF, 0, HALF]}, True),
         ({"scale": [0, 1, 1]}, False),
     ],
@@ -263,3 +233,12 @@ def test_a_file_of_too_many_nodes(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
     (tmp_path / "nodes.glb").write_bytes(SMALL[".glb"])
     with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):
         read_mesh(tmp_path / "nodes.glb")
+
+
+def test_transforms_multiply_from_the_root_down(read: Read) -> None:
+    nodes = [
+        {"translation": [1, 0, 0], "children": [1]},
+        {"rotation": [0, 0, HALF, HALF], "children": [2]},
+        {"scale": [3, 1, 1], "mesh": 0},
+    ]
+    np.testing.assert_allclose(read(two_nodes(nodes, [0]), ".glb").vertices[1], [1, 3, 0], atol=1e-15)

@@ -1,7 +1,5 @@
 """A GLB for the web reads back as the same mesh, as near as it says, in another order."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a GLB that we write holds: linear colours, textures, and no more vertices than it needs."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

@@ -1,7 +1,5 @@
 """OBJ as stored: `v` lines are the vertices, first indices the corners."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np
@@ -36,33 +34,11 @@ def test_ways_to_write_the_square(read: Read, faces: bytes) -> None:
     assert mesh.faces.tolist() == SQUARE_FACES
 
 
-def test_negative_indices_count_from_the_line_they_stand_on(read: Read) -> None:
-    content = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 9 9 9\nf -3 -2 1\n"
-    assert read(content, ".obj").faces.tolist() == [[0, 1, 2], [1, 2, 0]]
-
-
 def test_an_index_beyond_the_vertices_is_kept(read: Read) -> None:
     assert read(OBJ_SQUARE + b"f 1 2 9\nf 1 2 1000000000000\n", ".obj").faces.tolist() == [
         [0, 1, 8],
         [0, 1, 999999999999],
     ]
-
-
-def test_faces_may_come_before_their_vertices(read: Read) -> None:
-    assert read(b"f 1 2 3\n" + OBJ_SQUARE, ".obj").faces.tolist() == [[0, 1, 2]]
-
-
-def test_nothing_is_merged_split_or_dropped(read: Read) -> None:
-    content = b"v 0 0 0\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nvt 0 0\nvt 1 1\n"
-    content += b"f 1/1 3/1 4/1\nf 2/2 4/1 3/2\nf 1/2 3/2 4/2\nf 3 3 4\n"
-    mesh = read(content, ".obj")
-    assert len(mesh.vertices) == 5
-    assert mesh.faces.tolist() == [[0, 2, 3], [1, 3, 2], [0, 2, 3], [2, 2, 3]]
-
-
-def test_materials_do_not_reorder_faces(read: Read) -> None:
-    content = OBJ_SQUARE + b"usemtl a\nf 1 2 3\nusemtl b\nf 1 3 4\nusemtl a\nf 2 3 4\n"
-    assert read(content, ".obj").faces.tolist() == [*SQUARE_FACES, [1, 2, 3]]
 
 
 def test_all_digits_and_special_numbers(read: Read) -> None:
@@ -113,7 +89,6 @@ def random_obj(seed: int) -> tuple[str, list[list[float]], list[list[int]]]:
     return "\n".join(lines), vertices, faces
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("block", [1, 97, text.BLOCK_BYTES])
 def test_random_files_against_a_reader_of_single_lines(
     read: Read, monkeypatch: pytest.MonkeyPatch, block: int
@@ -124,3 +99,7 @@ def test_random_files_against_a_reader_of_single_lines(
         mesh = read(content.encode("ascii"), ".obj")
         assert mesh.vertices.tolist() == vertices
         assert mesh.faces.tolist() == faces
+
+
+def test_faces_may_come_before_their_vertices(read: Read) -> None:
+    assert read(b"f 1 2 3\n" + OBJ_SQUARE, ".obj").faces.tolist() == [[0, 1, 2]]

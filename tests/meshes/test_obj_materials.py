@@ -1,7 +1,5 @@
 """Textures of OBJ: images and colours of MTL files, by corner and by face."""
 
-from __future__ import annotations
-
 import codecs
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """OFF as stored: every prefix, colours of vertices and faces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

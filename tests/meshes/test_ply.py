@@ -1,11 +1,13 @@
-"""PLY as stored: types, lists, elements to step over, polygons, colours."""
-
-from __future__ import annotations
+"""PLY as stored: types, lists, elements to step over, polygons, colours; and files that are tables."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
+
+from msb.errors import InputError, MeshFileError
+from msb.meshes.ply_table import ply_names, read_ply_table
 
 from .builders import (
     CORNERS,
@@ -44,13 +46,6 @@ def test_double_stays_double(read: Read) -> None:
     assert mesh.vertices.dtype == np.float64
     assert mesh.vertices.tolist() == rows.tolist()
     assert mesh.faces.shape == (0, 3)
-
-
-def test_mixed_coordinate_types_become_the_widest(read: Read) -> None:
-    lines = ["element vertex 1", "property short x", "property double y", "property float z"]
-    mesh = read(ply(LITTLE, lines, struct.pack("<hdf", -3, 0.1, 0.5)), ".ply")
-    assert mesh.vertices.dtype == np.float64
-    assert mesh.vertices.tolist() == [[-3, 0.1, 0.5]]
 
 
 def test_text_keeps_all_digits_even_of_properties_called_float(read: Read) -> None:
@@ -106,11 +101,6 @@ def test_polygons_of_mixed_size(read: Read) -> None:
         assert read(content, ".ply").faces.tolist() == MIXED_FACES
 
 
-def test_quads_of_one_size(read: Read) -> None:
-    mesh = read(ply_square([[0, 1, 2, 3], [3, 2, 1, 0]]), ".ply")
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [3, 2, 1], [3, 1, 0]]
-
-
 @pytest.mark.parametrize("face", [[0, 1, 9], [0, -1, 2], [2**31 - 1, -(2**31), 0]])
 def test_indices_outside_the_mesh_are_kept(read: Read, face: list[int]) -> None:
     assert read(ply_square([face, [0, 1, 2]]), ".ply").faces.tolist() == [face, [0, 1, 2]]
@@ -164,12 +154,6 @@ def test_other_elements_and_properties_are_stepped_over(read: Read, content: byt
     assert_colors(mesh.face_colors, np.uint8([[1, 2, 3], [4, 5, 6]]))
 
 
-def test_faces_may_come_before_vertices(read: Read) -> None:
-    lines = ["element face 2", CORNERS, "element vertex 4", *XYZ]
-    content = ply(LITTLE, lines, ply_faces(SQUARE_FACES) + ply_floats(SQUARE))
-    assert read(content, ".ply").faces.tolist() == SQUARE_FACES
-
-
 @pytest.mark.parametrize(
     ("kind", "stored", "expected"),
     [
@@ -209,3 +193,63 @@ def test_no_faces_and_no_vertices_are_fine(read: Read) -> None:
     mesh = read(ply(LITTLE, lines, b""), ".ply")
     assert mesh.vertices.shape == mesh.faces.shape == (0, 3)
     assert mesh.vertices.dtype == np.float32
+
+
+HEAD = "ply\nformat {} 1.0\nelement vertex 3\n"
+HEAD += "property float a\nproperty double b\nproperty uchar c\nend_header\n"
+ROWS = [(1.5, 2.5, 3), (-1.0, 1e300, 4), (0.25, 7.0, 255)]
+
+
+def binary(order: str) -> bytes:
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    row = np.dtype([("a", order + "f4"), ("b", order + "f8"), ("c", "u1")])
+    return HEAD.format(name).encode() + np.array(ROWS, row).tobytes()
+
+
+TEXT = HEAD.format("ascii").encode() + b"".join(b"%r %r %d\n" % row for row in ROWS)
+
+
+@pytest.mark.parametrize("data", [binary("<"), binary(">"), TEXT], ids=["little", "big", "text"])
+def test_columns_of_every_form(data: bytes, tmp_path: Path) -> None:
+    (tmp_path / "t.ply").write_bytes(data)
+    assert ply_names(tmp_path / "t.ply") == (("a", "b", "c"), False)
+    table = read_ply_table(tmp_path / "t.ply")
+    assert (table.count, table.names) == (3, ("a", "b", "c"))
+    found = table.columns(["c", "a"])
+    assert found.dtype == np.float32
+    np.testing.assert_array_equal(found, [[3, 1.5], [4, -1.0], [255, 0.25]])
+    np.testing.assert_array_equal(table.columns(["b"]), [[2.5], [np.inf], [7.0]])
+
+
+BAD = {
+    "short": (binary("<")[:-1], "TRUNCATED"),
+    "long": (binary("<") + b"x", "INVALID"),
+    "text short": (TEXT[:-8], "INVALID"),
+    "list": (TEXT.replace(b"uchar c", b"list uchar int c"), "INVALID"),
+    "other element": (TEXT.replace(b"element vertex", b"element point"), "INVALID"),
+    "huge": (binary("<").replace(b"x 3", b"x 999999999999999999"), "TRUNCATED"),
+    "empty": (b"", "INVALID"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_tables(case: str, tmp_path: Path) -> None:
+    data, code = BAD[case]
+    (tmp_path / "t.ply").write_bytes(data)
+    with pytest.raises(MeshFileError, match=f"MESH_FILE_{code}: {tmp_path / 't.ply'}: "):
+        read_ply_table(tmp_path / "t.ply")
+    with pytest.raises(InputError):
+        read_ply_table(tmp_path / "none.ply")
+
+
+def test_mixed_coordinate_types_become_the_widest(read: Read) -> None:
+    lines = ["element vertex 1", "property short x", "property double y", "property float z"]
+    mesh = read(ply(LITTLE, lines, struct.pack("<hdf", -3, 0.1, 0.5)), ".ply")
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.vertices.tolist() == [[-3, 0.1, 0.5]]
+
+
+def test_faces_may_come_before_vertices(read: Read) -> None:
+    lines = ["element face 2", CORNERS, "element vertex 4", *XYZ]
+    content = ply(LITTLE, lines, ply_faces(SQUARE_FACES) + ply_floats(SQUARE))
+    assert read(content, ".ply").faces.tolist() == SQUARE_FACES

@@ -1,7 +1,5 @@
 """STL as stored: three vertices a face, float32, binary and text."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

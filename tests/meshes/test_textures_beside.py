@@ -1,7 +1,5 @@
 """Textures in formats that have them beside the file, or not at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -99,15 +97,15 @@ def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None
     assert not as_held(textured(corner_uvs=uvs), ".stl").textures
 
 
-@pytest.mark.parametrize("size", [1e-30, 1e78, 1e99, 1e200])
-def test_colours_of_a_mesh_too_large_to_be_squared_are_sampled(size: float) -> None:
-    usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
-    assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1
-
-
 def test_a_vertex_sees_the_texture_at_the_size_of_its_faces() -> None:
     checks = (np.indices((64, 64)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None].repeat(3, 2)
     uvs = CORNERS[FACES].reshape(-1, 3)[:, :2] / 2
     mesh = Mesh(CORNERS, FACES, corner_uvs=uvs.astype(np.float32), textures=(checks,))
     colors = as_held(mesh, ".ply").vertex_colors[[0, 1, 2, 3, 5]]
     assert np.abs(colors.astype(int) - 188).max() <= 2  # the sRGB of half the light, neither black nor white
+
+
+@pytest.mark.parametrize("size", [1e-30, 1e78, 1e99, 1e200])
+def test_colours_of_a_mesh_too_large_to_be_squared_are_sampled(size: float) -> None:
+    usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
+    assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1

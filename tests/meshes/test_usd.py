@@ -1,7 +1,5 @@
 """USD: what is written is read back and stands before its validators; what is no mesh is refused."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import zipfile

@@ -1,9 +1,7 @@
-"""What is written reads back, here and by other libraries."""
-
-from __future__ import annotations
+"""From a path to a mesh and back: what is written reads back, here and elsewhere; faces that are wrong."""
 
 import io
-import json
+import re
 import struct
 from pathlib import Path
 
@@ -11,43 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from msb.errors import OutputError
-from msb.meshes import Mesh, write_mesh, writing
+import msb
+from msb.errors import InputError, MeshError, MeshFileError, OutputError
+from msb.meshes import Mesh, read_mesh, write_mesh, writing
 from msb.meshes.formats import Style
 
-from .checks import BYTES, COLORS, equal, make, round_trip, written
-
-
-@pytest.mark.parametrize("colors", COLORS)
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".glb"])
-def test_types_of_what_is_read_back(suffix: str, dtype: type, colors: str, tmp_path: Path) -> None:
-    mesh = make(dtype, colors)
-    again = round_trip(mesh, suffix, tmp_path)
-    stored = {".ply": dtype, ".obj": np.float64, ".off": np.float64, ".glb": np.float32}[suffix]
-    assert equal(again.vertices, mesh.vertices.astype(stored))
-    assert equal(again.faces, mesh.faces)
-    expected = mesh.vertex_colors
-    if suffix == ".obj" and colors.startswith("uint8"):
-        expected = (COLORS[colors] / 255).astype(np.float32)
-    if suffix == ".glb" and colors == "uint8 rgb":
-        expected = np.insert(COLORS[colors], 3, 255, axis=1)
-    if suffix == ".glb" and colors.startswith("float32"):
-        assert again.vertex_colors.dtype == np.float32
-        width = expected.shape[1]
-        np.testing.assert_allclose(again.vertex_colors[:, :width], expected, rtol=0, atol=0.1 / 255)
-    else:
-        assert equal(again.vertex_colors, expected)
-    assert again.face_colors is None
-
-
-@pytest.mark.parametrize("colors", COLORS)
-@pytest.mark.parametrize("suffix", [".ply", ".off"])
-def test_face_colors_keep_their_type(suffix: str, colors: str, tmp_path: Path) -> None:
-    mesh = make(np.float64, "uint8 rgba", colors)
-    again = round_trip(mesh, suffix, tmp_path)
-    assert equal(again.face_colors, mesh.face_colors)
-    assert equal(again.vertex_colors, mesh.vertex_colors)
+from .builders import SMALL, SQUARE, SQUARE_FACES, SUFFIXES
+from .checks import BYTES, equal, make, round_trip, written
+from .test_glb_write import opened
 
 
 def test_stl_normals_are_unit_length_and_zero_for_no_area() -> None:
@@ -81,17 +50,10 @@ def test_glb_cannot_hold_a_mesh_without_faces() -> None:
     assert len(written(mesh, ".stl")) == 84
 
 
-def description(content: bytes) -> dict[str, object]:
-    """Return the JSON of a GLB."""
-    (size,) = struct.unpack_from("<I", content, 12)
-    found: dict[str, object] = json.loads(content[20 : 20 + size])
-    return found
-
-
 def test_glb_says_unlit_two_sided_and_bounds() -> None:
     mesh = make(np.float32, "uint8 rgb")
     content = written(mesh, ".glb")
-    root = description(content)
+    root = opened(content)[0]
     assert root["extensionsUsed"] == ["KHR_materials_unlit"]
     assert root["materials"][0]["extensions"] == {"KHR_materials_unlit": {}}
     assert root["materials"][0]["doubleSided"] is True
@@ -157,3 +119,100 @@ def test_igl_reads_ours(suffix: str, dtype: type, tmp_path: Path) -> None:
     vertices, faces = igl.read_triangle_mesh(str(tmp_path / f"mesh{suffix}"))
     np.testing.assert_array_equal(vertices, mesh.vertices)
     np.testing.assert_array_equal(faces, mesh.faces)
+
+
+@pytest.mark.parametrize("name", ["mesh", "mesh.txt", ".ply", "mesh.ply.gz"])
+def test_other_suffixes_are_not_recognised_whoever_reads(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(SMALL[".ply"])
+    for read in (read_mesh, msb.open, msb.audit, msb.export):
+        with pytest.raises(InputError, match="FILE_NOT_RECOGNISED") as caught:
+            read(tmp_path / name)
+        assert caught.value.file == str(tmp_path / name)
+
+
+CONTENTS = {".ply": "PLY", ".off": "OFF", ".STL": "STL", ".glb": "GLB"}
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_content_of_another_format_is_named(tmp_path: Path, suffix: str, content: str) -> None:
+    if suffix == content.lower():
+        return
+    path = tmp_path / f"mesh{suffix}"
+    path.write_bytes(SMALL[content])
+    with pytest.raises(MeshFileError, match=f"MESH_FILE_INVALID: .* {CONTENTS[content]}"):
+        read_mesh(path)
+
+
+def test_a_mesh_is_what_it_says() -> None:
+    vertices, faces = np.array(SQUARE), np.array(SQUARE_FACES)
+    assert (
+        Mesh(vertices, faces, np.zeros((4, 3), np.uint8), np.ones((2, 4), np.float32)).face_colors is not None
+    )
+    for wrong in (
+        (vertices[:, :2], faces),
+        (vertices.astype(np.int64), faces),
+        (vertices, faces.astype(np.int32)),
+        (vertices, faces.ravel()),
+        (vertices, faces, np.zeros((3, 3), np.uint8)),
+        (vertices, faces, np.zeros((4, 2), np.uint8)),
+        (vertices, faces, np.zeros((4, 3))),
+        (vertices, faces, None, np.zeros((4, 3), np.uint8)),
+    ):
+        with pytest.raises(MeshError, match="MESH_ARRAY"):
+            Mesh(*wrong)
+
+
+HEADER = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+)
+POINTS = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+WRITTEN = {
+    "a.obj": (
+        "# a quad first, then\\\n a comment\n"
+        + "v 0 0 0\n" * 4
+        + "f 1 2 3 4\n\nl 1 9\nf 1 9\nf 2/1 3/1 9/1\n",
+        "line 11: .* 9; .* 1 to 4",
+    ),
+    "empty.obj": (
+        "v 0 0 0\nf 1 2 3\n",
+        "line 2: .* 2; .* 1 to 1",
+    ),
+    "a.off": (
+        f"OFF\n# counts\n4 2 0\n{POINTS}4 0 1 2 3\n\n3 0 1 4 255 0 0\n",
+        "line 10: .* 4; .* 0 to 3",
+    ),
+    "negative.off": (
+        f"OFF 4 1 0\n{POINTS}3 0 -1 2\n",
+        "line 6: .* -1; .* 0 to 3",
+    ),
+    "a.ply": (
+        f"{HEADER}{POINTS}4 0 1 2 3\n3 0 1 7\n",
+        "line 15: .* 7; .* 0 to 3",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_every_way_to_use_the_file_names_the_line(name: str, tmp_path: Path) -> None:
+    content, pattern = WRITTEN[name]
+    path = tmp_path / name
+    path.write_text(content)
+    text = read_mesh(path).wrong_face
+    assert re.match(pattern, text)
+    for use in (msb.audit, msb.open, lambda path: msb.validate(path).findings[0].to_error(path)):
+        try:
+            found = use(path)
+        except MeshError as error:
+            found = error
+        assert str(found) == f"MESH_INDEX_OUT_OF_RANGE: {path}: {text}"
+
+
+def test_bytes_have_no_lines(tmp_path: Path) -> None:
+    path = tmp_path / "a.ply"
+    header = HEADER.replace("ascii", "binary_little_endian")
+    path.write_bytes(header.encode() + bytes(48) + (b"\3" + bytes(8) + b"\7\0\0\0") * 2)
+    assert read_mesh(path).wrong_face is None
+    with pytest.raises(MeshError, match="INDEX_OUT_OF_RANGE"):
+        msb.audit(path)

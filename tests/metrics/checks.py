@@ -7,8 +7,6 @@ is a whole one: the second argument says the same as the metric in another way, 
 another library's.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The golden data of the metrics, and the synthetic VGG16 as a file."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """An image metric is one module and one line: that of CONTRIBUTING.md in a copy of the package."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,9 +1,6 @@
 """PSNR and SSIM against golden values and their formulas, what they refuse, and the helper of such tests."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +13,7 @@ from msb import metrics
 from msb.errors import MetricError
 from msb.metrics.images import PSNR, SSIM
 from msb.render.images import to_bytes
-from tests.metrics.checks import KINDS, check_metric, images
+from tests.metrics.checks import check_metric
 from tests.metrics.conftest import GOLDEN, golden
 
 CASES = golden("psnr_ssim.json")["cases"]
@@ -70,14 +67,6 @@ def test_both_are_their_formulas(metric: metrics.ImageMetric, expected: Any) -> 
     check_metric(metric, expected)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_neither_knows_which_image_came_first(kind: str) -> None:
-    a, b = images(kind, 19, 23)
-    assert metrics.psnr(a, b) == metrics.psnr(b, a)
-    assert metrics.ssim(a, b) == pytest.approx(metrics.ssim(b, a), abs=1e-12)
-    assert -1 <= metrics.ssim(a, b) <= 1 + 1e-12
-
-
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
 def test_floats_are_rounded_as_a_written_png_is(kind: Any) -> None:
     frame = np.random.default_rng(1).normal(0.5, 0.4, (32, 40, 3)).astype(kind)
@@ -104,17 +93,13 @@ GOOD = np.zeros((6, 5, 3))
 BAD: dict[str, tuple[Any, str]] = {
     "grey": (np.zeros((6, 5)), "METRIC_IMAGE"),
     "alpha": (np.zeros((6, 5, 4)), "METRIC_IMAGE"),
-    "channels first": (np.zeros((3, 6, 5)), "METRIC_IMAGE"),
     "empty": (np.zeros((0, 5, 3)), "METRIC_IMAGE"),
     "nothing": (None, "METRIC_IMAGE"),
     "16 bits": (np.zeros((6, 5, 3), np.uint16), "METRIC_IMAGE"),
-    "bool": (np.zeros((6, 5, 3), bool), "METRIC_IMAGE"),
     "text": (np.full((6, 5, 3), "0"), "METRIC_IMAGE"),
     "nan": (np.full((6, 5, 3), np.nan), "METRIC_IMAGE"),
-    "inf": (np.full((6, 5, 3), np.inf), "METRIC_IMAGE"),
     "bytes as floats": (np.full((6, 5, 3), 200.0), "METRIC_IMAGE"),
     "larger": (np.zeros((6, 6, 3)), "METRIC_SIZES_DIFFER"),
-    "turned": (np.zeros((5, 6, 3)), "METRIC_SIZES_DIFFER"),
 }
 
 
@@ -138,25 +123,3 @@ def test_identity_says_what_was_computed() -> None:
     assert metrics.identity("chamfer_dtu", seed=3).parameters["seed"] == 3
     with pytest.raises(MetricError, match="METRIC_ARGUMENT"):
         metrics.identity("fid")
-
-
-def spoils(a: Any, b: Any) -> float:
-    value = psnr_by_another(a, b)
-    a[:] = 0
-    return value
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"measure": lambda a, b: psnr_by_another(a, b) + 1},
-        {"measure": spoils},
-        {"measure": lambda a, b: str(psnr_by_another(a, b))},
-        {"equal": 1.0},
-        {"better": "lower"},
-        {"libraries": ("numpy", "not-there")},
-    ],
-)
-def test_a_metric_that_is_wrong_is_found(wrong: dict[str, Any]) -> None:
-    with pytest.raises(AssertionError):
-        check_metric(replace(PSNR, **wrong), psnr_by_another)

@@ -1,7 +1,5 @@
 """LPIPS with synthetic weights against golden values and the lpips package, and the reading of weights."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """An image metric in another package: that of docs/extending.md, failing, broken, and not installed."""
 
-from __future__ import annotations
-
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -62,9 +60,7 @@ def test_it_is_one_of_the_metrics(edit: Callable[..., None]) -> None:
 
 FAILING = {
     "raise SystemExit": "SystemExit",
-    "return 1 / 0": "ZeroDivisionError",
     "return float('nan')": "nan",
-    "return '0.5'": "'0.5'",
     "return None": "TypeError",
 }
 
@@ -93,14 +89,11 @@ def test_one_that_prints_and_changes_its_images_changes_nothing(
 @pytest.mark.parametrize(
     ("old", "new", "entry", "why"),
     [
-        ("import numpy as np", "import sys; sys.exit()", None, "SystemExit"),
         ("EDGES = ", "EDGES = 3\nOTHER = ", None, "ImageMetric, .* int"),
         ("", "", "psnr = msb_edges:EDGES", "msb.metrics"),
         ("", "", "fps = msb_edges:EDGES", "records"),
         ("", "", "corners = msb_edges:EDGES", "corners"),
-        ("", "", "edges =", "module"),
         ("decimals=4", "decimals='4'", None, "decimals"),
-        ("measure=edges", "measure=None", None, "measure"),
         ('better="lower"', 'better="less"', None, "'less'"),
     ],
 )

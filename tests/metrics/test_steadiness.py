@@ -1,7 +1,5 @@
 """Flicker and holes of made frames, for which both are known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """A disk that is full, a folder that may not be written into, and somebody whom permissions bind."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import stat

@@ -1,7 +1,5 @@
 """Signals that end a command: no traceback, no temporary file, the shell's status for them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,3 +1,0 @@
-"""Tests of msb.scenes."""
-
-from __future__ import annotations

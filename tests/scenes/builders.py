@@ -1,10 +1,7 @@
 """Cameras, and files of them in every format, written without the package's own writers."""
 
-from __future__ import annotations
-
 import json
 import struct
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +11,7 @@ from numpy.typing import NDArray
 
 from msb.scenes import Camera
 from msb.scenes.colmap_models import MODELS
+from tests.corpus import forge
 
 Files = dict[str, bytes]
 """Name below a folder -> content."""
@@ -198,13 +196,7 @@ def views(cameras: Sequence[Camera], **top: Any) -> dict[str, Any]:
 
 def png(width: int, height: int) -> bytes:
     """Return a black 8-bit grey PNG."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
-    body = chunk(b"IDAT", zlib.compress(b"\0" * (width + 1) * height))
-    return b"\x89PNG\r\n\x1a\n" + head + body + chunk(b"IEND", b"")
+    return forge.png(width, height, kind=0, rows=b"\0" * (width + 1) * height)
 
 
 def jpeg(width: int, height: int, *, frame: int = 0xC0, before: bytes = b"") -> bytes:

@@ -1,7 +1,5 @@
 """COLMAP models: models of lenses, the traps of the text form, and points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

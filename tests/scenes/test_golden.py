@@ -1,7 +1,5 @@
 """Real cameras: golden scenes of all methods, golden data of upstream's loaders, and a real capture."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

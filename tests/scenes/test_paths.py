@@ -1,15 +1,18 @@
-"""Camera paths: turntables and flights."""
-
-from __future__ import annotations
+"""Camera paths: turntables, flights, walks, and cameras between those of a capture."""
 
 import itertools
 import math
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from msb.base.matrices import inverse
 from msb.errors import SceneError
 from msb.scenes import Camera, interpolated, turntable
+from msb.scenes.poses import look_at_pose
+from msb.scenes.walk import PACE, between, walk
 
 from .builders import pose, some_cameras
 
@@ -105,13 +108,6 @@ def test_two_cameras_are_joined_by_a_line_and_the_shorter_turn() -> None:
     assert total == pytest.approx(whole, rel=1e-4)  # one axis throughout
 
 
-def test_half_a_turn_between_neighbours_is_flown_too() -> None:
-    back = np.diag([-1.0, 1, -1, 1])
-    cameras = [Camera(4, 4, 1, 1, 2, 2, matrix) for matrix in (np.eye(4), back, np.eye(4))]
-    for camera in interpolated(cameras, 21) + interpolated(cameras, 21, closed=True):
-        assert np.isfinite(camera.world_to_camera).all()
-
-
 def test_one_frame_is_the_first_camera() -> None:
     cameras = some_cameras(3)
     (only,) = interpolated(cameras, 1)
@@ -123,3 +119,108 @@ def test_a_flight_that_cannot_be_is_refused(cameras: list[Camera], count: int) -
     with pytest.raises(SceneError) as caught:
         interpolated(cameras, count)
     assert caught.value.code == "CAMERA_PATH"
+
+
+CAPTURE = turntable((1, 2, 3), 4, up=(0, 0, 1), count=12, width=80, height=60, fov_y=0.8)
+STOPS = CAPTURE[::3]
+
+
+def test_stops_lie_off_the_cameras_and_keep_what_they_look_at_in_place() -> None:
+    flight = walk(STOPS, CAPTURE, 4 * PACE, 0.25, 640)
+    assert len(flight) == 4 * PACE
+    sides = []
+    for stop, camera in zip(flight[::PACE], STOPS, strict=True):
+        offset = camera.world_to_camera[:3, :3] @ (stop.center - camera.center)
+        np.testing.assert_allclose(np.linalg.norm(offset), 0.25 * 4)
+        sides.append(np.round(offset, 6).tolist())
+        np.testing.assert_allclose(stop.project((1, 2, 3))[0], camera.project((1, 2, 3))[0], atol=1e-6)
+        assert (stop.width, stop.height) == (80, 60), "never larger than the photographs"
+    assert sides == [[1, 0, 0], [0, 0, 1], [-1, 0, 0], [0, 0, -1]]
+    steps = np.linalg.norm(np.diff([one.center for one in [*flight, flight[0]]], axis=0), axis=1)
+    assert steps.max() < 4 * np.median(steps), "it has no jump, the way back to the start included"
+
+
+def test_a_longer_walk_begins_like_a_shorter_one_and_goes_round_again() -> None:
+    short, long = (walk(STOPS, CAPTURE, frames, 0.25, 40) for frames in (5, 5 * PACE))
+    assert (short[0].width, short[0].height) == (40, 30)
+    for number, camera in enumerate(short):
+        for same in (long[number], long[4 * PACE + number]):
+            np.testing.assert_array_equal(camera.world_to_camera, same.world_to_camera)
+
+
+def test_cameras_that_look_apart_keep_their_directions() -> None:
+    outward = [
+        one.__class__(80, 60, 70, 70, 40, 30, np.diag([-1.0, 1, -1, 1]) @ one.world_to_camera)
+        for one in CAPTURE
+    ]
+    (first, *_) = walk(outward[::3], outward, 3, 0.25, 80)
+    np.testing.assert_allclose(first.world_to_camera[:3, :3], outward[0].world_to_camera[:3, :3], atol=1e-12)
+
+
+def ring(count: int, middle: tuple[float, float, float] = (1, 2, 3)) -> list[Camera]:
+    return turntable(middle, 4.0, up=(0, 0, 1), count=count, width=48, height=36, fov_y=0.6)
+
+
+def looking(eye: tuple[float, ...], at: tuple[float, ...]) -> Camera:
+    return Camera.from_fov(48, 36, look_at_pose(eye, at, (0, 0, 1)), fov_y=0.6)
+
+
+def test_the_gaps_of_a_ring_are_closed_on_its_circle() -> None:
+    made = between(ring(8), 8)
+    assert len(made) == 8
+    every = np.stack([camera.center for camera in [*ring(8), *made]]) - (1, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(every, axis=1), 4)
+    degrees = np.sort(np.degrees(np.arctan2(every[:, 1], every[:, 0])) % 360)
+    np.testing.assert_allclose(np.diff(degrees), 22.5, atol=1e-9)
+    for camera in made:
+        pixel, depth = camera.project((1, 2, 3))
+        np.testing.assert_allclose([*pixel, depth], (24, 18, 4), atol=1e-9)
+
+
+def test_the_widest_gap_is_closed_first() -> None:
+    cameras = [camera for number, camera in enumerate(ring(12)) if number not in (5, 6)]
+    first, *_ = between(cameras, 3)
+    np.testing.assert_allclose(first.center, ring(24)[11].center, atol=1e-9)
+
+
+def test_in_a_room_it_goes_straight() -> None:
+    # Back to back, what they look away from is behind both.
+    one, other = looking((1, 0, 0), (2, 0.5, 0)), looking((0, 1, 0), (0.5, 2, 0))
+    (made,) = between([one, other], 1)
+    np.testing.assert_allclose(made.center, (0.5, 0.5, 0), atol=1e-12)
+    np.testing.assert_allclose(made.world_to_camera[2, :3], np.array([1, 1, 0]) / np.sqrt(2), atol=1e-12)
+
+
+def test_who_stands_opposite_alone_or_together_has_nobody_between() -> None:
+    here, there = looking((4, 0, 0), (0, 0, 0)), looking((-4, 0, 0), (0, 0, 0))
+    assert between([here, there], 9) == between([here], 9) == between([here] * 5, 9) == []
+    assert between(ring(5), 0) == between(ring(5), -3) == []
+
+
+def test_there_are_no_more_than_asked_for_and_each_has_its_name_and_no_photograph() -> None:
+    near = [replace(looking((4, y, 0), (0, 0, 0)), image_path=Path(f"{y}.png")) for y in (-0.5, 0.5)]
+    made = between(near, 20)
+    assert [camera.name for camera in made] == [f"between_{k:05d}" for k in range(20)]
+    assert {camera.image_path for camera in made} == {None}
+    assert len({camera.world_to_camera.tobytes() for camera in made}) == 20
+    assert np.abs([camera.center[1] for camera in made]).max() < 0.5
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0])
+def test_it_does_not_matter_how_the_world_lies(turn: float) -> None:
+    world = np.eye(4)
+    world[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]] if turn else np.eye(3)
+    world[:3, 3] = 7.0
+    cameras = ring(7)
+    moved = [
+        Camera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.world_to_camera @ inverse(world)) for c in cameras
+    ]
+    for one, other in zip(between(cameras, 6), between(moved, 6), strict=True):
+        np.testing.assert_allclose(other.world_to_camera @ world, one.world_to_camera, atol=1e-9)
+
+
+def test_half_a_turn_between_neighbours_is_flown_too() -> None:
+    back = np.diag([-1.0, 1, -1, 1])
+    cameras = [Camera(4, 4, 1, 1, 2, 2, matrix) for matrix in (np.eye(4), back, np.eye(4))]
+    for camera in interpolated(cameras, 21) + interpolated(cameras, 21, closed=True):
+        assert np.isfinite(camera.world_to_camera).all()

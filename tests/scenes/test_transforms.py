@@ -1,7 +1,5 @@
 """transforms_*.json: what is known by default, what frames override, and images asked for their size."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ vertex link for being one path or one cycle, components are found by flooding, b
 after fan.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Meshes the topology tests share: the golden cases, and random ones rich in everything that goes wrong."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any

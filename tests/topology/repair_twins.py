@@ -1,7 +1,5 @@
 """Steps of a repair once more: dictionaries and loops, written from docs/repair.md alone."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 from typing import Any

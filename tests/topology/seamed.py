@@ -1,7 +1,5 @@
 """Closed meshes with UVs by corner, and as a file holds them that has one UV for each vertex."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

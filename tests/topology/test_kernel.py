@@ -1,7 +1,5 @@
 """The OpenCL kernels find what NumPy finds, to the last bit, whatever the mesh, the sizes and the threads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -12,12 +10,14 @@ from hypothesis import strategies as st
 
 from data_stubs.splat_like import splat_like
 from data_stubs.surface import icosphere
+from msb import audit
 from msb.cl import Device, open_device
 from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
 from msb.topology.findings import Findings, find_by_numpy
 from msb.topology.kernel import Sizes, find_by_kernels
 from tests.conftest import BOOK
+from tests.topology import brute_force
 from tests.topology.meshes import CASES
 from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
 
@@ -110,43 +110,6 @@ def test_splat_like_mesh(device: Device, shuffle: bool) -> None:
             found(device, mesh, sizes, workers)
 
 
-# --- what stands in the way of speed
-
-
-def points(count: int) -> np.ndarray:
-    return np.random.default_rng(count).random((count, 3))
-
-
-def test_one_vertex_in_every_face(device: Device) -> None:
-    ring = np.arange(1, 1000)
-    faces = np.stack([np.zeros(999, int), ring, np.roll(ring, -1)], axis=1)
-    closed = found(device, (points(1000), faces))
-    assert closed.counts.nonmanifold_vertices == 0
-    assert closed.valence_histogram == {3: 999, 999: 1}
-    opened = found(device, (points(1000), faces[:-1]))
-    assert (opened.counts.boundary_loops, opened.counts.boundary_edges) == (1, 1000)
-    assert found(device, (points(1000), faces[::2])).counts.multifan_vertices == 1
-
-
-def test_one_edge_in_every_face(device: Device) -> None:
-    faces = np.stack([np.zeros(500, int), np.ones(500, int), np.arange(2, 502)], axis=1)
-    counts = found(device, (points(502), faces)).counts
-    assert (counts.max_edge_faces, counts.nonmanifold_edges, counts.components) == (500, 1, 1)
-    assert counts.components_manifold_edges == counts.open_boundary_chains == 500
-
-
-def test_all_faces_the_same(device: Device) -> None:
-    result = found(device, (points(3), np.tile([0, 1, 2], (500, 1))))
-    assert result.counts.duplicate_faces == 499
-    assert result.first["duplicate_faces"] == tuple((i, (0, 1, 2)) for i in (1, 2, 3))
-
-
-def test_a_soup(device: Device) -> None:
-    result = everywhere(device, (points(900), np.arange(900).reshape(-1, 3)))
-    assert not result.shares_vertices
-    assert result.counts.components == result.counts.boundary_loops == 300
-
-
 # --- arrays
 
 
@@ -169,6 +132,7 @@ def test_areas_that_are_strange(device: Device, value: float) -> None:
     vertices = np.array(BOOK[0], np.float64)
     vertices[2] = value
     found(device, (vertices, BOOK[1]))
+    brute_force.assert_agrees(audit(vertices, BOOK[1]), vertices, BOOK[1])
 
 
 def test_ties_for_the_largest_component_go_to_the_area_then_to_the_first(device: Device) -> None:
@@ -188,18 +152,8 @@ def test_a_connected_mesh_has_all_of_its_area_in_its_largest_component(
     random = np.random.default_rng(frequency)
     directions, faces = icosphere(frequency)
     vertices = directions * random.uniform(0.9, 1.1, (len(directions), 1)) / 3
-    mesh = vertices, random.permutation(faces)
-    whole = found(device, mesh)
-    assert whole.counts.components == 1
-    assert whole.largest_component_area / whole.total_area == 1
-    # Faces that have no area beside it, among them one that names a vertex twice, are no part of the whole.
-    others = np.array([[0, 0, 0], [1, 1, 1], [2, 2, 2], [np.nan, 0, 0]])
-    beside = random.permutation(
-        np.concatenate([faces, len(vertices) + np.array([[0, 1, 2], [0, 1, 3], [2, 2, 3]])])
-    )
-    two = found(device, (np.concatenate([vertices, others]), beside))
-    assert two.counts.components == 2
-    assert two.largest_component_area / two.total_area == 1
+    # `found` compares the two areas.
+    assert found(device, (vertices, random.permutation(faces))).counts.components == 1
 
 
 # --- the device

@@ -1,7 +1,5 @@
 """What must hold for every mesh, whatever it is, tried on meshes Hypothesis makes up."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Any
 
@@ -145,9 +143,8 @@ def test_identities_hold_on_a_splat_like_mesh() -> None:
     assert_identities(splat_like(24))
 
 
-@pytest.mark.slow
 def test_audit_agrees_with_the_brute_force_twin_on_random_meshes() -> None:
-    count = 400
+    count = 200
     random = np.random.default_rng(2024)
     seen = dict.fromkeys(
         ["nonmanifold_edges", "multifan_vertices", "repeated_index_faces", "nonfinite_faces"], 0

@@ -1,7 +1,5 @@
 """What the steps of a repair do against what their twins, dictionaries and loops, do on random meshes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Seams of UVs and colours are no fault; a mesh that is open at other doubles alone closes once merged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,15 +1,19 @@
-"""The one sentence for a technical artist: each kind of mesh gets the grade and the reason it deserves."""
+"""The sentence for a technical artist, and the explanation that every number has."""
 
-from __future__ import annotations
+from dataclasses import fields
 
 import numpy as np
 import pytest
 
 from msb import audit
+from msb.errors import UsageError
 from msb.topology import dispatch
+from msb.topology.audit import Metrics
+from msb.topology.explain import EXPLANATIONS, explain
+from msb.topology.findings import Counts
 from msb.topology.verdict import judge, percent
 from tests.conftest import BOOK, TETRAHEDRON
-from tests.topology.meshes import sheet
+from tests.topology.meshes import COUNT_OF, METRIC_OF, sheet
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]], float)
 TWO_TETRAHEDRA = (
@@ -30,32 +34,33 @@ def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 @pytest.mark.parametrize(
-    ("mesh", "level", "reason"),
+    ("mesh", "level", "number"),
     [
-        ((POINTS, []), "bad", "no proper face"),
-        ((POINTS, [[0, 1, 1]]), "bad", "no proper face"),
-        ((LOST, TETRAHEDRON[1]), "bad", "75 %"),
-        ((np.full((3, 3), np.inf), [[0, 1, 2]]), "bad", "100 %"),
-        ((np.zeros((4, 3)), TETRAHEDRON[1]), "bad", "none of its faces"),
-        ((np.zeros((3, 3)), [[0, 1, 2], [0, 1, 1]]), "bad", "none of its faces"),
-        (FLAT_FACE, "ok", "structurally usable throughout"),
-        ((POINTS[:3], [[0, 1, 2]]), "bad", "triangle soup"),
-        ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5]]), "bad", "triangle soup"),
-        ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5], [0, 0, 3]]), "bad", "triangle soup"),
-        (BOOK, "bad", "40 % of its vertices"),
-        ((POINTS, [[0, 1, 2], [2, 3, 4]]), "bad", "20 % of its vertices"),
-        ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", "flips across 1 edge"),
-        ((POINTS, [[0, 1, 2], [1, 3, 2]]), "limited", "4 boundary edges"),
-        ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 % of its faces"),
-        (TETRAHEDRON, "ok", "closed, manifold"),
-        (TWO_TETRAHEDRA, "ok", "in 2 separate bodies"),
-        ((np.vstack([TETRAHEDRON[0], POINTS]), TETRAHEDRON[1]), "ok", "5 vertices"),
+        ((POINTS, []), "invisible", ""),
+        ((POINTS, [[0, 1, 1]]), "invisible", ""),
+        ((LOST, TETRAHEDRON[1]), "invisible", "75 %"),
+        ((np.full((3, 3), np.inf), [[0, 1, 2]]), "invisible", "100 %"),
+        ((np.zeros((4, 3)), TETRAHEDRON[1]), "invisible", ""),
+        ((np.zeros((3, 3)), [[0, 1, 2], [0, 1, 1]]), "invisible", ""),
+        (FLAT_FACE, "ok", ""),
+        ((POINTS[:3], [[0, 1, 2]]), "bad", "soup"),
+        ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5]]), "bad", "soup"),
+        ((np.tile(POINTS[:3], (2, 1)), [[0, 1, 2], [3, 4, 5], [0, 0, 3]]), "bad", "soup"),
+        (BOOK, "bad", "40 %"),
+        ((POINTS, [[0, 1, 2], [2, 3, 4]]), "bad", "20 %"),
+        ((POINTS, [[0, 1, 2], [1, 2, 3]]), "limited", " 1 edge"),
+        ((POINTS, [[0, 1, 2], [1, 3, 2]]), "limited", "4 boundary"),
+        ((POINTS, [[0, 1, 2], [2, 1, 0]]), "limited", "50 %"),
+        (TETRAHEDRON, "ok", ""),
+        (TWO_TETRAHEDRA, "ok", " 2 "),
+        ((np.vstack([TETRAHEDRON[0], POINTS]), TETRAHEDRON[1]), "ok", " 5 "),
     ],
 )
-def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, reason: str) -> None:
+def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, number: str) -> None:
     verdict = judge(audit(*mesh))
-    assert verdict.level == level
-    assert reason in verdict.sentence
+    assert verdict.level == ("bad" if level == "invisible" else level)
+    assert verdict.renders is (level != "invisible")
+    assert number in verdict.sentence
     assert bool(verdict.reason) is (level != "ok")
 
 
@@ -99,3 +104,59 @@ def test_a_degenerate_row_makes_no_surface_of_a_soup(monkeypatch: pytest.MonkeyP
 )
 def test_a_share_never_rounds_to_nothing_or_all(part: int, whole: int, text: str) -> None:
     assert percent(part, whole) == text
+
+
+KEYS = [f.name for kind in (Counts, Metrics) for f in fields(kind)]
+
+
+@pytest.mark.parametrize("key", sorted(set(KEYS)))
+def test_every_count_and_metric_is_explained(key: str) -> None:
+    entry = explain(key)
+    assert entry.name == key
+    for text in (entry.title, entry.formula, entry.definition, entry.matters, entry.source):
+        assert len(text) > 1
+    assert "\n" not in entry.formula
+
+
+def test_every_variant_is_explained_by_its_path() -> None:
+    for term, readings in audit(*BOOK).variants().items():
+        for reading in readings:
+            explain(f"variants.{term}.{reading}")
+    assert explain("variants.components.manifold_edges_only").name == "components_manifold_edges"
+    assert explain("variants.nonmanifold_vertices.strict").name == "nonmanifold_vertices"
+
+
+@pytest.mark.parametrize(
+    ("symbol", "key"), [*COUNT_OF.items(), *METRIC_OF.items(), ("E_max_faces", "max_edge_faces")]
+)
+def test_symbol_finds_its_key(symbol: str, key: str) -> None:
+    assert explain(symbol).name == key
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("vf-ratio", "vf_ratio"),
+        ("counts.edges", "edges"),
+        ("welded.metrics.vf_ratio", "vf_ratio"),
+        ("e_GT2", "nonmanifold_edges"),
+        ("LCC_area", "largest_component_area"),
+        ("lcc_area", "lcc_area_ratio"),
+        ("Lcc_Area", "lcc_area_ratio"),  # neither symbol: the paper's column
+    ],
+)
+def test_case_hyphens_and_paths_do_not_matter(name: str, key: str) -> None:
+    assert explain(name).name == key
+
+
+def test_no_two_entries_share_a_name() -> None:
+    names = [n for e in EXPLANATIONS.values() for n in {e.name, e.symbol, *e.aliases} if n]
+    assert len(names) == len(set(names))
+
+
+def test_unknown_name_lists_the_nearest() -> None:
+    with pytest.raises(UsageError, match=r"NAME_UNKNOWN: .*edge_ratio"):
+        explain("nonmanifold_edge_ration")
+    for name in ("???", ""):
+        with pytest.raises(UsageError, match="NAME_UNKNOWN"):
+            explain(name)

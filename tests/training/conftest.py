@@ -1,7 +1,5 @@
 """torch is installed by `make test-all` alone, which runs these tests and says so where it cannot."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

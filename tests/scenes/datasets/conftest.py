@@ -1,7 +1,5 @@
 """Copies of the stub scenes, to be changed and broken."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from typing import Protocol

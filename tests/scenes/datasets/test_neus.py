@@ -1,7 +1,5 @@
 """cameras.npz: decomposition against OpenCV's, and against the COLMAP model of the same cameras."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

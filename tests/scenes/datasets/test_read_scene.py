@@ -1,7 +1,5 @@
 """Scenes in each layout: what is read, split, sized and warned about."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -16,11 +14,13 @@ from data_stubs.captures import (
     nerf_synthetic_cameras,
     tanksandtemples_cameras,
 )
+from msb.errors import InputError, SceneError
 from msb.scenes import Camera, sorted_by_stem, stem
 from msb.scenes.datasets import Scene, find_scenes, read_scene
 from tests.conftest import ROOT
 from tests.tiny.make import PEBBLE
 
+from .bad_scenes import DTU, MIP
 from .conftest import SCENES, STUBS, Copy, text_model
 
 GOLDEN = ROOT / "tests/golden/metrics/scenes"
@@ -263,3 +263,26 @@ def test_the_garden_capture(shared: Path) -> None:
     assert sizes(scene) == {(648, 420)}
     assert scene.test[0].source_size == (5187, 3361)
     assert scene.warnings == ()
+
+
+ARGUMENTS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "no rule": (DTU, {"rules": "two_dts"}, "SCENE_UNKNOWN"),
+    "rules": (MIP, {"rules": "nerf"}, "SCENE_ARGUMENT"),
+    "convention": (MIP, {"camera_convention": "K"}, "SCENE_ARGUMENT"),
+    "resolution": (MIP, {"resolution": 0}, "SCENE_ARGUMENT"),
+    "background": (MIP, {"background": (1, 2, 0)}, "SCENE_ARGUMENT"),
+    "several": ("", {}, "SCENE_LAYOUT"),
+}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_bad_arguments(name: str) -> None:
+    place, options, code = ARGUMENTS[name]
+    with pytest.raises(SceneError, match=code):
+        read_scene(STUBS / place, **options)
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    for find in (read_scene, find_scenes):
+        with pytest.raises(InputError, match="FILE_NOT_FOUND"):
+            find(tmp_path / "nowhere")

@@ -1,12 +1,13 @@
-"""What a training did otherwise than a scene is evaluated: its split, its background, its size."""
+"""What a training or a recording did otherwise than a scene is evaluated: its split, background and size."""
 
-from __future__ import annotations
-
+import shutil
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from msb.scenes.datasets import read_scene, trained_otherwise
+from msb.scenes import read_cameras
+from msb.scenes.datasets import read_scene, recorded_note, scaled_note, trained_otherwise
 
 from .conftest import STUBS
 
@@ -15,12 +16,9 @@ CAPTURE = STUBS / "mipnerf360/pebble"
 ALIKE: list[dict[str, Any]] = [
     {},
     {"eval": True, "images": "images_4", "resolution": -1},
-    {"images": "images_2", "resolution": 2},
     {"images": "images", "resolution": 4},
-    {"images": "images", "resolution": 64},
     {"width": 64, "height": 48},
     {"images": "somewhere", "resolution": 1},  # which size that folder has is not known
-    {"images": "..", "resolution": 1},
 ]
 
 
@@ -35,7 +33,6 @@ def test_a_training_as_the_scene_is_evaluated_gives_no_warning(training: dict[st
     ("training", "size"),
     [
         ({"images": "images_2", "resolution": -1}, "128 x 96"),
-        ({"images": "images"}, "256 x 192"),
         ({"images": "images_4", "resolution": 2}, "32 x 24"),
         ({"images": "images_8", "resolution": 1}, "32 x 24"),  # which is not there any more
         ({"images": "images", "resolution": 100}, "100 x 75"),
@@ -53,3 +50,31 @@ def test_the_split_and_the_background_are_said_with_what_follows() -> None:
     first, second = trained_otherwise({"eval": False}, (1.0, 1.0, 1.0), read_scene(CAPTURE))
     assert "eval=False" in first.message
     assert "over white" in second.message
+
+
+PEBBLE = STUBS / "mipnerf360/pebble"
+
+
+def test_scaled_cameras_are_noted_once_with_all_sizes() -> None:
+    names = ("dtu/scan1", "mipnerf360/pebble", "tanksandtemples/pebble")
+    masked, small, other = (read_scene(STUBS / name) for name in names)
+    note = scaled_note([masked, small, small])
+    assert all(text in note for text in ("pebble", "256 x 192", "images_4", "64 x 48"))
+    more = scaled_note([masked, small, other])
+    assert more.startswith(note)
+    assert more != note
+    assert scaled_note([masked]) is None  # photographs of the recorded size: what resizes them is a rule
+    halved = read_scene(PEBBLE, image_folder="images_2", dataset="custom", resolution=2)
+    assert "images_2 have 128 x 96" in scaled_note([halved])
+
+
+def test_cameras_as_recorded_name_the_scale_of_the_photographs_beside_them(tmp_path: Path) -> None:
+    assert recorded_note(PEBBLE, read_cameras(PEBBLE)) is None  # images has their size
+    for name in ("sparse", "images_2", "images_4"):
+        shutil.copytree(PEBBLE / name, tmp_path / name)
+    for place in (tmp_path, tmp_path / "sparse/0"):
+        note = recorded_note(place, read_cameras(place))
+        assert all(text in note for text in ("256 x 192", "128 x 96", "--scale 0.5"))
+    shutil.rmtree(tmp_path / "images_2")
+    shutil.rmtree(tmp_path / "images_4")
+    assert recorded_note(tmp_path, read_cameras(tmp_path)) is None

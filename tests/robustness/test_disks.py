@@ -1,11 +1,10 @@
-"""A disk that is full, met by commands: one line, what was there stays, what is finished is kept.
+"""Full disks, and places and inputs that may not be used, met by commands: one line, what was there stays.
 
 What writes files is tested in tests/base/test_atomic.py.
 """
 
-from __future__ import annotations
-
-import os
+import shutil
+import stat
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,30 +18,23 @@ from msb.bench.run import run_protocol
 from tests.bench.protocols import protocol
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
-from tests.robustness.conftest import Disk
+from tests.robustness.conftest import Bound, Disk
 
 pytestmark = pytest.mark.slow
 FULL = Path("/dev/full")
-ASSET, CHECKPOINT = ROOT / "data_stubs" / "splat_like.triasset", ROOT / "data_stubs" / "checkpoint"
+CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 
 TURN = ("render", "--turntable", "2", "--size", "64x48", "-f")
 
 
-def python(*line: object, limit: int | None = None, **more: Any) -> subprocess.CompletedProcess[str]:
-    """Run Python, whose files may have `limit` bytes."""
-
-    def limited() -> None:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit or 0, limit or 0))
-
+def python(*line: object, **streams: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python."""
     # Python 3.11 keeps the compiled modules it could write half of, for every later process, hence -B.
     return subprocess.run(
         [sys.executable, "-B", *map(str, line)],
-        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "cwd": ROOT, **more},
+        **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
         text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        preexec_fn=limited if limit else None,
+        cwd=ROOT,
         check=False,
     )
 
@@ -92,21 +84,35 @@ def test_a_run_keeps_what_it_finished_and_goes_on(disk: Disk) -> None:
     assert {path: path.stat().st_mtime_ns for path in assets} == assets, "what was finished is not done again"
 
 
-@pytest.mark.skipif(os.name == "nt", reason="limits are POSIX")
-def test_temporary_files_without_room_are_one_line_that_names_their_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    done = python("-m", "msb", "trial", "--task", "solid", ASSET, limit=4096, cwd=tmp_path)
-    assert done.returncode == 3
-    assert done.stderr.startswith(f"OUTPUT_UNWRITABLE: {tmp_path}: ")
-    assert done.stderr.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full here")
 def test_standard_streams_that_are_full() -> None:
     with FULL.open("wb") as full:
         done = python("-m", "msb", "methods", stdout=full)
         assert (done.returncode, done.stderr.partition(":")[0]) == (3, "OUTPUT_UNWRITABLE")
         assert python("-m", "msb", "info", "missing.triasset", stderr=full).returncode == 3
+
+
+ASSET = ROOT / "data_stubs" / "splat_like.triasset"
+
+
+def test_a_folder_that_is_read_only_is_noticed_first(bound: Bound, read_only: Path) -> None:
+    out = read_only / "a.triasset"
+    status, _, err = bound("-m", "msb", "export", ROOT / "data_stubs" / "checkpoint", out)
+    assert (status, err.count("\n")) == (3, 1)
+    assert err.startswith(f"OUTPUT_UNWRITABLE: {out}: ")
+
+
+def test_one_input_that_may_not_be_read_does_not_stop_the_others(bound: Bound, tmp_path: Path) -> None:
+    locked = tmp_path / "locked"
+    locked.mkdir()
+    for folder in (locked, tmp_path):
+        shutil.copy(ASSET, folder / "a.triasset")
+    locked.chmod(0)
+    try:
+        status, _, err = bound("-m", "msb", "audit", locked / "a.triasset")
+        assert (status, err.partition(": it")[0]) == (3, f"FILE_UNREADABLE: {locked / 'a.triasset'}")
+        status, _, err = bound("-m", "msb", "audit", "--jsonl", tmp_path / "out.jsonl", tmp_path)
+        assert (status, err.count("\n"), err.split(":")[0]) == (3, 1, "FILE_UNREADABLE")
+        assert (tmp_path / "out.jsonl").read_text().count("msb.audit/1") == 2
+    finally:
+        locked.chmod(stat.S_IRWXU)
