@@ -47,8 +47,8 @@ _HOME = {
     "audit": "msb.api.auditing",
     "validate": "msb.api.validating",
 }
+# Packages of the public API. All but `metrics` can also be called as functions.
 _PACKAGES = ("bake", "metrics", "render", "repair", "trial", "why")
-"""Packages of the public API. All but `metrics` can also be called as functions."""
 
 __all__ = [
     "Asset",

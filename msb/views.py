@@ -31,15 +31,15 @@ from msb.scenes.sets import given_cameras
 
 MOST = 12
 """Cameras of a training that are taken, evenly spread."""
+# The size of the pictures that tell a room from a thing.
 _LOOK = (320, 240)
-"""The size of the pictures that tell a room from a thing."""
+# Faces that are looked for in them.
 _SAMPLES = 4000
-"""Faces that are looked for in them."""
+# Share of what is seen from outside that is seen from behind, from which on the winding says that outside is
+# the wrong side. Faces that are wound at random have a half.
 _BEHIND = 2 / 3
-"""Share of what is seen from outside that is seen from behind, from which on the winding says that outside is
-the wrong side. Faces that are wound at random have a half."""
+# How much deeper than what a picture shows a face may be and still be seen.
 _SLACK = 1.01
-"""How much deeper than what a picture shows a face may be and still be seen."""
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from msb.scenes import Camera, read_cameras
 CAMERAS = "cameras.json"
 """What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:
 scene/__init__.py), and a run beside the assets it makes."""
+# Folders at the end of the name that a config gives, with which the scene is looked for elsewhere.
 _DEEPEST = 40
-"""Folders at the end of the name that a config gives, with which the scene is looked for elsewhere."""
+# Folders above a model from which the scene is looked for, if it is not where the config says.
 _LEVELS = 6
-"""Folders above a model from which the scene is looked for, if it is not where the config says."""
 
 
 def training_cameras(path: Path, method: str) -> Iterator[tuple[list[Camera], Path]]:

@@ -30,8 +30,8 @@ from msb.errors import AssetError, Finding, InputError, finding, shorten
 
 _CRC_CHUNK = 1 << 24
 _MAX_LISTED = 1000
+# Padding to 64 bytes and one ZIP64 record need fewer bytes than this; a longer field could hide data.
 _MAX_EXTRA = 128
-"""Padding to 64 bytes and one ZIP64 record need fewer bytes than this; a longer field could hide data."""
 _DOS_FOLDER = 0x10
 _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 

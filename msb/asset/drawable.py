@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from msb.asset.asset import Asset
 from msb.errors import AssetError
 
+# Values looked at together.
 _CHUNK = 1 << 23
-"""Values looked at together."""
 
 
 def check_drawable(asset: Asset, names: Iterable[str] | None = None) -> None:

@@ -20,12 +20,12 @@ GREY = 0.8
 """The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""
 AMBIENT = 0.35
 """The part of the light on it that comes from everywhere."""
+# Where the rest comes from: above, a little from the front and right; along (right, up, front).
 _LIGHT = (0.36, 0.8, 0.48)
-"""Where the rest comes from: above, a little from the front and right; along (right, up, front)."""
+# Axis -> the two others, in the order of a right-handed frame.
 _AXES = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}
-"""Axis -> the two others, in the order of a right-handed frame."""
+# Faces whose normals are made together.
 _AT_ONCE = 1 << 14
-"""Faces whose normals are made together."""
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from msb.asset.manifest import DTYPES, Manifest
 from msb.asset.strict_json import parse_strict_json
 from msb.errors import AssetError, Finding, InputError, MsbError, finding
 
+# Codes of errors in files and folders that are no asset, such as a ZIP that torch saved.
 _NO_ASSET = ("FILE_NOT_RECOGNISED", "TRIASSET_MANIFEST_MISSING", "TRIASSET_FORM")
-"""Codes of errors in files and folders that are no asset, such as a ZIP that torch saved."""
 
 
 def load(path: str | os.PathLike[str]) -> Asset:

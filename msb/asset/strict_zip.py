@@ -19,8 +19,8 @@ CENTRAL = struct.Struct("<4s6H3I5H2I")
 END = struct.Struct("<4s4H2IH")
 END64 = struct.Struct("<4sQ2H2I4Q")
 LOCATOR = struct.Struct("<4sIQI")
+# Layouts of the record behind a member's data: the usual one, and that of ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
-"""Layouts of the record behind a member's data: the usual one, and that of ZIP64."""
 
 FULL16, FULL32 = 0xFFFF, 0xFFFFFFFF
 """These stand in place of a value that is in the ZIP64 record."""
@@ -31,8 +31,8 @@ DESCRIPTOR = 0x0008
 UTF8 = 0x0800
 """Flag: the name is UTF-8."""
 EXTRA_ZIP64 = 0x0001
+# Info-ZIP's Unicode path: some readers take the member's name from here.
 _EXTRA_NAME = 0x7075
-"""Info-ZIP's Unicode path: some readers take the member's name from here."""
 
 
 @dataclass(frozen=True)

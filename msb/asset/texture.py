@@ -29,8 +29,8 @@ MAX_SIDE = 16_384
 MAX_TEXTURES = 59
 """The most textures of an asset, whose 64 buffers also hold positions, indices, colours, coordinates and
 `face_texture`."""
+# Texels of a mip level that are made together.
 _ROWS = 1 << 22
-"""Texels of a mip level that are made together."""
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ Form = Literal["packed", "folder"]
 FORMS: tuple[str, ...] = get_args(Form)
 _LOCAL_HEADER = 30
 _ZIP64_EXTRA = 20
+# Header id Android's zipalign gave to padding in the extra field; readers skip ids they do not know.
 _PADDING_ID = 0xD935
-"""Header id Android's zipalign gave to padding in the extra field; readers skip ids they do not know."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)
+# From this size on the ZIP64 record is written; `zipfile` would decide by itself only above 1.9 GiB.
 _ZIP64_FROM = 1 << 30
-"""From this size on the ZIP64 record is written; `zipfile` would decide by itself only above 1.9 GiB."""
 
 
 def write_asset(

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 
+# Geometry -> what becomes of what no view sees.
 _UNSEEN = {
     "kept": "stays as it was",
     "fitted": "stays as it was where faces were to spare",
     "surface": "the surface is closed there",
 }
-"""Geometry -> what becomes of what no view sees."""
 
 
 @dataclass(frozen=True)

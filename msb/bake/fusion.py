@@ -37,8 +37,8 @@ _AT_ONCE, _RECORD = 8, 19
 """The number of views that vote at a time, and of floats in the record of each."""
 UNKNOWN = 2.0
 """The value of a cell that no view votes on."""
+# Of so many pixels that show something one is a point of what is seen.
 _EVERY = 7
-"""Of so many pixels that show something one is a point of what is seen."""
 _BLACK = (0.0, 0.0, 0.0)
 
 

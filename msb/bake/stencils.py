@@ -23,8 +23,8 @@ SMOOTHNESS = 0.5
 """What it costs, in pixels, that the changes of two texels differ: it fills what no picture shows."""
 STEPS = 15
 """Of conjugate gradients."""
+# A residual up to this counts as 0.
 _NOTHING = 1e-12
-"""A residual up to this counts as 0."""
 _GROUP = 64
 _RUN, _RUNS = 64, 8
 """Texels that a work-item sums over, and such work-items of a group."""

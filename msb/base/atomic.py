@@ -339,8 +339,8 @@ def _remove(path: Path) -> None:
             path.unlink()
 
 
+# Folders that were made for outputs; several threads may write into one of them.
 _MADE: set[Path] = set()
-"""Folders that were made for outputs; several threads may write into one of them."""
 
 
 def _make_parent(target: Path) -> None:

@@ -11,8 +11,9 @@ from typing import Any
 MAX_TOML_DEPTH = 32
 """Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too."""
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
+# A string may have no end. Its quantifier is possessive, so that a string of any length takes no memory.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)
-"""A string may have no end. Its quantifier is possessive, so that a string of any length takes no memory."""
+# Strings of several lines end with three quotes, before which two more may stand (TOML 1.0, String).
 _TOML_TOKEN = re.compile(
     r'"""(?:[^"\\]++|\\.|"{1,2}+(?!"))*+(?:"{3,5})?+'
     r"|'''(?:[^']++|'{1,2}+(?!'))*+(?:'{3,5})?+"
@@ -22,9 +23,8 @@ _TOML_TOKEN = re.compile(
     r"|[\[{\]}.,=\n]",
     re.DOTALL,
 )
-"""Strings of several lines end with three quotes, before which two more may stand (TOML 1.0, String)."""
+# What ends a key -> by how much nesting grows there.
 _STEPS = {"[": 1, "{": 1, "]": -1, "}": -1, ",": 0, "=": 0, "\n": 0}
-"""What ends a key -> by how much nesting grows there."""
 
 
 def json_nesting(text: str) -> int:

@@ -35,11 +35,11 @@ Work = Callable[[str, Arrays], tuple[Any, Arrays]]
 _POLL = 0.02
 _REPLY, _ERRORS = "reply.json", "errors"
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16
+# The status of a child that could not write what it made: EX_IOERR of sysexits.h.
 _UNWRITTEN = 74
-"""The status of a child that could not write what it made: EX_IOERR of sysexits.h."""
 _OF_MEMORY = re.compile(r"MemoryError|bad_alloc|[Oo]ut of memory|[Cc]annot allocate|Unable to allocate")
+# A constant of linux/prctl.h.
 _PR_SET_PDEATHSIG = 1
-"""A constant of linux/prctl.h."""
 
 
 @dataclass(frozen=True)

@@ -38,15 +38,15 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "timing": measure_timing,
 }
 """Part -> the function that computes it, which returns keys of `Result` and their values."""
+# The keys of `Result` that a part fills, where they are others than its name.
 _KEYS: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
 }
-"""The keys of `Result` that a part fills, where they are others than its name."""
+# The inputs of parts with images that say nothing of how these are drawn.
 _NO_OPTIONS = frozenset(
     ("cameras", "photographs", "metrics", "device", "clock", "flight", "definition", "film")
 )
-"""The inputs of parts with images that say nothing of how these are drawn."""
 
 
 def compute(job: Job) -> Done:

@@ -17,8 +17,8 @@ from msb.errors import MsbError
 from msb.scenes.datasets import Scene
 
 _FRAMES = 20
+# Hash of all that a floor depends on -> the floor, measured once for a process.
 _known: dict[str, Floor | None] = {}
-"""Hash of all that a floor depends on -> the floor, measured once for a process."""
 
 
 def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) -> Floor | None:

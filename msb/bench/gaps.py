@@ -32,8 +32,8 @@ PAIRS: dict[GapName, tuple[str, str]] = {
 }
 """Gap -> the condition it starts from, and the condition it leads to."""
 
+# Keys of a device's record that do not tell which it is: `blends` says in what numbers it blends.
 _NO_DEVICE = OF_THE_MOMENT | {"blends"}
-"""Keys of a device's record that do not tell which it is: `blends` says in what numbers it blends."""
 _OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 
 

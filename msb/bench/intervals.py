@@ -21,8 +21,8 @@ MOST_UNEQUAL = 3
 """Where a scene has more times as many views as another, and scenes have no effect of their own, too little
 is significant: 4.2 % of pure noise at 3 times, 1 % at 100 times."""
 NO_VIEWS = "no values of single views"
+# Values that differ by a smaller share of their mean differ by rounding.
 _SAME = 1e-9
-"""Values that differ by a smaller share of their mean differ by rounding."""
 
 
 @dataclass(frozen=True)

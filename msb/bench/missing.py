@@ -24,8 +24,8 @@ from msb.metrics.registry import modules_needed
 from msb.render.backend import what_is_missing
 from msb.scenes.datasets import SceneAt
 
+# What those things are for without which no run starts; they come first.
 _ANY = "needed before any cell"
-"""What those things are for without which no run starts; they come first."""
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,8 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
+# Place and fault of what types alone cannot refuse.
 _Faults = Iterator[tuple[str, str]]
-"""Place and fault of what types alone cannot refuse."""
 
 
 def _check(protocol: Protocol) -> _Faults:

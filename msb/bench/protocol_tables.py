@@ -17,8 +17,8 @@ REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
 """A placeholder in a path; doubled braces stand for single ones."""
+# A name that becomes the name of a folder below the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
-"""A name that becomes the name of a folder below the results."""
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
 Template = Annotated[str, Field(min_length=1)]

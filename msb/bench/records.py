@@ -48,13 +48,13 @@ WALKED: tuple[Condition, ...] = ("dedicated", "standard")
 BAKED = "baked"
 """What the keys of conditions begin with in which a bake of the model is drawn."""
 
+# A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
-"""A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by."""
 
+# No measurement is beyond it, and sums and squares of numbers below it are still numbers.
 _MOST_NUMBER = 1e100
-"""No measurement is beyond it, and sums and squares of numbers below it are still numbers."""
+# More than nothing, so that others can be divided by it.
 _Divisor = Annotated[float, Field(ge=1e-9)]
-"""More than nothing, so that others can be divided by it."""
 
 Status = Literal["done", "failed", "unsupported"]
 

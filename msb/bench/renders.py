@@ -21,8 +21,8 @@ from msb.scenes.image_size import image_size
 
 SUMS = "SHA256SUMS"
 """A file as ``sha256sum`` writes it. If it exists, it must list every image with its present hash."""
+# Most bytes of that file: a hundred thousand lines.
 _MAX_SUMS = 16 << 20
-"""Most bytes of that file: a hundred thousand lines."""
 _NAMED = 4
 
 

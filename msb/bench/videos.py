@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"
+# Height of a title, as a share of the image's height.
 _LABEL = 1 / 20
-"""Height of a title, as a share of the image's height."""
+# The least height of a film in pixels; in smaller images each pixel is enlarged to a square.
 _SMALLEST = 240
-"""The least height of a film in pixels; in smaller images each pixel is enlarged to a square."""
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
+# Frames, evenly spread, whose surfaces are looked for in all others.
 _LOOKS = 8
-"""Frames, evenly spread, whose surfaces are looked for in all others."""
+# In a film, levels of change are shown so many times as bright.
 _LOUDER = 16
-"""In a film, levels of change are shown so many times as bright."""
 
 
 class _Moment(NamedTuple):

@@ -110,8 +110,8 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
 
 
 _sharing = threading.Lock()
+# Address of the platform's device and style -> the open device, and the process it was opened in.
 _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
-"""Address of the platform's device and style -> the open device, and the process it was opened in."""
 
 
 def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:

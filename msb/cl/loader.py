@@ -34,8 +34,8 @@ _INTEL_NEEDS = ("libtbb.so.12", "libintlc.so.5", "libimf.so", "libirng.so", "lib
 NVIDIA_LIBRARY = "libnvidia-opencl.so.1"
 _POCL_CACHE = "POCL_CACHE_DIR"
 _POCL_DEVICES = "POCL_DEVICES"
+# Bytes that must be free for a cache: several times what all kernels take for one device.
 _CACHE_BYTES = 1 << 24
-"""Bytes that must be free for a cache: several times what all kernels take for one device."""
 _SYSTEM_VENDORS = (Path("/etc/OpenCL/vendors"), Path(sys.prefix, "etc/OpenCL/vendors"))
 
 _lock = threading.Lock()
@@ -208,8 +208,8 @@ def _writable_cache() -> Iterator[None]:
         yield
 
 
+# Folders that are removed when the process ends.
 _keep: list[tempfile.TemporaryDirectory[str]] = []
-"""Folders that are removed when the process ends."""
 
 
 def user_cache() -> Path | None:

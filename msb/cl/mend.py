@@ -34,17 +34,17 @@ _WHEEL = "pocl-binary-distribution"
 _WHEEL_VERSION = "3.0"
 DRIVER = "3.0-rc2"
 """The wheel's version, as its driver reports it."""
+# The file's name holds a hash of its content, which `auditwheel` put there.
 _LIBRARY = "libpocl-21062cec.so"
-"""The file's name holds a hash of its content, which `auditwheel` put there."""
+# The byte of the device's structure at which the pointer to the name lies, in this build of the library.
 _SLOT = 640
-"""The byte of the device's structure at which the pointer to the name lies, in this build of the library."""
+# The number of bytes of the structure in which no other pointer may lead to such a name.
 _STRUCTURE = 1024
-"""The number of bytes of the structure in which no other pointer may lead to such a name."""
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
 _LZCNT = frozenset(("abm", "lzcnt"))  # Linux says abm
 _LONGEST = 64
+# Addresses of the structures of devices whose name we have overwritten.
 _mended: set[int] = set()
-"""Addresses of the structures of devices whose name we have overwritten."""
 
 
 def is_off() -> bool:

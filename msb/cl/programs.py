@@ -44,8 +44,8 @@ _ERROR_LINE = re.compile(
 # What a compiler says without a place, and what the platform says around it.
 _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
+# What NVIDIA's compiler calls the source; it does not heed ``#line``.
 _NAMELESS = "<kernel>"
-"""What NVIDIA's compiler calls the source; it does not heed ``#line``."""
 UNKNOWN_CPU = "unknown target CPU"
 """The message of clang if PoCL's LLVM is older than the processor."""
 

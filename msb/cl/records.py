@@ -12,12 +12,12 @@ _SHORT_NAMES = {
     "Portable Computing Language": "pocl",
     "AMD Accelerated Parallel Processing": "amd",
 }
+# Platforms whose compilers are known to take the CPU style. Those of Mesa and Oclgrind end the process at a
+# prefetch.
 _CPU_STYLE_PLATFORMS = ("pocl", "intel")
-"""Platforms whose compilers are known to take the CPU style. Those of Mesa and Oclgrind end the process at a
-prefetch."""
+# The widest vector of any kernel. PoCL 3.0 reports width 16 on AVX-512 processors and crashes on such
+# vectors.
 _WIDEST_VECTOR = 8
-"""The widest vector of any kernel. PoCL 3.0 reports width 16 on AVX-512 processors and crashes on such
-vectors."""
 
 
 @dataclass(frozen=True)

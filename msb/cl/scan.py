@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 MOST = 2**31
 """Most elements of a scan or sort: places are 32-bit numbers."""
+# Number of elements below which a second work-item costs more than it saves.
 _SMALLEST_CHUNK = 4096
-"""Number of elements below which a second work-item costs more than it saves."""
+# Chunks per compute unit; with several, a unit that is held up does not hold up all.
 _CHUNKS_A_UNIT = 4
-"""Chunks per compute unit; with several, a unit that is held up does not hold up all."""
 _ITEMS = 8
+# Most sums of tiles that each work-group of a GPU adds by itself: 16 of them a work-item.
 _MOST_SUMS = 4096
-"""Most sums of tiles that each work-group of a GPU adds by itself: 16 of them a work-item."""
 _LARGEST_GROUP = 256
 _OPENCL_NAMES = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 

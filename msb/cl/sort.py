@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from msb.cl.programs import Program
 
 _ITEMS = 8
+# Most bits that a pass sorts by. A CPU's first-level cache carries 256 write streams, so passes of up to 8
+# bits cost the same and passes of 9 bits twice as much. On a GPU a pass goes over the data once; within its
+# tile, in local memory, a work-group sorts by 4 bits at a time.
 _DIGIT_BITS = 8
-"""Most bits that a pass sorts by. A CPU's first-level cache carries 256 write streams, so passes of up to 8
-bits cost the same and passes of 9 bits twice as much. On a GPU a pass goes over the data once; within its
-tile, in local memory, a work-group sorts by 4 bits at a time."""
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 

@@ -6,8 +6,8 @@ from functools import cached_property
 from typing import Any
 
 UNSTAGED = "other"
+# Milliseconds per unit of event times, which are nanoseconds (OpenCL 1.2 specification, section 5.12).
 _MS = 1e-6
-"""Milliseconds per unit of event times, which are nanoseconds (OpenCL 1.2 specification, section 5.12)."""
 
 
 class Timing:

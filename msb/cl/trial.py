@@ -32,11 +32,10 @@ if TYPE_CHECKING:
     from msb.cl.device import Device
     from msb.cl.records import DeviceRecord
 
+# Seconds that a trial may take on a busy machine, the compiler's own start included; it mostly takes a tenth.
 _SECONDS = 120.0
-"""Seconds that a trial may take on a busy machine, the compiler's own start included; it mostly takes a
-tenth."""
+# Work-items of the trial.
 _COUNT = 64
-"""Work-items of the trial."""
 _MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
 
 _lock = threading.Lock()

@@ -454,8 +454,8 @@ def _check_log(path: Path) -> None:
 
 _LOG_BEGINS = re.compile(rb"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\S{5,6} (INFO|DEBUG|ERROR) ")
 _LOG_BEGINS_WITHIN = 100
+# The log file, if there is one.
 _LOG: list[IO[str]] = []
-"""The log file, if there is one."""
 
 
 def setting_text(value: object) -> str:

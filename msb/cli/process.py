@@ -21,10 +21,10 @@ from msb.errors import EXIT_INTERRUPTED, EXIT_OK, MsbError, OutputError, UsageEr
 if TYPE_CHECKING:
     import typer
 
+# EX_SOFTWARE, the exit status of a bug in this program.
 _INTERNAL = 70
-"""EX_SOFTWARE, the exit status of a bug in this program."""
+# Packages of this project. Folders in them can be removed, each with its capability.
 _OURS = {"msb", "msb_viewers"}
-"""Packages of this project. Folders in them can be removed, each with its capability."""
 _NOT_READABLE = {errno.EACCES, errno.EPERM, errno.ENAMETOOLONG}
 
 

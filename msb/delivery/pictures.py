@@ -21,8 +21,8 @@ LEAST = 50.0
 _SAMPLES = 4
 _COARSEST, _FINEST = 40, 88
 """Quarters of a bit of positions, of which the fewest are taken that keep so much."""
+# Levels that a byte of linear light may be off by before it gets a second one.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
-"""Levels that a byte of linear light may be off by before it gets a second one."""
 
 
 @dataclass(frozen=True)

@@ -134,6 +134,7 @@ def output_suffix(path: Path, name: str = "the output") -> str:
     return checked_ending(path, name, (ASSET_SUFFIX, *written_suffixes()))
 
 
+# What has none of the endings of models -> the command that writes it, and its endings.
 _MAKERS = {
     "a page": ("msb web", (".html", ".htm")),
     "pictures": ("msb render", (".png", ".npy", ".exr")),
@@ -141,7 +142,6 @@ _MAKERS = {
     "a figure": ("msb view --figure", (".svg", ".pdf")),
     "offending elements": ("msb audit --elements", (".vtp", ".csv", ".npz")),
 }
-"""What has none of the endings of models -> the command that writes it, and its endings."""
 _OTHER_MODELS = (".gltf", ".fbx", ".usd", ".usda", ".usdc", ".usdz", ".dae", ".blend", ".abc", ".3ds", ".x3d")
 
 

@@ -37,15 +37,14 @@ VARIABLE = "MSB_BLENDER"
 """The environment variable with the Python of an environment that has bpy, if that is not ours."""
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
 """Limits of Blender: the least and most pixels each way, and the largest ratio of a pixel's sides."""
+# Width of the sensor in millimetres; only its ratio to the focal length counts, which must be at least 1 mm.
 _SENSOR = 100.0
-"""Width of the sensor in millimetres; only its ratio to the focal length counts, which must be at least 1
-mm."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+# Blender's glTF importer turns y up into z up.
 _GLB_UP = np.array([[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]])
-"""Blender's glTF importer turns y up into z up."""
 _LONGEST_SECONDS = 1800
+# Depths beyond this number are Blender's "nothing".
 _FAR = 1e10
-"""Depths beyond this number are Blender's "nothing"."""
 
 
 class _Blender(Engine):

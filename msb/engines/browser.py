@@ -67,8 +67,8 @@ _WEBGPU_SOFTWARE = (
     # It ends what takes long, as shaders do on a busy machine.
     "--disable-gpu-watchdog",
 )
+# What a browser must be told of a file, to run it; by its suffix.
 _KINDS = {"html": "text/html", "js": "text/javascript", "mjs": "text/javascript", "wasm": "application/wasm"}
-"""What a browser must be told of a file, to run it; by its suffix."""
 _START_SECONDS = 120
 _LONGEST_SECONDS = 600
 _MAX_ANSWER = 1 << 31

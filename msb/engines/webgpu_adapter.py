@@ -21,8 +21,8 @@ INSTALL = (
 )
 """Advice if there is nothing to draw with."""
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
+# Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets.
 _BACKENDS = ("Vulkan", "Metal", "D3D12")
-"""Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets."""
 _TEXEL_BYTES = {
     "rgba32float": 16,
     "rgba16float": 8,

@@ -10,10 +10,10 @@ from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample, srgb_
 from msb.meshes.colors import with_alpha
 from msb.meshes.mesh import Mesh
 
+# Levels of mip maps between the size of a face and what its corners see, which was best on a sphere.
 _BLUR = -1.0
-"""Levels of mip maps between the size of a face and what its corners see, which was best on a sphere."""
+# How far towards the middle of its face a corner's sample lies: beyond a chart's border is another chart.
 _INWARDS = 0.25
-"""How far towards the middle of its face a corner's sample lies: beyond a chart's border is another chart."""
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:

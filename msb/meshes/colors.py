@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
+# Floats in [0, 1] that differ by less are one number, written by two programs.
 _SAME = 1e-6
-"""Floats in [0, 1] that differ by less are one number, written by two programs."""
 
 
 def stored_colors(values: NDArray[Any]) -> NDArray[Any]:

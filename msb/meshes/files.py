@@ -20,8 +20,8 @@ for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORM
 
 MESH_SUFFIXES = FORMATS.keys()
 """The suffixes of the files `read_mesh` knows, in lower case."""
+# Things that are named which a file holds and no reader keeps: it may name any number of them.
 _MOST_LEFT_OUT = 16
-"""Things that are named which a file holds and no reader keeps: it may name any number of them."""
 
 
 def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:

@@ -27,12 +27,12 @@ _FINEST, _FINEST_BY_DISTANCE = 88, 76
 """Quarters of a bit beyond which neither a mantissa nor a float would hold whole numbers of steps."""
 _FINER, _COARSER = -3, 5
 """Bits between the step of a face at the usual distance and the finest and coarsest of others."""
+# Bits that a step is coarser where the distance is twice as far.
 _STEEP = 1.5
-"""Bits that a step is coarser where the distance is twice as far."""
+# Texture coordinates are kept to 2 ** -4 of a texel or better.
 _TEXEL = 4
-"""Texture coordinates are kept to 2 ** -4 of a texel or better."""
+# Bits of a mantissa beside its sign: what is tiled very often has coarser texture coordinates.
 _MANTISSA = 23
-"""Bits of a mantissa beside its sign: what is tiled very often has coarser texture coordinates."""
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
 VERTICES, INDICES = 34962, 34963
+# Vertices that uint16 can number: the last number is no vertex, but restarts strips.
 _MOST_SHORT = 1 << 16
-"""Vertices that uint16 can number: the last number is no vertex, but restarts strips."""
+# Texels that a texture coordinate may not be off by.
 _SEEN = 1 / 8
-"""Texels that a texture coordinate may not be off by."""
 _FILTERS = {
     ("linear", True): 9987,
     ("linear", False): 9729,

@@ -19,6 +19,7 @@ _NEAREST, _LINEAR = 9728, 9729
 _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
+# Keys of materials that are not read -> what they are.
 _BEYOND = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
@@ -26,7 +27,6 @@ _BEYOND = {
     "emissiveFactor": "emission",
     "metallicRoughnessTexture": "maps of metal and roughness",
 }
-"""Keys of materials that are not read -> what they are."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ MESHOPT = ("KHR_meshopt_compression", "EXT_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
 _MODES = ("ATTRIBUTES", "TRIANGLES", "INDICES")
 _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
+# How the names of attributes begin that are read.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_")
-"""How the names of attributes begin that are read."""
 _SECONDS = 300
 _GIB, _GIB_EACH = 1.0, 16.0
 """Memory of the process: a GiB, and 16 times what the arrays take."""

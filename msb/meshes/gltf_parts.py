@@ -13,8 +13,8 @@ from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
+# What each primitive counts beside its arrays, so that a limit of memory bounds the number of steps too.
 _PRIMITIVE_BYTES = 1 << 10
-"""What each primitive counts beside its arrays, so that a limit of memory bounds the number of steps too."""
 
 
 @dataclass(frozen=True)

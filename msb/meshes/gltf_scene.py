@@ -25,6 +25,7 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import joined_faces
 from msb.meshes.source import Source
 
+# Prefixes of extensions that a file may require: they change no geometry, or we read what they add.
 _HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
@@ -35,8 +36,8 @@ _HARMLESS = (
     "EXT_texture_",
     "MSFT_texture_",
 )
-"""Prefixes of extensions that a file may require: they change no geometry, or we read what they add."""
 
+# Attribute without its number -> what it is.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -45,11 +46,10 @@ _ATTRIBUTES = {
     "JOINTS": "a skin",
     "WEIGHTS": "a skin",
 }
-"""Attribute without its number -> what it is."""
+# Says that a node is drawn at several places; a file that does not require it is read as if it did not.
 _INSTANCES = "EXT_mesh_gpu_instancing"
-"""Says that a node is drawn at several places; a file that does not require it is read as if it did not."""
+# The texture of faces without one, where others have one.
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
-"""The texture of faces without one, where others have one."""
 _BEGINS = re.compile(rb"\s*\{")
 
 

@@ -11,12 +11,12 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import Picture, Style
 from msb.meshes.mesh import Mesh
 
+# How little is lost: what it costs in bytes is less than what blocks and bled colours cost in dB.
 _OPTIONS: dict[Picture, dict[str, Any]] = {
     "png": {},
     "jpeg": {"quality": 95, "subsampling": 0},
     "webp": {"quality": 90, "method": 6, "exact": True},
 }
-"""How little is lost: what it costs in bytes is less than what blocks and bled colours cost in dB."""
 
 
 ENDINGS: dict[Picture, str] = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}

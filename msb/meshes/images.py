@@ -24,8 +24,8 @@ MAX_EXTRA_BYTES = 1 << 28
 MAX_BYTES = 1 << 32
 """The memory that the texels of a mesh may take: 1024 bytes per byte of its images (as much as deflate and
 JPEG can stand for) and 256 MiB, in total at most 4 GiB."""
+# Of a progressive JPEG, each of which is a pass over all texels. Programs write ten.
 _MOST_SCANS = 100
-"""Of a progressive JPEG, each of which is a pass over all texels. Programs write ten."""
 
 
 class Decoder:

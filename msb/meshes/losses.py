@@ -10,8 +10,8 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 
+# Buffer of an asset that a mesh file has no place for -> what it is.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
-"""Buffer of an asset that a mesh file has no place for -> what it is."""
 
 
 def beyond_a_mesh(asset: Asset) -> list[str]:

@@ -16,15 +16,15 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
 
+# Number of values on a `v` line -> how many of the last ones are a colour.
 _COLOR_WIDTHS = {6: 3, 7: 4}
-"""Number of values on a `v` line -> how many of the last ones are a colour."""
 
+# Words of lines that are not read -> what these hold.
 _LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
-"""Words of lines that are not read -> what these hold."""
 
+# Words of lines that are refused: free-form surfaces, which are no polygons; other files and shell commands,
+# which we never open or run.
 _UNSUPPORTED = (b"surf", b"call", b"csh")
-"""Words of lines that are refused: free-form surfaces, which are no polygons; other files and shell commands,
-which we never open or run."""
 
 
 @dataclass

@@ -19,17 +19,17 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 
 _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
+# What stands between the names of libraries, which may have spaces in them.
 _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
-"""What stands between the names of libraries, which may have spaces in them."""
+# Bytes of all libraries together.
 _MAX_LIBRARIES = 1 << 24
-"""Bytes of all libraries together."""
+# Libraries that are looked for, and images.
 _MAX_FILES = 1 << 10
-"""Libraries that are looked for, and images."""
+# Characters of a line map_Kd, as many as the path of a file has.
 _MAX_WORDS = 1 << 12
-"""Characters of a line map_Kd, as many as the path of a file has."""
 _WHITE = (255, 255, 255)
+# Options of a map with more than one argument; `-o`, `-s` and `-t` may have fewer than three.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
-"""Options of a map with more than one argument; `-o`, `-s` and `-t` may have fewer than three."""
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")

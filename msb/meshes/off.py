@@ -34,8 +34,8 @@ class _Header:
     body: int
 
 
+# Prefix of OFF -> what the vertices then have that is not read.
 _LEFT_OUT = {"N": "normals", "ST": "UVs"}
-"""Prefix of OFF -> what the vertices then have that is not read."""
 
 
 def read(source: Source) -> Mesh:

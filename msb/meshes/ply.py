@@ -23,8 +23,8 @@ _COLOR_NAMES = (
 )
 _MAX_INT = 2**31 - 1
 _UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
+# Property that is not read -> what it is a part of.
 _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UVS, "UVs")}
-"""Property that is not read -> what it is a part of."""
 
 
 def read(source: Source) -> Mesh:

@@ -14,11 +14,11 @@ from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import ROWS_AT_A_TIME, as_float32
 
 _HEADER_BYTES = 84
+# What a binary file holds of each face, behind 80 bytes of anything and the number of faces.
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""What a binary file holds of each face, behind 80 bytes of anything and the number of faces."""
 
+# How the lines of one face begin, in this order.
 _LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
-"""How the lines of one face begin, in this order."""
 
 _KEYWORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet", b"solid", b"endsolid")
 _CODES = {keyword: code for code, keyword in enumerate(_KEYWORDS, start=1)}

@@ -25,8 +25,8 @@ EXACT_INTEGER = 2**53
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))
+# No part gives back what it took: a million digits and a letter are refused at once.
 _NUMBER = re.compile(rb"[+-]?((\d++\.?\d*+|\.\d++)(e[+-]?\d++)?|inf|infinity|nan(\(\w*+\))?)", re.IGNORECASE)
-"""No part gives back what it took: a million digits and a letter are refused at once."""
 
 
 @dataclass(frozen=True)

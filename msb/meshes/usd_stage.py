@@ -12,8 +12,8 @@ from msb.meshes.polygons import fan_triangulate, joined_faces
 
 Floats = NDArray[np.float32]
 
+# Interpolation of a primvar -> what has a value of its own; all others have one by vertex.
 _OF = {"uniform": "face", "faceVarying": "corner"}
-"""Interpolation of a primvar -> what has a value of its own; all others have one by vertex."""
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 
 

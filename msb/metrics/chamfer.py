@@ -19,8 +19,8 @@ PATCH = 60.0
 upstream."""
 MAX_DISTANCE = 20.0
 """The distance in mm from which distances are dropped from the means, not clipped."""
+# Number of points looked up at a time.
 _QUERIES = 1 << 20
-"""Number of points looked up at a time."""
 
 
 def chamfer_dtu(

@@ -14,10 +14,10 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
+# Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for.
 _MAX_VOXELS = 1 << 29
-"""Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for."""
+# Largest number of a file, far beyond any scan's, so that what is computed of it overflows nowhere.
 _LARGEST = 1e30
-"""Largest number of a file, far beyond any scan's, so that what is computed of it overflows nowhere."""
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
 

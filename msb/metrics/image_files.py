@@ -25,8 +25,8 @@ MAX_SIDE = 65_535
 MAX_PIXELS = 1 << 26
 """Most pixels of an image: 67 million, more than any benchmark has. Checked before a pixel is decoded."""
 _NPY = b"\x93NUMPY"
+# The head of a PNG: signature, length and type of IHDR, width, height, bit depth, colour type.
 _PNG_HEAD = 26
-"""The head of a PNG: signature, length and type of IHDR, width, height, bit depth, colour type."""
 
 
 def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:

@@ -14,8 +14,8 @@ from msb.metrics.identity import ImageMetric
 PSNR_CAP = 100.0
 """The value in dB for which an infinite PSNR counts in a mean; the number of such images is reported beside
 it."""
+# The radius of the 11 x 11 window in pixels.
 _WINDOW_RADIUS = 5
-"""The radius of the 11 x 11 window in pixels."""
 
 
 def most_psnr(pixels: int) -> float:

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+# Numbers of the classes of numeric arrays; lower numbers are cells, structures, text and sparse arrays.
 _NUMERIC = range(6, 16)
-"""Numbers of the classes of numeric arrays; lower numbers are cells, structures, text and sparse arrays."""
 _COMPLEX = 0x0800
+# Most bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters.
 _HEAD = 1024
-"""Most bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters."""
 _ENDS = "it ends within a variable"
 
 

@@ -10,8 +10,8 @@ from msb.base.paths import given_path, normal_form
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import IMAGE_SUFFIXES
 
+# Number of names that an error lists; it only counts the others.
 _NAMED = 5
-"""Number of names that an error lists; it only counts the others."""
 _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (".npy", ".exr"))
 
 

@@ -26,8 +26,8 @@ MIN_SIDE = 16
 """Least side of an image in pixels; halved four times it leaves one pixel."""
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
+# Convolutions that come after a 2 x 2 maximum.
 _POOLED = {5, 10, 17, 24}
-"""Convolutions that come after a 2 x 2 maximum."""
 
 
 class MetricWarning(UserWarning):

@@ -39,6 +39,7 @@ RESERVED = frozenset(
     "components".split()
 )
 """The other keys beside those of image metrics, in records, tables and files; no metric may have one."""
+# The types of what a package's metric declares.
 _FIELDS: dict[str, Any] = {
     "title": str,
     "unit": str,
@@ -49,7 +50,6 @@ _FIELDS: dict[str, Any] = {
     "libraries": (tuple, list),
     "measure": Callable,
 }
-"""The types of what a package's metric declares."""
 
 
 @cache

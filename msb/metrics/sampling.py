@@ -14,11 +14,11 @@ from msb.errors import MetricError
 
 MAX_SAMPLES = 1 << 28
 """Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""
+# Number of candidates tried at a time.
 _CANDIDATES = 1 << 20
-"""Number of candidates tried at a time."""
 _FIRST_WINDOW = 64
+# Most points whose neighbours are looked up at a time; these have `_NEIGHBORS` in all, or one has more.
 _WINDOW = 1 << 16
-"""Most points whose neighbours are looked up at a time; these have `_NEIGHBORS` in all, or one has more."""
 _NEIGHBORS = 1 << 22
 
 

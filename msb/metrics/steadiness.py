@@ -26,8 +26,8 @@ REACH = 3
 """Pixels within which another surface may show in a smoothed pixel."""
 SAME = 0.02
 """A surface is the same one in two frames if its depths differ by no more than this share."""
+# Within `REACH`, depths of a surface away from any border differ by no more than this share.
 _FLAT = 0.05
-"""Within `REACH`, depths of a surface away from any border differ by no more than this share."""
 
 
 @dataclass(frozen=True, eq=False)

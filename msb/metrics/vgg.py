@@ -26,12 +26,12 @@ VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
 """The published weights, torchvision's, and the SHA-256 of their file, with which its name agrees."""
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
 """The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4."""
+# The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ...
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
-"""The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ..."""
 MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
 """No LPIPS is above it: features are not negative and of length 1, so each differs by 1 at most."""
+# Most bytes before the numbers of a .npy.
 _MAX_HEAD = 1 << 10
-"""Most bytes before the numbers of a .npy."""
 
 Weights = dict[str, Any]
 """Key (features.N.weight or .bias) -> float32 array."""

@@ -12,8 +12,8 @@ from msb.reference.tiles import Integers, Tile
 
 MIN_TRANSMITTANCE = 1e-4
 """Compositing of a sample stops here."""
+# Faces of a tile that are evaluated at once: arrays of 64 x 256 samples stay in the cache.
 _TOGETHER = 64
-"""Faces of a tile that are evaluated at once: arrays of 64 x 256 samples stay in the cache."""
 
 
 class Layers(NamedTuple):

@@ -224,11 +224,11 @@ def _check_options(make: Factory, options: Mapping[str, Any], asset: Asset, name
             raise Unsupported("UNSUPPORTED_OPTION", text, file=asset.opened_from)
 
 
+# Option -> where it is one.
 _ELSEWHERE = {
     **dict.fromkeys(("order", "sampling"), "; the tiers dedicated and reference have it"),
     "supersample": "; the tier standard has it",
 }
-"""Option -> where it is one."""
 
 
 def lean_options(tier: str, renderer: str | None, *, ids: bool = False) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from msb.scenes import Camera
 
 ImageFormat = Literal["png", "npy", "exr"]
 FILM_SUFFIXES = (".mp4", ".gif")
+# Number of frames that may wait for a writer: enough to hide a slow disk, too few to fill the memory.
 _QUEUE = 4
-"""Number of frames that may wait for a writer: enough to hide a slow disk, too few to fill the memory."""
 
 
 def to_bytes(image: NDArray[Any]) -> NDArray[np.uint8]:

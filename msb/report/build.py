@@ -35,6 +35,7 @@ ONE_SCENE = (
 NOTHING_AGAINST = "against {}: no other method was measured under the same condition on the same scene"
 FEW_SCENES = ("tanksandtemples",)
 """The paper sets the scenes of these datasets side by side, and of others below each other."""
+# Label of a table of the paper -> the function that makes ours, and its dataset if it is of one.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measured.native_summary, ""),
     "native_comprehensive_results": (measured.native_summary, ""),
@@ -46,7 +47,7 @@ _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "mesh_connectivity": (measured.mesh_connectivity, "mipnerf360"),
     "reproducibility_comparison": (reproducibility, ""),
 }
-"""Label of a table of the paper -> the function that makes ours, and its dataset if it is of one."""
+# Label of a table of ours -> what the paper calls it, where that is another name.
 _PAPER_LABELS = {
     "renderer_comparison-mipnerf360": "mip360_renderer_comparison",
     "renderer_comparison-tanksandtemples": "tnt_renderer_comparison",
@@ -54,8 +55,8 @@ _PAPER_LABELS = {
     "mesh_connectivity-mipnerf360": "mesh_connectivity",
     "reproducibility": "reproducibility_comparison",
 }
-"""Label of a table of ours -> what the paper calls it, where that is another name."""
 
+# Name of a section -> its title, its introduction and the kind of its charts.
 _SECTIONS = {
     "deployment": (
         "From condition to condition",
@@ -93,7 +94,6 @@ _SECTIONS = {
     ),
     "scenes": ("Every scene", "The numbers behind the means.", ""),
 }
-"""Name of a section -> its title, its introduction and the kind of its charts."""
 
 
 def build_report(

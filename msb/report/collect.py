@@ -37,10 +37,11 @@ from msb.report.table import NOT_SUPPORTED, NOT_THERE
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
 WALK = ("flicker", "flicker_worst", "holes")
 """Metrics of a walk off the path."""
+# Metrics of a condition with images, besides those of `QUALITY`.
 _IMAGES = (*_RATES, *WALK, "memory", "driver_memory", "asset_size")
-"""Metrics of a condition with images, besides those of `QUALITY`."""
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
 """Metrics of exported meshes and of bakes, and of bakes alone."""
+# Metric -> the part of `Result.reasons` that says why it is not there.
 _PARTS = {
     **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),
     **dict.fromkeys(WALK, "walk"),
@@ -48,10 +49,9 @@ _PARTS = {
     "chamfer": "chamfer",
     "tasks": "trial",
 }
-"""Metric -> the part of `Result.reasons` that says why it is not there."""
 
+# Metric -> its key in `Result.floor`.
 _FLOORS = {"memory": "memory_bytes", "p50_ms": "p50_ms", "p95_ms": "p95_ms"}
-"""Metric -> its key in `Result.floor`."""
 
 NOT_RUN = "not run"
 REFERENCE = "rendered by our reference renderer, not by the method's own code"

@@ -26,14 +26,15 @@ from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED
 from msb.report.tables.bakes import STEP_TITLES
 
+# Findings; more are not read.
 _MOST = 12
-"""Findings; more are not read."""
+# Kinds of findings whose place no number of others takes.
 _ALWAYS = ("slowdown", "engine_slowdown", "walk", "structure", "training", "unsupported")
-"""Kinds of findings whose place no number of others takes."""
+# Kinds of what is as one expects, or is no finding on deployment.
 _MINOR = ("monotone", "same_ranking", "training", "unsupported")
-"""Kinds of what is as one expects, or is no finding on deployment."""
+# A difference of less than this many dB is printed as 0.00.
 _NOTHING = 0.005
-"""A difference of less than this many dB is printed as 0.00."""
+# Metrics besides image quality that a method may lead by -> the condition whose number is the method's.
 _COSTS = {
     "chamfer": "non_engine",
     "fps": "dedicated",
@@ -42,7 +43,6 @@ _COSTS = {
     "train_seconds": "non_engine",
     "train_memory": "non_engine",
 }
-"""Metrics besides image quality that a method may lead by -> the condition whose number is the method's."""
 _GAPS: dict[GapName, str] = {"adapt": "adaptation", "port": "portability", "deploy": "deployment"}
 
 

@@ -3,8 +3,8 @@
 from msb.bench.aggregate import METRICS
 from msb.topology.shown import structure_text
 
+# Unit -> below which value how many decimals are printed, because "0" would say that there is nothing.
 _SMALL = {"MiB": ((0.1, 2), (10.0, 1)), "min": ((1.0, 2),)}
-"""Unit -> below which value how many decimals are printed, because "0" would say that there is nothing."""
 _ARROWS = {"higher": " ↑", "lower": " ↓", None: ""}
 
 

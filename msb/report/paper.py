@@ -42,6 +42,7 @@ PAPER_TABLES = (
 """The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.registry`."""
 
 OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
+# The paper's name of a metric -> ours, of the audit or `msb.bench.aggregate.METRICS`, if it is another.
 _OUR_METRICS = {
     "gpu_ms_p50": "p50_ms",
     "gpu_ms_p95": "p95_ms",
@@ -51,7 +52,6 @@ _OUR_METRICS = {
     "v_over_f": "vf_ratio",
     "valence": "mean_valence",
 }
-"""The paper's name of a metric -> ours, of the audit or `msb.bench.aggregate.METRICS`, if it is another."""
 
 ENGINE_FLOOR = (
     "the paper's Standard memory is nearly the same for all methods and smaller than their meshes: what its "

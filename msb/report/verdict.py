@@ -22,22 +22,22 @@ Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
 SHOWS_NOTHING = 15.0
 """PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs."""
+# The least PSNR in dB between two renderings, its mark, and how it is said.
 _ALIKE: tuple[tuple[float, Mark, str], ...] = (
     (ALIKE, "YES", "Looks as in"),
     (NEARLY, "WITH CARE", "Looks nearly as in"),
     (0.0, "NO", "Looks different from"),
 )
-"""The least PSNR in dB between two renderings, its mark, and how it is said."""
+# The loss of PSNR in dB, its mark and how it is said: less than 1 is hard to see, 3 is obvious.
 _LOSSES: tuple[tuple[float, Mark, str], ...] = (
     (1.0, "YES", "Looks as in"),
     (3.0, "WITH CARE", "Visibly worse than in"),
     (math.inf, "NO", "Looks different from"),
 )
-"""The loss of PSNR in dB, its mark and how it is said: less than 1 is hard to see, 3 is obvious."""
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
 """The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second."""
+# Views of which two renderings are compared, evenly spread: a whole benchmark is not to take minutes.
 _MOST = 8
-"""Views of which two renderings are compared, evenly spread: a whole benchmark is not to take minutes."""
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}
 
 

@@ -19,6 +19,7 @@ from msb.report.table import NOT_THERE, Cell, Table
 Printed = Literal["md", "tex", "csv", "json"]
 Format = Printed | Literal["html"]
 
+# A bracket after ``\\`` would be its argument.
 _LATEX = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -39,7 +40,6 @@ _LATEX = {
     "↑": r"$\uparrow$",
     "↓": r"$\downarrow$",
 }
-r"""A bracket after ``\\`` would be its argument."""
 
 
 def markdown(table: Table) -> str:

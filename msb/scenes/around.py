@@ -17,14 +17,14 @@ from msb.scenes.poses import MAX_COORDINATE, look_at_pose
 
 _FOV_Y = math.radians(40)
 _FOV_INSIDE = math.radians(60)
+# Share of the faces, on each side, that do not count where most of them are looked for.
 _LEAST = 0.02
-"""Share of the faces, on each side, that do not count where most of them are looked for."""
+# Faces that are looked at; rarer ones of a larger asset may be missed.
 _SAMPLES = 200_000
-"""Faces that are looked at; rarer ones of a larger asset may be missed."""
+# Captures before walls have 4 to 6, things and empty rooms 0.7 to 1.5.
 _SURROUNDED = 2.5
-"""Captures before walls have 4 to 6, things and empty rooms 0.7 to 1.5."""
+# A turntable's distance, relative to that at which the bounding sphere fills the image.
 _MARGIN = 1.05
-"""A turntable's distance, relative to that at which the bounding sphere fills the image."""
 ELEVATION = 20.0
 """Degrees of a turntable's cameras above the horizon."""
 

@@ -21,8 +21,8 @@ from msb.scenes.poses import rotation_from_quaternion
 from msb.scenes.source import Source
 
 _Record = TypeVar("_Record", "Lens", "Shot")
+# The forms of a model in the order of preference, which is that of the 3DGS family.
 _FORMS: dict[str, ModuleType] = {".bin": colmap_binary, ".txt": colmap_text}
-"""The forms of a model in the order of preference, which is that of the 3DGS family."""
 
 MAX_CAMERAS = 1 << 20
 """Most cameras of a model. A camera takes about 0.5 kB and 60 microseconds; its record in a hostile file

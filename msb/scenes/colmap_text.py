@@ -18,8 +18,8 @@ from msb.scenes.source import Source
 
 MAX_LINE = 1 << 24
 """Most bytes of a line. An image of 100,000 2D points has a line of about 5 MB."""
+# Number of bytes of text that are split into lines at a time.
 _BLOCK = 1 << 20
-"""Number of bytes of text that are split into lines at a time."""
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())
 _INTEGER = re.compile(rb"[+-]?\d{1,18}")
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"

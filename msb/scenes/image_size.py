@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 """Suffixes of photographs, in lower case."""
+# Most bytes in which a header is looked for: colour profiles, thumbnails and depth maps take a few MiB.
 _MOST_BYTES = 1 << 23
-"""Most bytes in which a header is looked for: colour profiles, thumbnails and depth maps take a few MiB."""
 
 
 def image_size(path: str | os.PathLike[str]) -> tuple[int, int]:

@@ -12,13 +12,13 @@ from msb.scenes.json_node import read_json
 from msb.scenes.sets import check_set
 from msb.scenes.source import Source
 
+# Files that make a folder a source of cameras; the first group of which one is there is read.
 _IN_FOLDERS = (
     ("transforms_train.json", "transforms_test.json"),
     ("transforms.json",),
     ("cameras.json",),
     ("views.json",),
 )
-"""Files that make a folder a source of cameras; the first group of which one is there is read."""
 
 
 def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:

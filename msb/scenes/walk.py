@@ -13,10 +13,10 @@ from msb.scenes.paths import interpolated
 PACE = 24
 """Frames from one stop to the next: a second of film."""
 _STOPS = 10
+# Of a gap between cameras: where several are alike, the last bit does not choose.
 _DIGITS = 6
-"""Of a gap between cameras: where several are alike, the last bit does not choose."""
+# Where the stops lie, by the axes of their cameras: to the right, nearer, to the left, farther, above.
 _ASIDE = ((1, 0, 0), (0, 0, 1), (-1, 0, 0), (0, 0, -1), (0, -1, 0))
-"""Where the stops lie, by the axes of their cameras: to the right, nearer, to the left, farther, above."""
 
 
 def walk(

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Bound of the error of a 3 x 3 determinant of differences, relative to its permanent: (7 + 56 eps) eps with
+# eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d).
 _ROUNDING = 7.8e-16
-"""Bound of the error of a 3 x 3 determinant of differences, relative to its permanent: (7 + 56 eps) eps with
-eps = 2^-53 (Shewchuk, "Adaptive Precision Floating-Point Arithmetic", 1997, for orient3d)."""
+# Candidate pairs tested at once; their arrays fit the processor's cache, twice as fast as millions.
 _PAIRS_AT_ONCE = 1 << 16
-"""Candidate pairs tested at once; their arrays fit the processor's cache, twice as fast as millions."""
+# Most grid cells per face, on average; a finer grid would put large faces into too many cells.
 _CELLS_OF_A_FACE = 64
-"""Most grid cells per face, on average; a finer grid would put large faces into too many cells."""
 
 
 def crossing_pairs(

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Number of faces whose corners are gathered together; nine doubles each make 19 MB.
 _CHUNK = 1 << 18
-"""Number of faces whose corners are gathered together; nine doubles each make 19 MB."""
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -2,8 +2,8 @@
 
 DECIMALS = 2
 """Decimals of a ratio or mean, as in the paper's table of mesh diagnostics."""
+# Smaller counts are printed in full, because "0.00 M" would say nothing.
 _MILLIONS_FROM = 1e5
-"""Smaller counts are printed in full, because "0.00 M" would say nothing."""
 
 
 def structure_text(metric: str, value: float) -> str:

@@ -170,6 +170,7 @@ class _Reason:
     uses: Callable[[Audit], str]
 
 
+# In order of gravity.
 _REASONS = (
     _Reason("bad", _nonmanifold, _uses_of_nonmanifold),
     _Reason("limited", _open, _uses_of_open),
@@ -183,7 +184,6 @@ _REASONS = (
         lambda _: "make the winding consistent before computing normals, booleans or printing",
     ),
 )
-"""In order of gravity."""
 
 
 def _sound(audit: Audit) -> str:

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from msb.trial.run import Trial, Trials
     from msb.trial.task import Outcome
 
+# Outcome -> what is printed, and its colour.
 _WORDS: dict[Outcome, tuple[str, str]] = {
     "works": ("works", "green"),
     "care": ("with care", "yellow"),
     "fails": ("FAILS", "red"),
     "not_run": ("not run", "dim"),
 }
-"""Outcome -> what is printed, and its colour."""
+# The outcomes on which a gate fails.
 _FAILING: dict[Outcome, str] = {"fails": "fails", "not_run": "is not run"}
-"""The outcomes on which a gate fails."""
 
 
 @dataclass(frozen=True)

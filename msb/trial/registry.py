@@ -12,8 +12,8 @@ from msb.errors import UsageError, shorten
 if TYPE_CHECKING:
     from msb.trial.task import Attempt, Task
 
+# Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports.
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
-"""Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports."""
 
 TASKS: dict[str, Task] = {
     task.name: task for name in _MODULES for task in import_module(f"msb.trial.tasks.{name}").TASKS

@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from msb.render import Frame
     from msb.why.views import Image
 
+# A logit of opacity that is 1 to the last bit but a few.
 _FULL = np.float32(20.0)
-"""A logit of opacity that is 1 to the last bit but a few."""
+# Kernel of a coverage -> the settings at which it is 1 inside a face up to its edges, and 0 outside.
 _HARD: dict[str, dict[str, float]] = {"gaussian_power": {"gamma": 1000.0}, "edge_window": {"sigma": 1e-9}}
-"""Kernel of a coverage -> the settings at which it is 1 inside a face up to its edges, and 0 outside."""
+# The same of Triangle-Splatting's stored sigma: the least that it can have is 0.01 + exp(-30).
 _HARD_LOGARITHM = np.float32(-30.0)
-"""The same of Triangle-Splatting's stored sigma: the least that it can have is 0.01 + exp(-30)."""
 _Pair = tuple[list[Any], list[Any]]
 _Measure = Callable[[Views], _Pair]
+# A changed model, and settings to draw it with.
 _Change = tuple["Asset", dict[str, Any]]
-"""A changed model, and settings to draw it with."""
 
 
 def _supersampling(views: Views) -> _Pair:

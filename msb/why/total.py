@@ -10,8 +10,8 @@ from msb.why.causes import BAKED, lit, taken_for_linear
 from msb.why.views import EQUAL, DoesNotApplyError, Views
 
 TITLE = "All of it at once (standard tier against its own look)"
+# dB above which a cause is not seen, so that it is no reason for what is left.
 _SEEN = 40.0
-"""dB above which a cause is not seen, so that it is no reason for what is left."""
 
 
 @dataclass(frozen=True)

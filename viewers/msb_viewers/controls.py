@@ -11,12 +11,12 @@ import numpy as np
 if TYPE_CHECKING:
     from msb_viewers.viewer import TopologyViewer
 
+# First size of the clipping box, in radii of what the first view frames.
 _BOX = 1.02
-"""First size of the clipping box, in radii of what the first view frames."""
+# A click may move the mouse by at most this many pixels between press and release.
 _CLICK = 4
-"""A click may move the mouse by at most this many pixels between press and release."""
+# Priority of our handlers; VTK's own interactor style, which uses most keys, comes later.
 _FIRST = 10.0
-"""Priority of our handlers; VTK's own interactor style, which uses most keys, comes later."""
 _NAMES = {
     "[": "bracketleft",
     "]": "bracketright",

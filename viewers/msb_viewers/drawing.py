@@ -47,8 +47,8 @@ _FOLDED = {
     "mirror": "place.{c} = clamp(1.0 - abs(mod(place.{c}, 2.0) - 1.0), {rim}, 1.0 - {rim}); ",
     "clamp": "place.{c} = clamp(place.{c}, {rim}, 1.0 - {rim}); ",
 }
+# Wrap -> VTK's number of it (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
-"""Wrap -> VTK's number of it (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`)."""
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
 """Shift of marks towards the viewer, in units of depth resolution: they lie on their surface."""
 

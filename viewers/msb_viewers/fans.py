@@ -12,14 +12,14 @@ from msb_viewers.model import ViewModel
 from msb_viewers.palette import FAN_COLORS, INK, STYLES
 from msb_viewers.sheet import Panel, list_panel
 
+# The least distance by which a fan is moved, in radii of the faces at the vertex.
 _APART = 0.6
-"""The least distance by which a fan is moved, in radii of the faces at the vertex."""
+# The length of the circle that each fan gets, in the same radii.
 _ROOM = 0.9
-"""The length of the circle that each fan gets, in the same radii."""
+# At most this many fans are drawn; more would cover each other. The text counts all.
 _MOST_FANS = 12
-"""At most this many fans are drawn; more would cover each other. The text counts all."""
+# The most lines of text; the drawing shows the other fans, too.
 _MOST_LINES = 8
-"""The most lines of text; the drawing shows the other fans, too."""
 
 
 @dataclass(frozen=True, eq=False)

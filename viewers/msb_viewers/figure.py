@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from msb_viewers.model import ViewModel
     from msb_viewers.viewer import TopologyViewer
 
+# Side of one view in pixels: 3.2 inches of paper at 200 dots per inch.
 _SIDE = 640
-"""Side of one view in pixels: 3.2 inches of paper at 200 dots per inch."""
+# Distance of a close-up, relative to that which the viewer flies to.
 _CLOSER = 0.9
-"""Distance of a close-up, relative to that which the viewer flies to."""
 _DPI = 130
+# Factor by which marks are enlarged, because a view is shown at about 400 pixels.
 _BOOST = 1.4
-"""Factor by which marks are enlarged, because a view is shown at about 400 pixels."""
 
 
 @dataclass(frozen=True)

@@ -37,8 +37,8 @@ NO_DISPLAY = (
     "there is no display to open a window on; msb view draws without one, given --screenshot FILE.png or "
     "--html FILE.html"
 )
+# Seconds to wait. A software GL on a loaded machine takes a few; a hanging driver must not hang us.
 _SECONDS = 60
-"""Seconds to wait. A software GL on a loaded machine takes a few; a hanging driver must not hang us."""
 
 
 @dataclass

@@ -25,8 +25,8 @@ _WORST_FIRST = (
 )
 _SHOWN_AT_FIRST = 12_000
 _FRAMING_SAMPLE = 100_000
+# The first view ignores far vertices if they make the sphere this many times as wide as 95 % of them.
 _FAR_OUT = 4.0
-"""The first view ignores far vertices if they make the sphere this many times as wide as 95 % of them."""
 
 
 @dataclass(frozen=True, eq=False)

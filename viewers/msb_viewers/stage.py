@@ -14,15 +14,15 @@ from msb_viewers.viewed_mesh import Skin, color_bytes
 
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
 """The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""
+# A picture that takes at most this many seconds is drawn in full while the view moves, too.
 _FLUID_SECONDS = 0.05
-"""A picture that takes at most this many seconds is drawn in full while the view moves, too."""
+# While the view moves, a layer shows at most one element for this many faces of the stand-in.
 _MARKS = 5
-"""While the view moves, a layer shows at most one element for this many faces of the stand-in."""
+# Lines and markers have their full size where a mean edge takes at least this many pixels.
 _FULL_SIZE = 40.0
-"""Lines and markers have their full size where a mean edge takes at least this many pixels."""
 _LEAST = 0.2
+# How much components are shaded for shape; their lightness means their size.
 _SHADE_COMPONENTS = 0.25
-"""How much components are shaded for shape; their lightness means their size."""
 
 
 class Stage:

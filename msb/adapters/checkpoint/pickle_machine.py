@@ -301,8 +301,8 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
 """Byte -> instruction; the names in comments are those of the standard library's `pickletools`."""
+# Byte -> the first protocol that has the instruction, where it is not 2, for which 0 and 1 count too.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
-"""Byte -> the first protocol that has the instruction, where it is not 2, for which 0 and 1 count too."""
 
 
 def run_pickle(

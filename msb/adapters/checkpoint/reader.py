@@ -14,8 +14,8 @@ from msb.base.files import map_file
 from msb.errors import CheckpointError
 
 _END_RECORD = b"PK\x05\x06"
+# Bytes of a ZIP's end record and the longest comment behind it.
 _LONGEST_TAIL = 22 + 0xFFFF
-"""Bytes of a ZIP's end record and the longest comment behind it."""
 MAX_DEPTH = 64
 """Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000
 deep."""

@@ -11,6 +11,7 @@ from msb.topology.audit import Audit, Sample
 from msb.topology.shown import structure_text
 from msb.topology.verdict import Level, judge, percent
 
+# The columns of the paper's table of mesh diagnostics, in its order.
 _COLUMNS = (
     ("V/F", "vf_ratio"),
     ("Valence", "mean_valence"),
@@ -21,7 +22,6 @@ _COLUMNS = (
     ("LCC\narea ↑", "lcc_area_ratio"),
     ("Compo-\nnents ↓", "components"),
 )
-"""The columns of the paper's table of mesh diagnostics, in its order."""
 
 _DEFECTS = (
     ("nonmanifold_edges", "edge", "edges", "non-manifold edges"),
@@ -36,8 +36,8 @@ _DEFECTS = (
     ("nonfinite_faces", "face", "faces", "faces without a finite area"),
     ("unreferenced_vertices", "vertex", "vertices", "vertices no face uses"),
 )
+# Verdict level -> colour. The word on the terminal says the same without the colour.
 _STYLES: dict[Level, str] = {"ok": "green", "limited": "yellow", "bad": "red"}
-"""Verdict level -> colour. The word on the terminal says the same without the colour."""
 _VERDICTS = {"agrees": "agrees", "differs_by_definition": "by definition", "disagrees": "DISAGREES"}
 
 

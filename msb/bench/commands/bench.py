@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.bench/1"
 _TURNTABLE = 8
+# Keys that must be equal before two records are compared.
 _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",
 )  # fmt: skip
-"""Keys that must be equal before two records are compared."""
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from msb.bench.run import Report, Row
 
 _SCHEMA = "msb.run/1"
+# How the JSON of every run begins.
 _START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(_SCHEMA).encode())
-"""How the JSON of every run begins."""
 
 
 @dataclass(frozen=True)

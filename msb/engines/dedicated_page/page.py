@@ -40,10 +40,10 @@ SCRIPTS = (
     *("camera.js", "page.js", "hands.js", "store.js", "dedicated.js"),
     *("official.js", "faithful.js", "start.js"),
 )
+# What every device with WebGPU takes.
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
-"""What every device with WebGPU takes."""
+# What most graphics cards of computers take; the page asks for what it needs, and says so if it cannot.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
-"""What most graphics cards of computers take; the page asks for what it needs, and says so if it cannot."""
 STOPS = 8
 """Chunks in which faces are blended: fewer than in the renderer, because each one reads all samples."""
 MODES: tuple[tuple[Order, Sampling], ...] = (
@@ -52,10 +52,10 @@ MODES: tuple[tuple[Order, Sampling], ...] = (
 )
 """Orders and samplings that a page offers."""
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
+# Base64 letters of an element.
 _LETTERS = 1 << 23
-"""Base64 letters of an element."""
+# Bytes of all images of test views together that are read.
 _MOST_OF_TESTS = 1 << 30
-"""Bytes of all images of test views together that are read."""
 _ARRAY = re.compile(rb'<script type="text/plain" data-array="([^"]*)">([^<]*)</script>')
 _SCENE = re.compile(rb'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 

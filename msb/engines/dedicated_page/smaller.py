@@ -18,8 +18,8 @@ from msb.engines.dedicated_page.stored import CHUNK, LEVELS, exponents
 GRID = 65000
 """Steps that a chunk's positions span at most: fewer than 16 bits have: rounding may add one."""
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
+# Lattices of numbers from 0 to 1: those of the official web export are bytes, too.
 _BYTES = ("features.lattice", "features.opacity")
-"""Lattices of numbers from 0 to 1: those of the official web export are bytes, too."""
 _BINS = 4096
 _FEW = 4 * LEVELS
 

@@ -15,12 +15,12 @@ from msb.errors import DeviceError
 from msb.registry import Order, Sampling
 from msb.render.surface import Surface
 
+# Invocations of a work-group of the stages over faces.
 _GROUP = 64
-"""Invocations of a work-group of the stages over faces."""
+# Work-groups along an axis: what WebGPU guarantees.
 _MOST_GROUPS = 65535
-"""Work-groups along an axis: what WebGPU guarantees."""
+# Items of a work-group of the sort.
 _BLOCK = 2048
-"""Items of a work-group of the sort."""
 _DIGIT_BITS = 4
 _KEY_BITS = 32
 STOPS = 32

@@ -30,16 +30,17 @@ if TYPE_CHECKING:
 
 FLOAT, HALF, NUMBERS = "rgba32float", "rgba16float", "r32uint"
 _BLENDS = {FLOAT: "float32", HALF: "half floats"}
+# The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths.
 _ROOM = {FLOAT: 1 << 23, HALF: 1 << 24, NUMBERS: 1 << 24}
-"""The most samples of a band: 256 MiB of two targets, 128 of numbers and their depths."""
 
 
+# First word of a use -> its group.
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
     **dict.fromkeys(("coverage", "f_dc", "f_rest", "opacity", "features", "decoder"), "appearance"),
     **dict.fromkeys(("image", "depth", "covered", "nearest", "z-buffer", "pixels,", "pixels"), "targets"),
 }
-"""First word of a use -> its group."""
+# What is asked of the adapter, as much as it has.
 _LIMITS = (
     "max-storage-buffer-binding-size",
     "max-buffer-size",
@@ -48,14 +49,13 @@ _LIMITS = (
     "max-vertex-attributes",
     "max-color-attachment-bytes-per-sample",
 )
-"""What is asked of the adapter, as much as it has."""
+# What the passes take of what WebGPU guarantees; adapters of the OpenGL kind may have less.
 _NEEDED = {
     "max-storage-buffers-per-shader-stage": 8,
     "max-vertex-attributes": 9,
     "max-compute-workgroup-storage-size": 9216,
     "max-compute-invocations-per-workgroup": 256,
 }
-"""What the passes take of what WebGPU guarantees; adapters of the OpenGL kind may have less."""
 
 
 class HardwareRenderer:

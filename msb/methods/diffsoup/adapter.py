@@ -27,8 +27,8 @@ DECODER: dict[str, tuple[int, ...]] = {}
 for _layer, _shape in LAYERS.items():
     DECODER |= {f"{_layer}.weight": _shape, f"{_layer}.bias": _shape[:1]}
 """Key in the state dict of the colour MLP -> shape; a weight is [out, in]."""
+# Layout -> near and far plane of the official evaluation, in scene units.
 _PLANES = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
-"""Layout -> near and far plane of the official evaluation, in scene units."""
 _BACKGROUNDS = {"colmap": "#000000", "synthetic": "#ffffff"}
 
 

@@ -28,11 +28,11 @@ __all__ = ["Pipeline", "surface_model"]
 HARMONICS = 9
 _LANES = 8
 _PROJECT_GROUP = 64
+# Number of work-items that draw one triangle in the GPU style; most triangles have a few hundred pixels.
 _RASTER_GROUP = 32
-"""Number of work-items that draw one triangle in the GPU style; most triangles have a few hundred pixels."""
 _SHADE_GROUP = 64
+# Most rows of a band in the CPU style, so that its planes (20 bytes a pixel) stay in a core's own cache.
 _BAND_ROWS = 16
-"""Most rows of a band in the CPU style, so that its planes (20 bytes a pixel) stay in a core's own cache."""
 _BANDS_A_UNIT = 4
 
 

@@ -26,8 +26,8 @@ OPACITY_THRESHOLD = 0.5
 BLEND_FEATURE = 3
 """The feature that weighs the decoder's colour against the base colour, features 0 to 2."""
 MAX_LEVEL = 16
+# Pixels of the boxes of several faces that are looked at together.
 _TOGETHER = 1 << 18
-"""Pixels of the boxes of several faces that are looked at together."""
 
 
 @dataclass

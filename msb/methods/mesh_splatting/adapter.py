@@ -22,8 +22,8 @@ from msb.meshes.assets import mesh_buffers
 from msb.meshes.files import read_mesh
 
 KEYS = ("triangles_points", "_triangle_indices", "vertex_weight", "features_dc", "sigma")
+# The opacity floor that the re-import of a PLY imposes.
 _FLOOR_OF_MESHES = 0.9999
-"""The opacity floor that the re-import of a PLY imposes."""
 
 
 def recognises(content: Content) -> bool:

@@ -7,8 +7,8 @@ from msb.adapters.model import Content, Options
 from msb.errors import Unsupported
 from msb.registry import METHODS
 
+# Items of the tuple that its training captures in chkpntN.pth (graphdeco-inria/gaussian-splatting).
 _CAPTURED = 12
-"""Items of the tuple that its training captures in chkpntN.pth (graphdeco-inria/gaussian-splatting)."""
 
 
 def recognises(content: Content) -> bool:

@@ -24,6 +24,7 @@ from msb.meshes.ply_table import PlyTable
 KEYS = ("_vertex", "_opacity", "_f_dc", "_f_rest")
 _CORNERS = tuple(f"{axis}{corner}" for corner in (1, 2, 3) for axis in "xyz")
 _PLY_NAMES = (*_CORNERS, "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
+# Setting -> its key in section "model" of a config, and what the official code takes where it is absent.
 _UPSTREAM: dict[str, tuple[str, Any]] = {
     "rasterizer": ("rasterizer_type", "3D"),
     "sh_degree": ("max_sh_degree", None),
@@ -32,12 +33,11 @@ _UPSTREAM: dict[str, tuple[str, Any]] = {
     "ste_threshold": ("ste_threshold", None),
     "render_up_scale": ("render_up_scale", None),
 }
-"""Setting -> its key in section "model" of a config, and what the official code takes where it is absent."""
 
 MAX_DEPTH = 32
 """Deepest nesting of a config; real ones nest 3 deep."""
+# GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "=".
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
-"""GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "="."""
 
 
 def training_scene(root: Path) -> object:

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 ENGINE_NEAR = 0.01
 """Depth in scene units in front of which an engine clips."""
+# The logarithm of what is 0 in float32. Powers that end below it are slow to raise to, and where sigma is as
+# small as after training most do.
 _LEAST = -105.0
-"""The logarithm of what is 0 in float32. Powers that end below it are slow to raise to, and where sigma is as
-small as after training most do."""
 CLIPPED = Culling(nearest=ENGINE_NEAR, dilation=1.0, clipped=True)
 
 

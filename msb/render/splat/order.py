@@ -22,16 +22,16 @@ from msb.render.splat.bins import LANES, WORK_GROUP
 
 FACE_GROUP = 64
 """Faces in a group with a common bounding sphere."""
+# Bits of a sort key for each axis. Three make 54 bits; below them there is room for an exponent.
 _AXIS_BITS = 18
-"""Bits of a sort key for each axis. Three make 54 bits; below them there is room for an exponent."""
+# Bits of a sort key for the size of a face.
 _SIZE_BITS = 8
-"""Bits of a sort key for the size of a face."""
+# Rows that are put in order at a time; this few stay in the processor's cache.
 _PIECE = 1 << 14
-"""Rows that are put in order at a time; this few stay in the processor's cache."""
+# Stands for an array that a method's kernels do not read.
 _NOTHING = np.zeros(1, np.float32)
-"""Stands for an array that a method's kernels do not read."""
+# Faces are reordered only if the model takes at most this share of the device's memory.
 _MODEL_SHARE = 1 / 4
-"""Faces are reordered only if the model takes at most this share of the device's memory."""
 
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
 """Name -> an array of the model that kernels read; "positions" and "indices" are always there."""

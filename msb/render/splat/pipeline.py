@@ -28,16 +28,17 @@ from msb.render.splat.order import FACE_GROUP, Arrays, keep_model, order_model
 from msb.render.splat.view import TILE, make_view, own_members
 from msb.scenes import Camera
 
+# Number of faces that a work-item projects: on a CPU enough to fill its queues, yet few enough to give many
+# times as many work-items as threads.
 _CHUNK = {"cpu": 4096, "gpu": 1}
-"""Number of faces that a work-item projects: on a CPU enough to fill its queues, yet few enough to give many
-times as many work-items as threads."""
+# Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
+# samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB.
 _BAND_BYTES = {"cpu": 2 << 20, "gpu": 256 << 20}
-"""Bytes of a band of the raster, for each compute unit of a CPU (what its cache holds), or in all. Planes of
-samples are kept for one band at a time, since 4 x 4 samples of an 8K frame are 10 GB."""
+# Records of bands that stay on the device from frame to frame.
 _MOST_RECORDS = 1024
-"""Records of bands that stay on the device from frame to frame."""
+# Values of `tile_rule`, which splat_common.cl explains.
 _TILE_RULES = {"TILES_REACHED": 0, "TILES_BOTH": 1, "TILES_OFFICIAL": 2}
-"""Values of `tile_rule`, which splat_common.cl explains."""
+# Constants of the kernels that this side needs, too.
 _CONSTANTS: dict[str, Define] = {
     "ENGINE_NEAR": ENGINE_NEAR,
     "FACE_GROUP": FACE_GROUP,
@@ -45,7 +46,6 @@ _CONSTANTS: dict[str, Define] = {
     "TILE": TILE,
     **_TILE_RULES,
 }
-"""Constants of the kernels that this side needs, too."""
 _PLANES = ("red", "green", "blue", "transmittance", "depth")
 _EXTRA_PLANES = (*_PLANES, "nx", "ny", "nz", "depth_median", "face_id")
 _SPREAD_PLANES = ("red", "green", "blue", "share")

@@ -19,15 +19,15 @@ from msb.render.standard.supersampling import box_filter, box_mean, checked_supe
 from msb.render.standard.triangles import BLOCK, CLUSTER, GROUP, SUBPIXEL_BITS, make_triangles
 from msb.scenes import Camera
 
+# Steps per pixel of the grid that corners are snapped to.
 _UNITS = 1 << SUBPIXEL_BITS
-"""Steps per pixel of the grid that corners are snapped to."""
+# Widths and heights of tiles in pixels, the largest first; zbuffer_cpu.cl keeps coarse depths for at most 256
+# x 128 pixels.
 _TILES = ((256, 128), (256, 64), (128, 64), (64, 32))
-"""Widths and heights of tiles in pixels, the largest first; zbuffer_cpu.cl keeps coarse depths for at most
-256 x 128 pixels."""
 _TILES_PER_PROCESSOR = 8
 _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
+# Number of coarse depths of a tile.
 _COARSE = 64
-"""Number of coarse depths of a tile."""
 _GROUP_SIZE = 64
 VIEW_WORDS = 51
 """Floats of a camera's record, as zbuffer_math.cl has it."""

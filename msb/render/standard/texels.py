@@ -19,12 +19,12 @@ _DEFINES = {
     "CLAMPED": _WRAPS["clamp"],
     "MIRRORED": _WRAPS["mirror"],
 }
+# Texels that the kernels can number.
 _MOST = 2**31 - 1
-"""Texels that the kernels can number."""
 
 
+# The linear light of each byte of sRGB.
 _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
-"""The linear light of each byte of sRGB."""
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,8 @@ CLUSTER = 2 * BLOCK
 GROUP = 64
 """Number of clusters whose rectangles are culled together."""
 _GROUP_SIZE = 64
+# Prefix of the names of scratch buffers that are given back before the first frame.
 _PREPARATION = "standard preparation"
-"""Prefix of the names of scratch buffers that are given back before the first frame."""
 _SAMPLES = 1 << 14
 _MORTON_BITS = 30
 

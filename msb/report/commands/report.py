@@ -15,8 +15,8 @@ from msb.report.results import Place
 from msb.report.writers import Format, Printed
 
 _FOLDER = "report"
+# The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it.
 _MOST_FACES = 300_000
-"""The diagnostic of a mesh of more faces takes longer than all the rest; --topology all draws it."""
 
 
 @dataclass(frozen=True)

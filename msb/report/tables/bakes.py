@@ -45,8 +45,8 @@ BAKES_NOTES = (
     "verdict: of the audit; where scenes differ, on how many of them",
 )
 _SHOWN = ("psnr", "psnr_16", "faces", "asset_size", "memory", "p50_ms", "bake_seconds", "tasks")
+# What of a mesh as shipped is on record with the exported mesh.
 _OF_MESH = ("faces", "tasks")
-"""What of a mesh as shipped is on record with the exported mesh."""
 _LEVELS = ("ok", "limited", "bad")
 
 

@@ -6,11 +6,11 @@ from msb.registry import METHODS, Method, Native, Tier
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
 _TITLES = {"sh": "SH", "view_dependence": "View-dep."}
+# Tier -> the fields of `Retained` it has columns for: an opaque fallback keeps only appearance.
 _SHOWN: dict[Tier, tuple[str, ...]] = {
     "standard": ("support", "appearance"),
     "dedicated": ("support", "view_dependence", "opacity", "soft_coverage", "depth_sort", "appearance"),
 }
-"""Tier -> the fields of `Retained` it has columns for: an opaque fallback keeps only appearance."""
 TIER_TITLES: dict[Tier, str] = {"standard": "Standard deployment", "dedicated": "Dedicated deployment"}
 
 

@@ -60,16 +60,16 @@ STRUCTURE_NOTES = (
     "self-intersections are not looked at",
 )
 """What must be known to read the diagnostics of a mesh (paper, "Interpretation")."""
+# The metrics of a method's own images, besides those of `QUALITY`.
 _NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
-"""The metrics of a method's own images, besides those of `QUALITY`."""
 _TIMES = ("p50_ms", "p95_ms")
 _PARTS = ("fps", "p50_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
+# The paper's three groups of its eight columns.
 _CONNECTIVITY = {
     "Local reuse": ("vf_ratio", "mean_valence"),
     "Local structure": ("boundary_edge_ratio", "nonmanifold_edge_ratio", "nonmanifold_vertex_ratio"),
     "Global connectivity": ("lcc_face_ratio", "lcc_area_ratio", "components"),
 }
-"""The paper's three groups of its eight columns."""
 _GROUPS = {"indoor_mean": "indoor scenes", "outdoor_mean": "outdoor scenes"}
 
 

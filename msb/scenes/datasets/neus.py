@@ -19,11 +19,11 @@ from msb.scenes.image_size import image_size
 from msb.scenes.source import Source
 
 MATRICES = "cameras.npz"
+# Most bytes of a 4 x 4 matrix with its header, which has a few hundred; checked before anything is
+# decompressed.
 _MAX_MEMBER = 4096
-"""Most bytes of a 4 x 4 matrix with its header, which has a few hundred; checked before anything is
-decompressed."""
+# Most views that are looked for; DTU has 49 or 64.
 _MAX_VIEWS = 4096
-"""Most views that are looked for; DTU has 49 or 64."""
 
 
 def read_matrices(path: Path) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:

@@ -19,8 +19,8 @@ from msb.scenes.datasets.rules import AS_IS, Size, half_even
 from msb.scenes.datasets.scene import Scene
 from msb.scenes.image_size import image_size
 
+# Cameras are far larger than photographs if they are this many times as wide.
 _FAR = 1.5
-"""Cameras are far larger than photographs if they are this many times as wide."""
 
 
 def scaled_note(scenes: Iterable[Scene]) -> str | None:

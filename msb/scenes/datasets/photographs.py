@@ -16,8 +16,8 @@ from msb.scenes.image_size import has_alpha, image_size
 MASKS = "mask"
 """The mask folder of DTU in the packages of 2DGS and NeuS: one image per photograph, paired by their sorted
 order."""
+# Pixels by which a photograph's height may differ from its camera's at the same width.
 _ROUNDED_AWAY = 1.5
-"""Pixels by which a photograph's height may differ from its camera's at the same width."""
 
 
 def choose_photographs(

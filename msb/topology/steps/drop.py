@@ -10,8 +10,8 @@ from msb.topology.halfedge import NONE, build_half_edges
 from msb.topology.steps.change import Change, followed_by, with_faces
 from msb.topology.steps.cut import cut
 
+# Number of rounds after which what is in nobody's way is chosen more freely, so that chains end.
 _ROUNDS = 64
-"""Number of rounds after which what is in nobody's way is chosen more freely, so that chains end."""
 
 
 def drop(points: NDArray[Any], faces: NDArray[Any], *, weights: NDArray[Any] | None = None) -> Change:

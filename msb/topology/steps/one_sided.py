@@ -22,8 +22,8 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, sides_of_faces
 
+# From so many visited places on, a search for loops goes on from every second start.
 _VISITS = 500_000
-"""From so many visited places on, a search for loops goes on from every second start."""
 
 
 def cut_one_sided(

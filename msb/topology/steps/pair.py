@@ -20,8 +20,8 @@ COLOR_WEIGHT = 0.25
 """How much a difference of black and white counts, beside a fold by 180 degrees, which counts 1."""
 MOST_COMPARED = 16
 """The most faces of an edge that are compared all with all; of more, those half way round are paired."""
+# Number of edges looked at together.
 _CHUNK = 1 << 16
-"""Number of edges looked at together."""
 
 
 def pair(

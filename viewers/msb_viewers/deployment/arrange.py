@@ -11,10 +11,10 @@ if TYPE_CHECKING:
 
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
 """Heights of gaps, title, captions and the scale of differences, in pixels at scale 1."""
+# The least width and height of a picture in pixels, however small the whole is.
 _LEAST = 16
-"""The least width and height of a picture in pixels, however small the whole is."""
+# The part of the width that A and B take beside their difference.
 _THUMBNAIL = 0.3
-"""The part of the width that A and B take beside their difference."""
 
 
 @dataclass(frozen=True)

@@ -24,10 +24,10 @@ from msb_viewers.palette import INK
 from msb_viewers.sheet import FAINT, text_scale
 
 _LAYOUTS = {"side": "side by side", "wipe": "wipe", "difference": "difference"}
+# The least width of a caption, in pixels at scale 1, if there is room below a narrower picture.
 _LEAST_CAPTION = 300
-"""The least width of a caption, in pixels at scale 1, if there is room below a narrower picture."""
+# Distance between lines of a caption, in pixels at scale 1.
 _LINE = 18
-"""Distance between lines of a caption, in pixels at scale 1."""
 
 
 @dataclass(frozen=True, eq=False)
