@@ -1,7 +1,5 @@
 """How platforms are found, in processes of their own: a loader starts once in a process."""
 
-from __future__ import annotations
-
 import os
 import sys
 from importlib import metadata

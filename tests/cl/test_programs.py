@@ -1,7 +1,5 @@
 """Kernel files: includes, defines, building, and what a launch checks."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import sys

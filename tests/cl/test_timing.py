@@ -1,7 +1,5 @@
 """Device time by stage. What is measured is not asserted, only that it is, and under which name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

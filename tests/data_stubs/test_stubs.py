@@ -1,7 +1,5 @@
 """The shipped scenes are what their scripts make, and small."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

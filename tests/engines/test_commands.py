@@ -1,7 +1,5 @@
 """Engines on the command line: listed, used by name, and the page that is written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The page of the dedicated tier in a browser: what it draws, what it says, and how it is measured."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

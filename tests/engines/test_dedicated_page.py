@@ -1,7 +1,5 @@
 """The page of the dedicated tier: what is in it, how its arrays lie there, smaller assets."""
 
-from __future__ import annotations
-
 import json
 import re
 import zlib

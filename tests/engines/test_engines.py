@@ -1,7 +1,5 @@
 """Every engine that is installed draws what our z-buffer draws, by statistics that hold for rasterizers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

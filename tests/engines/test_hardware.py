@@ -1,7 +1,5 @@
 """The dedicated tier through a graphics pipeline, on whatever adapter there is: lavapipe where no card is."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace

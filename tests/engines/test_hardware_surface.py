@@ -1,7 +1,5 @@
 """DiffSoup through a graphics pipeline with a z-buffer, on whatever adapter there is."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Engines of other people show a GLB as it comes; what each gets wrong is a table of benchmarks/opened_in."""
 
-from __future__ import annotations
-
 import io
 
 import pytest

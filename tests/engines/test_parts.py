@@ -1,7 +1,5 @@
 """What the engines are made of, without any of them: the mesh, cameras, agreement, what is missing."""
 
-from __future__ import annotations
-
 import io
 import queue
 import sys

@@ -1,7 +1,5 @@
 """The script of the dedicated tier without a browser: which plan it draws."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Random scenes with textures: what hardware's samplers show is what ours shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

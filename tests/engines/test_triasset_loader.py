@@ -1,7 +1,5 @@
 """The npm package for three.js (integrations/js): its images in a browser, and its errors for bad files."""
 
-from __future__ import annotations
-
 import json
 import re
 import struct

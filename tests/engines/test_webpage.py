@@ -1,7 +1,5 @@
 """The three.js page: what is in the file, and what a browser makes of it."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json

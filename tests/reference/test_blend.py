@@ -1,7 +1,5 @@
 """Tiles and compositing against loops over single samples and faces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

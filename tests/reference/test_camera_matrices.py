@@ -1,7 +1,5 @@
 """The camera's float32 matrices are those the official code hands to its kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

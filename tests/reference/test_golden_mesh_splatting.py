@@ -1,7 +1,5 @@
 """The official MeshSplatting kernels' images, with and without supersampling, and their other planes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The official Triangle-Splatting kernels' images, alphas, depths, normals and kept triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The official 2DTS kernels' images, transmittances, depths, normals and radii."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

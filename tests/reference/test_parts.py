@@ -1,7 +1,5 @@
 """The parts of the formulas against what they are in exact arithmetic."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What must hold of every model: empty views, small and odd images, order, settings, principal points."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

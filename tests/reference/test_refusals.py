@@ -1,7 +1,5 @@
 """What cannot be drawn is refused by code, and says why."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the public functions that draw are given: the same is refused, and the same is taken, on all tiers."""
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 from typing import Any

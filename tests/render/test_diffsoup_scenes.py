@@ -1,7 +1,5 @@
 """DiffSoup's kernels on random scenes against the NumPy reference, and at their limits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Orders and samplings of an engine: kernels of both styles against the NumPy reference, and their limits."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

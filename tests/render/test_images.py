@@ -1,7 +1,5 @@
 """Frames as files, read back by the libraries other people use."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 

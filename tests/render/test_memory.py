@@ -1,7 +1,5 @@
 """A scene that does not fit on the device is refused with the figure, whatever it is that does not fit."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 from typing import Any

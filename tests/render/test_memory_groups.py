@@ -1,7 +1,5 @@
 """Device memory by purpose: renderers name the group of each buffer where they make it."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Faces in the order of what they add to several views: as the NumPy reference has it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Renderers share one device: threads take turns, memory is a renderer's own, and nothing stays behind."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A turntable shows the same picture of a thing whatever its size is."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How faces lie on the device, the spheres about them, and in which order they are blended all the same."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from typing import Any

@@ -1,7 +1,5 @@
 """What each face adds to an image: the weights of the NumPy reference, and the transpose of drawing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

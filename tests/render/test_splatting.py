@@ -1,7 +1,5 @@
 """The splatting pipeline against the NumPy reference on random models, and at its limits."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

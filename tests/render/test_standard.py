@@ -1,7 +1,5 @@
 """The opaque z-buffer against its NumPy twin, in both styles of kernels, and at its limits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

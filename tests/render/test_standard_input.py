@@ -1,7 +1,5 @@
 """What the standard tier takes from an asset, and what it refuses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

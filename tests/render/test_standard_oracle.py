@@ -1,7 +1,5 @@
 """The standard tier beside a renderer of other people: VTK, a rasterizer."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

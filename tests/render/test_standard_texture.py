@@ -1,7 +1,5 @@
 """The standard tier with textures, held to its twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The tiny scenes and models are what their script makes, and resemble what they claim to be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """`msb compare` from outside: files, streams, exit status; nothing here needs GL."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Views, tiers, layouts and differences of a comparison: plain data, nothing drawn."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The deployment page: its pictures and figures are the renderers', and a browser compares them alike."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """What each tier draws, and the composed picture: no VTK, no display."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What is shown of a mesh: layers and counts as the audit has them, framing, components, notes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A mesh and what a repair made of it, as the viewer shows both."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`msb view` from outside: files, streams, exit status."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The real viewer, off-screen: what must be seen is looked for at the pixels where it must be."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from typing import Any
