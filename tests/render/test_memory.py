@@ -1,19 +1,26 @@
-"""A scene that does not fit on the device is refused with the figure, whatever it is that does not fit."""
+"""Memory of the device: by purpose, and a scene that does not fit is refused whatever does not fit."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 
+import msb
 from msb.asset import Asset
-from msb.cl import Device
+from msb.cl import Device, open_device
 from msb.errors import DeviceError
+from msb.render.backend import check_supported, find_renderer
 from msb.render.dedicated import dedicated_renderer
+from msb.render.device_scope import DeviceScope
 from msb.render.splat import pipeline as splatting
+from msb.scenes.datasets import read_scene
 from tests.cl.conftest import open_styled
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
+from tests.render.frames import frame_of
+from tests.tiny import MODELS, SCENES
 
 CAMERA = front_camera(90, 60)
 BLACK = (0.0, 0.0, 0.0)
@@ -95,11 +102,53 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
 def test_samples_are_drawn_in_bands_that_fit(
     method: str, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only all of them at once (`raw`) may be too many."""
-    monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
+    """They show the same as all at once; only all of them (`raw`) may be too many."""
     asset = model(method, 20)
+    wanted = frame_of(dedicated_renderer, asset, device, CAMERA, BLACK, outputs=("normal",))
+    monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
     needed = 10 * 4 * 96 * 64 * (16 if method == "mesh_splatting" else 1)
     limit(device, max_allocation=needed // 2)
-    draw(asset, device, outputs=("normal",))
+    frame = frame_of(dedicated_renderer, asset, device, CAMERA, BLACK, outputs=("normal",))
+    for name in ("image", "depth", "normal"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(wanted, name))
     with pytest.raises(DeviceError, match="splat planes"):
         draw(asset, device)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", ["cpu", "gpu"])
+@pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
+def test_every_renderer_says_what_its_memory_is_for(method: str, style: str) -> None:
+    asset = msb.export(MODELS / "pebble" / method)
+    camera = read_scene(SCENES / "nerf_synthetic" / "pebble").test[0]
+    for tier in ("standard", "dedicated"):
+        try:
+            check_supported(asset, tier)
+        except msb.Unsupported:
+            continue
+        with open_device("cpu", style=style) as device:
+            renderer = find_renderer(tier)(asset, device=device, settings={})
+            renderer.render(camera, (0.0, 0.0, 0.0))
+            uses, groups = device.memory(), renderer.memory_groups()
+            renderer.close()
+        assert uses.keys() == groups.keys()
+        sums = Counter(dict.fromkeys(("geometry", "appearance", "scratch", "targets"), 0))
+        for use, size in uses.items():
+            sums[groups[use]] += size
+        assert min(sums.values()) > 0
+        assert sums["targets"] >= 4 * camera.width * camera.height * 4  # colour and depth
+
+
+def test_a_new_buffer_is_counted_by_what_is_said_where_it_is_made() -> None:
+    scope = DeviceScope(None, "some renderer")
+    with scope.setting_up():
+        scope.scratch("second image", 64, group="targets")
+        scope.scratch("list of something", 128)
+        scope.keep("normals", np.zeros(16, np.float32))
+    sizes, groups = scope.memory(), scope.memory_groups()
+    assert {groups[use]: size for use, size in sizes.items()} == {
+        "targets": 256,
+        "scratch": 512,
+        "geometry": 64,
+    }
+    scope.close()

@@ -88,12 +88,6 @@ def test_colors_of_every_domain(device: Device, domain: str, dtype: type) -> Non
     assert frame.image.max() <= 1
 
 
-def test_color_of_a_face_is_not_rounded(device: Device) -> None:
-    color = np.array([[0.1234567, 1 / 3, 0.9999999]], np.float32)
-    frame = draw(device, mesh_asset(unshared(BIG), color, "face"), camera())
-    np.testing.assert_array_equal(frame.image[30, 40], color[0])
-
-
 BIG: NDArray[np.float64] = np.array([[[-9.0, -9, 2], [9, -9, 2], [0, 12, 2]]])
 
 
@@ -106,32 +100,6 @@ def test_equal_depths_go_to_the_lowest_face(device: Device, corners: list[int]) 
         single = draw(device, mesh_asset(unshared(triangles[::-1])), camera())
         assert (single.face_id >= 0).any()
         np.testing.assert_array_equal(frame.face_id, single.face_id)
-
-
-def test_order_of_faces_changes_nothing(device: Device) -> None:
-    positions, indices = scene("everything", 11)
-    colors = random_colors(11, len(positions))
-    order = np.random.default_rng(0).permutation(len(indices))
-    one = draw(device, mesh_asset((positions, indices), colors), camera())
-    other = draw(device, mesh_asset((positions, indices[order]), colors), camera())
-    np.testing.assert_array_equal(one.depth, other.depth)
-    hit = one.face_id >= 0
-    twice = (one.face_id != np.where(hit, order[other.face_id], -1)) & hit  # coincident faces of the scene
-    assert twice.mean() < 0.01
-    np.testing.assert_array_equal(one.image[~twice], other.image[~twice])
-
-
-def test_ground_to_the_horizon(device: Device) -> None:
-    """A plane that runs through the camera's own: clipped, not dropped, and exact in depth."""
-    ground = np.array([[[-1e4, 1, -50], [1e4, 1, -50], [0, 1, 3e4]]])
-    view = camera(100, 80, 60.0)
-    frame = draw(device, mesh_asset(unshared(ground)), view)
-    y = np.arange(80) + 0.5
-    depth = np.where(y > view.cy, view.fy / np.maximum(y - view.cy, 1e-9), 0)
-    expected = np.broadcast_to(depth[:, None], (80, 100))
-    np.testing.assert_array_equal(frame.alpha[:40], 0)
-    np.testing.assert_array_equal(frame.alpha[40:], 1)
-    np.testing.assert_allclose(frame.depth[40:], expected[40:], rtol=1e-4)
 
 
 def test_nothing_nearer_than_the_near_plane(device: Device) -> None:
