@@ -61,12 +61,6 @@ def drawn_scenes() -> list[list[View]]:
     return [views for views in scenes() if views[0].name in DRAWN]
 
 
-def choices(pages: list[list[View]]) -> set[tuple[str, str, Any]]:
-    """Return (method, setting, value) of what is chosen, not measured."""
-    found = ((views[0].folder.parent.name, *item) for views in pages for item in views[0].settings.items())
-    return {each for each in found if not isinstance(each[2], float)}
-
-
 def test_the_browser_takes_the_shaders_of_every_page(with_webgpu: InBrowser) -> None:
     """Also of those that are not drawn."""
     texts = {text for views in scenes() for text in page_of(views).scene["dedicated"]["modules"]}

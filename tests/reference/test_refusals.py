@@ -80,11 +80,15 @@ def test_parameters_we_do_not_know(method: str, section: str, key: str, value: A
         assert refusal(asset, tier, "TRIASSET_FIELD").pointer == f"/{section}/{key}"
 
 
-def test_a_mesh_has_no_reference_tier() -> None:
+@pytest.mark.parametrize(
+    ("method", "tier"), [("mesh", "reference"), ("mesh", "dedicated"), ("diffsoup", "standard")]
+)
+def test_tiers_that_a_model_has_not(method: str, tier: Any) -> None:
     vertices, faces = TETRAHEDRON
-    asset = build_asset({"positions": vertices, "indices": faces.astype(np.uint32)}, {})
+    mesh = build_asset({"positions": vertices, "indices": faces.astype(np.uint32)}, {})
+    asset = mesh if method == "mesh" else soup(method, random_triangles(1, count=4))
     with pytest.raises(Unsupported) as caught:
-        render_reference(asset, front_camera())
+        msb.render(asset, front_camera(), tier, device=SELECTOR)
     assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_TIER", 4)
 
 

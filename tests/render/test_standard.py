@@ -122,20 +122,6 @@ def test_behind_and_beside_the_camera(device: Device) -> None:
         assert (frame.face_id == -1).all()
 
 
-def test_infinitely_thin(device: Device) -> None:
-    """Faces without area on the screen: repeated corners, collinear ones, and one seen from its edge."""
-    flat = np.array(
-        [
-            [[0, 0, 3], [0, 0, 3], [1, 1, 3]],
-            [[0, 0, 3], [1, 1, 3], [2, 2, 3]],
-            [[0, 0, 1], [0, 0, 3], [0, 1, 2]],
-        ]
-    )
-    view = camera(80, 60, principal=(40.5, 30.5))
-    assert not draw(device, mesh_asset(unshared(flat[:2])), view).alpha.any()
-    assert np.isfinite(draw(device, mesh_asset(unshared(flat)), view).image).all()
-
-
 def test_far_from_the_origin(device: Device) -> None:
     """Where float32 positions are still exact, so must their differences with the camera be."""
     mesh = scene("small", 19)

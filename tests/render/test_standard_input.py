@@ -47,24 +47,6 @@ def test_hidden_faces_keep_numbers(styled: Device) -> None:
     np.testing.assert_array_equal(none.image, np.broadcast_to(np.float32(BACKGROUND), none.image.shape))
 
 
-def test_refuses_what_has_no_static_color() -> None:
-    asset = mesh_asset(scene("small", 0))
-    for method in ("diffsoup", "three_dgs"):
-        data = Asset(_renamed(asset, method), asset.buffers)
-        with pytest.raises(Unsupported, match=f"{method} on tier standard: ") as raised:
-            msb.Renderer(data)
-        assert raised.value.code == "UNSUPPORTED_TIER"
-        assert ("msb bake" in raised.value.message) == (method == "diffsoup")
-
-
-def _renamed(asset: Asset, method: str) -> Any:
-    class Manifest:
-        def __getattr__(self, name: str) -> Any:
-            return method if name == "method" else getattr(asset.manifest, name)
-
-    return Manifest()
-
-
 def test_takes_coordinates_whose_sum_overflows(styled: Device) -> None:
     positions, indices = scene("small", 0)
     positions[:3] = np.finfo(np.float32).max

@@ -30,9 +30,6 @@ from tests.viewers.compare import (
 ALL = ("truth", "reference", "dedicated", "standard")
 
 
-# Shots ---------------------------------------------------------------------------------------------------
-
-
 def test_each_path_gives_what_msb_render_gives(tmp_path: Path) -> None:
     color = (0.25, 0.5, 1.0)
     settings = {"supersample": 1}
@@ -61,9 +58,6 @@ def test_a_path_without_a_picture_says_why() -> None:
         view = scene.views[0]
         assert renderers.shoot("standard", view).why == "no colour"
         assert renderers.shoot("truth", view).why == view.why
-
-
-# Compositions --------------------------------------------------------------------------------------------
 
 
 def middle(image: np.ndarray, box: Box, across: float = 0.5, down: float = 0.5) -> tuple[int, ...]:

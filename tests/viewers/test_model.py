@@ -80,12 +80,9 @@ def test_the_note_says_what_a_mesh_is() -> None:
     assert CLEAN_NOTE in model_of(*TETRAHEDRON).notes
     assert CLEAN_NOTE not in model_of(*BOOK).notes
     assert EMPTY_NOTE in model_of(np.zeros((2, 3)), []).notes
-
-
-def test_a_soup_says_so_and_draws_no_boundary() -> None:
-    model = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
-    assert SOUP_NOTE in model.notes
-    assert "boundary_edges" not in model.shown_by_default()
+    soup = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
+    assert SOUP_NOTE in soup.notes
+    assert "boundary_edges" not in soup.shown_by_default()
 
 
 def test_no_two_layers_differ_by_colour_alone() -> None:
