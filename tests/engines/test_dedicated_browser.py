@@ -53,7 +53,7 @@ DRAWN = {
     *("ico_l2_white/0", "lattice_l5_black/0"),
 }
 """First views of the pages that are drawn: a browser takes seconds to compile the shaders of each. The
-renderer `wgpu` draws every view by the same plan (test_hardware.py, test_hardware_surface.py); two more pages
+renderer `wgpu` draws every view by the same plan (test_hardware.py); two more pages
 are held to what that one draws, below."""
 
 

@@ -1,5 +1,6 @@
 """Every engine that is installed draws what our z-buffer draws, by statistics that hold for rasterizers."""
 
+import io
 from dataclasses import replace
 from typing import Any
 
@@ -7,10 +8,15 @@ import numpy as np
 import pytest
 
 import msb
+from benchmarks.opened_in.__main__ import BLACK, compare
+from benchmarks.opened_in.engines import ENTRIES
+from benchmarks.opened_in.scenes import SCENES
 from msb.asset import Asset
 from msb.engines.agreement import agreement
 from msb.engines.engine import DRAW, WALL_CLOCK
 from msb.errors import MsbError
+from msb.meshes import write_mesh
+from msb.meshes.assets import mesh_from_asset
 from msb.render import Frame
 from msb.render.backend import ENGINES, find_renderer
 from msb.scenes import Camera
@@ -181,3 +187,21 @@ def test_wgpu_counts_textures_and_keeps_the_first_of_equal_faces() -> None:
     assert seen is not None
     assert 0 <= seen.max() < len(shown) // 2
     assert groups["texture 2"] == groups["texture coordinates"] == "appearance"
+
+
+TAKE_SRGB_EXACTLY = {"three.js": 1, "<model-viewer>": 1, "Galacean": 1, "pygfx": 2}
+"""Engine -> the levels by which 99.9 % of the pixels inside of faces differ at most."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TAKE_SRGB_EXACTLY)
+def test_a_textured_glb_is_shown_as_it_should_with_no_setting_touched(name: str) -> None:
+    engine = ENTRIES[name].engine
+    if missing := engine.missing():
+        pytest.skip(f"{name}: {missing}")
+    scene = SCENES["texture"][1]()
+    ours = msb.render(scene.asset, scene.camera, tier="standard", background=BLACK)
+    file = io.BytesIO()
+    write_mesh(mesh_from_asset(scene.asset), file, suffix=".glb")
+    shown = engine.draw(file.getvalue(), scene, mended=False)
+    assert compare(shown.image, ours)["p999"] <= TAKE_SRGB_EXACTLY[name]

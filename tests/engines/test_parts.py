@@ -41,7 +41,7 @@ def test_colours_of_faces_and_corners_need_vertices_of_their_own(domain: str, ro
     colors = np.arange(4 * rows, dtype=np.uint8).reshape(rows, 4)
     found = engine_mesh(mesh_asset(SQUARE, colors, domain), {})
     np.testing.assert_array_equal(found.positions[found.indices], positions[faces])
-    assert (found.numbers is None, len(found.positions)) == ((True, 4) if domain == "vertex" else (False, 6))
+    assert (found.numbers, len(found.positions)) == (None, 4 if domain == "vertex" else 6)
     of_corners = {"vertex": faces.reshape(-1), "face": [0, 0, 0, 1, 1, 1], "corner": range(6)}[domain]
     np.testing.assert_array_equal(found.colors[found.indices.reshape(-1)], colors[list(of_corners), :3])
 
@@ -133,14 +133,9 @@ def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
     monkeypatch.delenv(blender.VARIABLE, raising=False)
     monkeypatch.setenv(browser.VARIABLE, "no-such-browser")
-    for factory, words in (
-        (WgpuRenderer, r"meshsplatbench\[wgpu\]"),
-        (CyclesRenderer, r"meshsplatbench\[blender\].*MSB_BLENDER"),
-        (ThreeJsRenderer, "MSB_BROWSER"),
-    ):
-        with pytest.raises(UsageError, match=words) as info:
+    for factory in (WgpuRenderer, CyclesRenderer, ThreeJsRenderer):
+        with pytest.raises(UsageError, match="ENGINE_MISSING") as info:
             factory(asset)
-        assert info.value.code == "ENGINE_MISSING"
         assert what_is_missing(factory.name) in info.value.message
     monkeypatch.setenv(blender.VARIABLE, sys.executable)
     assert "OpenEXR is not installed" in str(CyclesRenderer.missing())

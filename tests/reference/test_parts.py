@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from msb.asset.sh import SH_C0, sh_basis
-from msb.methods.diffsoup.reference import interpolate, ndc_centers
+from msb.methods.diffsoup.reference import interpolate
 from msb.methods.mesh_splatting.reference import box_mean
-from msb.methods.two_dts.reference import coverage_alpha, resize, straight_through
-from msb.reference.arithmetic import fast_power, ndc_to_pixel, power, sigmoid
+from msb.methods.two_dts.reference import resize, straight_through
+from msb.reference.arithmetic import fast_power, power, sigmoid
 from msb.reference.sh import colors_from_sh
 
 F = np.float32
@@ -51,28 +51,10 @@ def test_float32_functions_are_rounded_once() -> None:
         np.testing.assert_array_equal(sigmoid(np.array([-np.inf, -1000, 0, np.inf], F)), [0, 0, 0.5, 1])
 
 
-def test_pixels_are_at_integers() -> None:
-    edges = np.array([-1, 1], F)
-    np.testing.assert_array_equal(ndc_to_pixel(edges, 10), [-0.5, 9.5])
-    centers = ndc_centers(10, np.float64)
-    np.testing.assert_allclose(ndc_to_pixel(centers, 10), np.arange(10), atol=1e-12)
-
-
 def test_the_threshold_is_strict() -> None:
     opacity = np.array([0.2, 0.3, 0.30000004, 0.9], F)
     np.testing.assert_allclose(straight_through(opacity, 0.3), [0, 0, 1, 1], atol=2e-7)
     assert straight_through(opacity, 0.3)[0] == 0
-
-
-def test_coverage_is_a_gaussian_for_gamma_one_and_hard_for_fifty() -> None:
-    eccentricity = np.array([[0, 0.5, 0.99, 1.01, 2, 3.4, 10, 10.1, -1e-7, np.nan]], np.float64)
-    soft = coverage_alpha(eccentricity, np.array([[0.8]]), np.float64(1))
-    np.testing.assert_allclose(soft[0, :7], 0.8 * np.exp(-0.5 * eccentricity[0, :7] ** 2))
-    assert not soft[0, 7:].any()
-    with np.errstate(over="ignore"):
-        hard = coverage_alpha(eccentricity, np.array([[1.0]]), np.float64(50))
-    assert (hard[0, :2] == 0.99).all()
-    assert hard[0, 4] == 0
 
 
 @pytest.mark.parametrize("scale", [1, 2, 3, 4, 5])
