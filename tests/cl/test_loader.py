@@ -102,12 +102,6 @@ def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) ->
     assert {path for path in tmp_path.rglob("*.so") if path.is_file()} == built
 
 
-@pytest.mark.slow
-def test_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
-    together = [child(SCALE, POCL_CACHE_DIR=str(tmp_path)) for _ in range(3)]
-    assert len({answer(process) for process in together}) == 1
-
-
 def fake_intel(folder: Path) -> Path:
     """Make what pip leaves of the Intel runtime, as far as it is looked at; return where to import from."""
     site = folder / "site"
