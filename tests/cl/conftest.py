@@ -1,7 +1,5 @@
 """One PoCL device for all tests, in both styles of kernels."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Memory on the device: copies, views, accounting, limits, release."""
 
-from __future__ import annotations
-
 import dataclasses
 import gc
 from pathlib import Path

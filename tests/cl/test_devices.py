@@ -1,7 +1,5 @@
 """Which devices there are and which one a text names."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """Prefix sum and radix sort against NumPy, in both styles of kernels."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 What a mended wheel draws, `tests.machines unknown` holds to the golden images.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -1,9 +1,6 @@
 """The shipped scenes are what their scripts make, and small."""
 
-from __future__ import annotations
-
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -93,22 +90,3 @@ def test_every_pebble_is_closed_and_one_has_a_hole() -> None:
         assert audit["counts"]["components"] == 1
         numbers.append(audit["metrics"]["euler_characteristic"])
     assert numbers == [2, 2, 2, 2, 0]
-
-
-def test_a_highlight_is_where_the_sun_is_mirrored() -> None:
-    point = still_life.LitSurface(
-        np.zeros((1, 3)),
-        np.zeros((0, 3), int),
-        np.full((1, 3), 0.5),
-        np.array([[0, 0, 1.0]]),
-        np.full(1, 0.5),
-        _UP,
-    )
-    assert point.seen_from((0, 0, 5)) == pytest.approx(1.0)
-    aside = [float(point.seen_from((x, 0, 5))[0, 0]) for x in (2, 6, 20)]
-    assert 1 > aside[0] > aside[1] > aside[2] > 0.5
-    turned = replace(point, color=np.full((1, 3), 0.5)).turned(captures.Y_DOWN)
-    assert turned.seen_from(captures.Y_DOWN @ (0, 0, 5)) == pytest.approx(1.0)
-
-
-_UP = np.array([0, 0, 1.0])

@@ -5,8 +5,6 @@ with `model`, `camera` (that of `blender_camera`, and `clip`), `picture` and `sa
 what was found of each.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """Engines that are installed, and a browser with WebGPU."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

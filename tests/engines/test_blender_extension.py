@@ -1,7 +1,5 @@
 """The extension for Blender: models look there as on the standard tier, and come back as they were."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

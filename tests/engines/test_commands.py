@@ -1,7 +1,5 @@
 """Engines on the command line: listed, used by name, and the page that is written."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -56,14 +54,6 @@ def test_render_and_bench_with_an_engine(msb: Msb, demo_asset: Path, tmp_path: P
     assert record["fps"] > 0
 
 
-def test_an_engine_that_is_missing_ends_with_2(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
-    options = ("--turntable", "1", "-o", tmp_path / "out", "--renderer", "threejs")
-    result = msb("render", *options, demo_asset, **{BROWSER: "no-such-browser"})
-    assert result.status == 2
-    assert result.err.startswith("ENGINE_MISSING: renderer threejs")
-    assert not (tmp_path / "out").exists()
-
-
 def test_the_page_holds_the_asset_and_its_cameras(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     result = msb("web", "--out", page, "--cameras", VIEWS, "--background", "black", demo_asset)
@@ -77,38 +67,32 @@ def test_the_page_holds_the_asset_and_its_cameras(msb: Msb, demo_asset: Path, tm
     assert again.err.startswith("OUTPUT_EXISTS: ")
 
 
+STUBS = ROOT / "data_stubs"
+MESH = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
+
+
 @pytest.mark.parametrize(
-    "args",
+    ("line", "model", "code"),
     [
-        ("-o", "a.png"),
-        ("-o", "a.html", "--cameras", "views.json"),
-        ("-o", "a.html", "--up", "+z"),
-        ("-o", "a.html", "--background", "official"),
-        ("-o", "a.html", "--camera", "0", str(ROOT / "data_stubs" / "splat_like.triasset")),
-        (),
+        ("web -o a.png", None, "USAGE"),
+        ("web -o a.html --cameras views.json", None, "USAGE"),
+        ("web -o a.html --up +z", None, "USAGE"),
+        ("web -o a.html --background official", None, "USAGE"),
+        ("web -o a.html --camera 0", STUBS / "splat_like.triasset", "USAGE"),
+        ("web", None, "USAGE"),
+        ("web -o a.html --tier standard", STUBS / "models" / "pebble" / "diffsoup", "UNSUPPORTED_TIER"),
+        ("web -o a.html --tier dedicated", MESH, "UNSUPPORTED_TIER"),
+        ("render -o a --turntable 1 --tier dedicated", MESH, "UNSUPPORTED_TIER"),
+        ("render -o a --turntable 1 --renderer threejs", STUBS / "splat_like.triasset", "ENGINE_MISSING"),
     ],
 )
-def test_what_makes_no_sense_is_refused(msb: Msb, tmp_path: Path, args: tuple[str, ...]) -> None:
-    result = msb("web", *args, cwd=tmp_path)
-    assert result.status == 2
-    assert result.err.startswith("USAGE: ")
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_page_of_what_has_no_static_colour_is_refused(msb: Msb, tmp_path: Path) -> None:
-    model = ROOT / "data_stubs" / "models" / "pebble" / "diffsoup"
-    result = msb("web", "--tier", "standard", "-o", tmp_path / "page.html", model)
-    assert result.status == 4
-    assert f"UNSUPPORTED_TIER: {model}: diffsoup on tier standard" in result.err
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_page_of_the_own_look_of_a_plain_mesh_is_refused_with_a_way_out(msb: Msb, tmp_path: Path) -> None:
-    mesh = ROOT / "tests" / "golden" / "meshes" / "synthetic_splat_small.ply"
-    for command in (("web",), ("render", "--turntable", "1")):
-        result = msb(*command, "--tier", "dedicated", "-o", tmp_path / "page.html", mesh)
-        assert result.status == 4
-        assert result.err.splitlines()[-1].startswith("UNSUPPORTED_TIER: ")
+def test_what_makes_no_sense_is_refused(
+    msb: Msb, tmp_path: Path, line: str, model: Path | None, code: str
+) -> None:
+    options = {"cwd": tmp_path, BROWSER: "no-such-browser"}
+    result = msb(*line.split(), *([model] if model else []), **options)
+    assert result.status == (4 if code == "UNSUPPORTED_TIER" else 2)
+    assert result.err.splitlines()[-1].startswith(f"{code}: ")
     assert not list(tmp_path.iterdir())
 
 

@@ -1,7 +1,5 @@
 """The page of the dedicated tier in a browser: what it draws, what it says, and how it is measured."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -55,18 +53,12 @@ DRAWN = {
     *("ico_l2_white/0", "lattice_l5_black/0"),
 }
 """First views of the pages that are drawn: a browser takes seconds to compile the shaders of each. The
-renderer `wgpu` draws every view by the same plan (test_hardware.py, test_hardware_surface.py); two more pages
+renderer `wgpu` draws every view by the same plan (test_hardware.py); two more pages
 are held to what that one draws, below."""
 
 
 def drawn_scenes() -> list[list[View]]:
     return [views for views in scenes() if views[0].name in DRAWN]
-
-
-def choices(pages: list[list[View]]) -> set[tuple[str, str, Any]]:
-    """Return (method, setting, value) of what is chosen, not measured."""
-    found = ((views[0].folder.parent.name, *item) for views in pages for item in views[0].settings.items())
-    return {each for each in found if not isinstance(each[2], float)}
 
 
 def test_the_browser_takes_the_shaders_of_every_page(with_webgpu: InBrowser) -> None:

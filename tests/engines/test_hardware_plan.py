@@ -1,7 +1,5 @@
 """The plan of a frame on graphics hardware: plain data, made without any adapter."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the engines are made of, without any of them: the mesh, cameras, agreement, what is missing."""
 
-from __future__ import annotations
-
 import io
 import queue
 import sys
@@ -14,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import msb
 from msb.base import extras
 from msb.engines import blender, browser, webgpu
 from msb.engines.agreement import agreement
@@ -22,6 +19,7 @@ from msb.engines.blender import CyclesRenderer, blender_camera
 from msb.engines.engine import engine_mesh, opaque_frame
 from msb.engines.threejs import ThreeJsRenderer
 from msb.engines.webgpu import WgpuRenderer, camera_record
+from msb.engines.webgpu_texture import runs_of
 from msb.errors import DeviceError, Unsupported, UsageError
 from msb.meshes import read_mesh
 from msb.render import Frame
@@ -37,23 +35,15 @@ SQUARE = (
 )
 
 
-def test_vertices_stay_shared_and_colours_stored() -> None:
-    colors = np.array([[0, 10, 20, 99], [30, 40, 50, 99], [60, 70, 80, 99], [90, 100, 110, 99]], np.uint8)
-    found = engine_mesh(mesh_asset(SQUARE, colors), {})
-    np.testing.assert_array_equal(found.positions, SQUARE[0])
-    np.testing.assert_array_equal(found.indices, SQUARE[1])
-    np.testing.assert_array_equal(found.colors, colors[:, :3])
-    assert found.numbers is None
-
-
-@pytest.mark.parametrize(("domain", "rows"), [("face", 2), ("corner", 6)])
+@pytest.mark.parametrize(("domain", "rows"), [("vertex", 4), ("face", 2), ("corner", 6)])
 def test_colours_of_faces_and_corners_need_vertices_of_their_own(domain: str, rows: int) -> None:
     positions, faces = SQUARE
-    colors = np.arange(3 * rows, dtype=np.uint8).reshape(rows, 3)
+    colors = np.arange(4 * rows, dtype=np.uint8).reshape(rows, 4)
     found = engine_mesh(mesh_asset(SQUARE, colors, domain), {})
     np.testing.assert_array_equal(found.positions[found.indices], positions[faces])
-    expected = colors if domain == "corner" else np.repeat(colors, 3, axis=0)
-    np.testing.assert_array_equal(found.colors[found.indices.reshape(-1)], expected)
+    assert (found.numbers, len(found.positions)) == (None, 4 if domain == "vertex" else 6)
+    of_corners = {"vertex": faces.reshape(-1), "face": [0, 0, 0, 1, 1, 1], "corner": range(6)}[domain]
+    np.testing.assert_array_equal(found.colors[found.indices.reshape(-1)], colors[list(of_corners), :3])
 
 
 def test_what_is_given_to_an_engine_is_what_convert_writes(tmp_path: Path) -> None:
@@ -103,14 +93,9 @@ def test_blender_has_the_same_intrinsics(fx: float, fy: float) -> None:
 
 
 def test_cameras_blender_lacks_are_refused() -> None:
-    for view, words in (
-        (camera(3, 90), "4 to 65536 pixels"),
-        (replace(camera(), fx=1000.0, fy=1.0), "fx / fy is 1000"),
-        (replace(camera(), fx=1.0, fy=1000.0), "fx / fy is 0.001"),
-    ):
-        with pytest.raises(Unsupported, match=words) as info:
+    for view in (camera(3, 90), replace(camera(), fx=1000.0, fy=1.0), replace(camera(), fx=1.0, fy=1000.0)):
+        with pytest.raises(Unsupported, match="UNSUPPORTED_CAMERA"):
             blender_camera(view, EYE)
-        assert info.value.code == "UNSUPPORTED_CAMERA"
 
 
 def frame(image: np.ndarray, faces: np.ndarray) -> Frame:
@@ -148,14 +133,9 @@ def test_what_is_missing_names_what_to_install(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
     monkeypatch.delenv(blender.VARIABLE, raising=False)
     monkeypatch.setenv(browser.VARIABLE, "no-such-browser")
-    for factory, words in (
-        (WgpuRenderer, r"meshsplatbench\[wgpu\]"),
-        (CyclesRenderer, r"meshsplatbench\[blender\].*MSB_BLENDER"),
-        (ThreeJsRenderer, "MSB_BROWSER"),
-    ):
-        with pytest.raises(UsageError, match=words) as info:
+    for factory in (WgpuRenderer, CyclesRenderer, ThreeJsRenderer):
+        with pytest.raises(UsageError, match="ENGINE_MISSING") as info:
             factory(asset)
-        assert info.value.code == "ENGINE_MISSING"
         assert what_is_missing(factory.name) in info.value.message
     monkeypatch.setenv(blender.VARIABLE, sys.executable)
     assert "OpenEXR is not installed" in str(CyclesRenderer.missing())
@@ -250,15 +230,6 @@ def test_an_address_that_all_users_see_leads_to_the_page_once_and_a_closed_page_
     assert not thread.is_alive()
 
 
-def test_missing_data_is_refused_before_an_engine_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(WgpuRenderer, "missing", classmethod(lambda _: None))
-    with pytest.raises(UsageError) as info:
-        WgpuRenderer(mesh_asset(scene("small", 1)), settings={"gamma": 1.0})
-    assert info.value.code == "SETTING_UNKNOWN"
-    with pytest.raises(msb.Unsupported):
-        msb.Renderer(msb.export("tests/golden/diffsoup/lattice_l5_black/checkpoint"), name="wgpu")
-
-
 def test_depths_lie_in_the_range() -> None:
     mesh = scene("through the camera", 1)
     pose = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
@@ -277,3 +248,7 @@ def test_a_python_without_bpy_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path:
     with pytest.raises(DeviceError, match="ENGINE_FAILED") as info:
         CyclesRenderer(mesh_asset(scene("small", 1)))
     assert info.value.code == "ENGINE_FAILED"
+
+
+def test_faces_are_drawn_in_runs_of_one_texture() -> None:
+    assert runs_of(np.array([4, 4, 2, 4], np.uint32)) == [(4, 0, 2), (2, 2, 1), (4, 3, 1)]

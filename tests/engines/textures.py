@@ -3,8 +3,6 @@
 Drawn by renderer `wgpu` on Mesa's lavapipe: its rasterizer, its samplers and its blending between levels.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import msb

@@ -4,8 +4,6 @@ A platform is shown to the loader alone, and chosen by name: the PoCL of the whe
 What is not installed is skipped, with the package to install.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

@@ -3,8 +3,6 @@
 Run by `python -m tests.machines oclgrind`, which sets what it needs.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator

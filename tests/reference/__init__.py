@@ -1,3 +1,1 @@
 """Tests of msb.reference."""
-
-from __future__ import annotations

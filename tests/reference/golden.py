@@ -1,7 +1,5 @@
 """The golden views, as the renderers take them and with the buffers the official kernels left."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Random models of each method, made in memory, and cameras that see them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tiles and compositing against loops over single samples and faces."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -66,27 +64,6 @@ def test_composite_is_the_loop(rule: Rule, faces: int, scale: float) -> None:
         assert found.transmittance[0, sample] == t
         assert found.depth_median[0, sample] == median
         assert found.face_median[0, sample] == face
-
-
-@pytest.mark.parametrize("rule", RULES, ids=str)
-def test_weights_and_transmittance_add_up_to_one(rule: Rule) -> None:
-    rng = np.random.default_rng(2)
-    alphas = (rng.random((200, 16)) * 0.2).astype(F)
-    found = blend_columns(alphas, np.ones((200, 3), F), np.ones(200, F), rule)
-    np.testing.assert_allclose(found.color[..., 0] + found.transmittance, 1, atol=2e-6)
-    np.testing.assert_allclose(found.depth + found.transmittance, 1, atol=2e-6)
-    np.testing.assert_allclose(found.over(np.ones(3, F)), 1, atol=2e-6)
-
-
-def test_the_crossing_face_is_blended_or_refused() -> None:
-    alphas = np.full((3, 1), 0.99, F)
-    colors, depths = np.eye(3, dtype=F), np.ones(3, F)
-    blended = blend_columns(alphas, colors, depths, Rule(True, True))
-    refused = blend_columns(alphas, colors, depths, Rule(False, True))
-    # Two faces leave slightly less than 1e-4 in float32: the second is the crossing one.
-    assert (blended.color[0, 0] > 0).tolist() == [True, True, False]
-    assert (refused.color[0, 0] > 0).tolist() == [True, False, False]
-    assert blended.transmittance[0, 0] < 1e-4 < refused.transmittance[0, 0]
 
 
 def test_a_face_is_shaded_only_where_it_is_blended() -> None:

@@ -1,7 +1,5 @@
 """The camera's float32 matrices are those the official code hands to its kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -13,30 +11,21 @@ from tests.reference.golden import View, golden_views, names
 SPLATTING = [*golden_views("two_dts"), *golden_views("triangle_splatting")]
 
 
-def near_far(view: View) -> tuple[float, float]:
-    return (1.0, 1000.0) if "full_proj" in view.stored else (0.01, 100.0)
-
-
 @pytest.mark.parametrize("view", SPLATTING, ids=names)
 def test_full_projection_is_official_bit_for_bit(view: View) -> None:
-    matrices = splatting_camera(view.camera, *near_far(view), np.float32)
     stored = view.stored
-    official = stored["full_proj"] if "full_proj" in stored else stored["full_projection"]
-    np.testing.assert_array_equal(matrices.full_projection, official)
+    name, planes = (
+        ("full_proj", (1.0, 1000.0)) if "full_proj" in stored else ("full_projection", (0.01, 100.0))
+    )
+    matrices = splatting_camera(view.camera, *planes, np.float32)
+    np.testing.assert_array_equal(matrices.full_projection, stored[name])
     np.testing.assert_array_equal(matrices.world_to_camera, stored["world_to_camera"])
     half = [float(stored[name]) / 2 for name in ("fovx", "fovy")]
     np.testing.assert_array_equal(matrices.tan_fov, np.tan(half).astype(np.float32))
     np.testing.assert_array_equal(matrices.shift, [0, 0])
-
-
-@pytest.mark.parametrize("view", SPLATTING, ids=names)
-def test_camera_center_is_official_to_rounding(view: View) -> None:
-    """Upstream inverts in float32, and the last bits are the library's; ours is rounded once."""
-    matrices = splatting_camera(view.camera, *near_far(view), np.float32)
-    offset = np.linalg.norm(view.stored["world_to_camera"][:3, 3])
-    np.testing.assert_allclose(
-        matrices.center, view.stored["camera_center"], atol=3e-7 * max(1, offset), rtol=0
-    )
+    # Upstream inverts in float32, and the last bits are the library's; ours is rounded once.
+    offset = max(1, np.linalg.norm(stored["world_to_camera"][:3, 3]))
+    np.testing.assert_allclose(matrices.center, stored["camera_center"], atol=3e-7 * offset, rtol=0)
 
 
 @pytest.mark.parametrize("view", golden_views("diffsoup"), ids=names)

@@ -1,7 +1,5 @@
 """How an engine samples triangles, against a linear system solved for every sample."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The official DiffSoup evaluator's images and buffers, and its viewer's 8-bit ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

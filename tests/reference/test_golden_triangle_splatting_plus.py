@@ -1,7 +1,5 @@
 """Triangle Splatting+ looks as its golden views do, and differs from MeshSplatting in what it should."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What must hold of every model: empty views, small and odd images, order, settings, principal points."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -43,11 +41,14 @@ def same(first: ReferenceFrame, second: ReferenceFrame) -> None:
 @pytest.mark.slow
 @variants
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_shapes_and_dtypes(method: str, settings: dict[str, Any], dtype: type) -> None:
-    asset, camera = soup(method, random_triangles(1), degree=0), front_camera()
-    frame = render_reference(asset, camera, (0.2, 0.3, 0.4), settings, dtype)
-    assert frame.image.shape == (28, 40, 3)
-    assert frame.alpha.shape == frame.depth.shape == (28, 40)
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (3, 17), (16, 16), (33, 31)])
+def test_shapes_and_dtypes(
+    method: str, settings: dict[str, Any], dtype: type, width: int, height: int
+) -> None:
+    camera = Camera(width, height, 42, 45, width / 2, height / 2, np.eye(4))
+    frame = render_reference(soup(method, random_triangles(3, size=2.0)), camera, (1, 1, 1), settings, dtype)
+    assert frame.image.shape == (height, width, 3)
+    assert frame.alpha.shape == frame.depth.shape == (height, width)
     assert frame.visible.shape == (60,)
     assert frame.visible.any()
     for array in (frame.image, frame.alpha, frame.depth, frame.depth_median, frame.normal):
@@ -56,29 +57,6 @@ def test_shapes_and_dtypes(method: str, settings: dict[str, Any], dtype: type) -
     assert (frame.face_id is not None) == (method in ("mesh_splatting", "diffsoup"))
     assert (frame.normal is not None) == (method in SPLATTING)
     assert ((frame.alpha >= 0) & (frame.alpha <= 1)).all()
-
-
-@variants
-def test_an_empty_view_is_background(method: str, settings: dict[str, Any]) -> None:
-    asset = soup(method, random_triangles(2))
-    away = Camera(37, 23, 40, 40, 18.5, 11.5, np.diag([-1.0, 1, -1, 1]))
-    frame = render_reference(asset, away, (0.25, 0.5, 0.75), settings)
-    np.testing.assert_array_equal(frame.image, np.broadcast_to(np.float32([0.25, 0.5, 0.75]), (23, 37, 3)))
-    assert not frame.visible.any()
-    assert not frame.alpha.any()
-    assert not frame.depth.any()
-    assert frame.face_id is None or (frame.face_id == -1).all()
-
-
-@pytest.mark.slow
-@variants
-@pytest.mark.parametrize(("width", "height"), [(1, 1), (3, 17), (16, 16), (33, 31)])
-def test_any_image_size(method: str, settings: dict[str, Any], width: int, height: int) -> None:
-    asset = soup(method, random_triangles(3, size=2.0))
-    camera = Camera(width, height, 42, 45, width / 2, height / 2, np.eye(4))
-    frame = render_reference(asset, camera, (1, 1, 1), settings)
-    assert frame.image.shape == (height, width, 3)
-    assert np.isfinite(frame.image).all()
     assert frame.alpha.any()
 
 

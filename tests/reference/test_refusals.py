@@ -1,6 +1,4 @@
-"""What cannot be drawn is refused by code, and says why."""
-
-from __future__ import annotations
+"""What cannot be drawn is refused by code, on every tier."""
 
 from dataclasses import replace
 from typing import Any
@@ -8,11 +6,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+import msb
 from msb.asset import Asset, build_asset
-from msb.errors import AssetError, Unsupported, UsageError
+from msb.errors import AssetError, MsbError, Unsupported, UsageError
 from msb.reference import render_reference
+from tests.cl.conftest import SELECTOR
 from tests.conftest import TETRAHEDRON
-from tests.reference.soups import METHODS, front_camera, random_triangles, soup
+from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
+
+TIERS = [*((method, tier) for method in METHODS for tier in ("reference", "dedicated"))]
+EVERY = [*TIERS, *((method, "standard") for method in SPLATTING)]
+
+
+def refusal(asset: Asset, tier: Any, code: str) -> MsbError:
+    """Return the error of `code` with which `tier` refuses `asset`."""
+    with pytest.raises(AssetError, match=f"^{code}: ") as caught:
+        msb.render(asset, front_camera(), tier, device=SELECTOR)
+    return caught.value
 
 
 def changed(asset: Asset, name: str, index: Any, value: float) -> Asset:
@@ -22,44 +32,33 @@ def changed(asset: Asset, name: str, index: Any, value: float) -> Asset:
     return replace(asset, buffers={**asset.buffers, name: array})
 
 
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_values_that_are_not_finite(method: str, value: float) -> None:
+@pytest.mark.parametrize(("method", "tier"), EVERY)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_values_that_are_not_finite(method: str, tier: str, value: float) -> None:
     asset = soup(method, random_triangles(1, count=4), degree=0 if method == "diffsoup" else 1)
-    floats = [name for name, array in asset.buffers.items() if array.dtype.kind == "f"]
-    assert len(floats) >= 4
-    for name in floats:
+    names = [name for name, array in asset.buffers.items() if array.dtype.kind == "f"]
+    for name in ("positions", "f_dc") if tier == "standard" else names:
         if name == "opacity" and np.isinf(value):
             continue
-        bad = changed(asset, name, 2, value)
-        with pytest.raises(AssetError) as caught:
-            render_reference(bad, front_camera())
-        assert caught.value.code == "TRIASSET_VALUE_NONFINITE"
-        assert caught.value.pointer == f"{name}[2]"
+        error = refusal(changed(asset, name, 2, value), tier, "TRIASSET_VALUE_NONFINITE")
+        assert error.pointer == f"{name}[2]"
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_indices_out_of_range(method: str) -> None:
-    asset = soup(method, random_triangles(1, count=4))
-    with pytest.raises(AssetError) as caught:
-        render_reference(changed(asset, "indices", (3, 1), 12), front_camera())
-    assert caught.value.code == "TRIASSET_INDEX_OUT_OF_RANGE"
-    assert caught.value.pointer == "indices[3, 1]"
+@pytest.mark.parametrize(("method", "tier"), EVERY)
+def test_indices_out_of_range(method: str, tier: str) -> None:
+    asset = changed(soup(method, random_triangles(1, count=4)), "indices", (3, 1), 12)
+    assert refusal(asset, tier, "TRIASSET_INDEX_OUT_OF_RANGE").pointer == "indices[3, 1]"
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_missing_and_misshapen_buffers(method: str) -> None:
+@pytest.mark.parametrize(("method", "tier"), TIERS)
+def test_missing_and_misshapen_buffers(method: str, tier: str) -> None:
     asset = soup(method, random_triangles(1, count=4))
     for name in asset.buffers.keys() - {"positions", "indices"}:
         rest = {other: array for other, array in asset.buffers.items() if other != name}
-        with pytest.raises(AssetError) as caught:
-            render_reference(replace(asset, buffers=rest), front_camera())
-        assert caught.value.code == "TRIASSET_BUFFER"
-        assert name in str(caught.value)
         longer = np.concatenate([asset.buffers[name]] * 2)
-        with pytest.raises(AssetError) as caught:
-            render_reference(replace(asset, buffers={**rest, name: longer}), front_camera())
-        assert caught.value.code == "TRIASSET_BUFFER"
+        for buffers in (rest, {**rest, name: longer}):
+            error = refusal(replace(asset, buffers=buffers), tier, "TRIASSET_BUFFER")
+            assert name in str(error)
 
 
 @pytest.mark.parametrize(
@@ -77,26 +76,25 @@ def test_parameters_we_do_not_know(method: str, section: str, key: str, value: A
     asset = soup(method, random_triangles(1, count=4))
     parameters = {**getattr(asset.manifest, section), key: value}
     asset = replace(asset, manifest=replace(asset.manifest, **{section: parameters}))
-    with pytest.raises(AssetError) as caught:
-        render_reference(asset, front_camera())
-    assert caught.value.code == "TRIASSET_FIELD"
-    assert caught.value.pointer == f"/{section}/{key}"
+    for tier in ("reference", "dedicated") if key != "sigma_offset" else ("reference",):
+        assert refusal(asset, tier, "TRIASSET_FIELD").pointer == f"/{section}/{key}"
 
 
-def test_a_mesh_has_no_reference_tier() -> None:
+@pytest.mark.parametrize(
+    ("method", "tier"), [("mesh", "reference"), ("mesh", "dedicated"), ("diffsoup", "standard")]
+)
+def test_tiers_that_a_model_has_not(method: str, tier: Any) -> None:
     vertices, faces = TETRAHEDRON
-    asset = build_asset({"positions": vertices, "indices": faces.astype(np.uint32)}, {})
+    mesh = build_asset({"positions": vertices, "indices": faces.astype(np.uint32)}, {})
+    asset = mesh if method == "mesh" else soup(method, random_triangles(1, count=4))
     with pytest.raises(Unsupported) as caught:
-        render_reference(asset, front_camera())
-    assert caught.value.code == "UNSUPPORTED_TIER"
-    assert caught.value.exit_status == 4
-    assert "mesh" in caught.value.message
-    assert "static colours" in caught.value.message
+        msb.render(asset, front_camera(), tier, device=SELECTOR)
+    assert (caught.value.code, caught.value.exit_status) == ("UNSUPPORTED_TIER", 4)
 
 
-def test_settings_that_are_none() -> None:
-    asset = soup("two_dts", random_triangles(1, count=4))
-    with pytest.raises(UsageError, match="gama"):
-        render_reference(asset, front_camera(), settings={"gama": 2.0})
-    with pytest.raises(UsageError, match="degree 0"):
-        render_reference(asset, front_camera(), settings={"sh_degree": 2})
+@pytest.mark.parametrize(
+    ("settings", "code"), [({"gama": 2.0}, "SETTING_UNKNOWN"), ({"sh_degree": 2}, "SETTING_VALUE")]
+)
+def test_settings_that_are_none(settings: dict[str, Any], code: str) -> None:
+    with pytest.raises(UsageError, match=code):
+        render_reference(soup("two_dts", random_triangles(1, count=4)), front_camera(), settings=settings)

@@ -1,7 +1,5 @@
 """Devices for the tests of renderers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

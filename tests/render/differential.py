@@ -5,8 +5,6 @@ rounding decides is no error: it is one where the reference shows the same in an
 every corner moved by about as much as float32 rounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Frames of a renderer that lives for one of them, and how they are compared."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

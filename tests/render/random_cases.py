@@ -4,8 +4,6 @@ Everything that may go wrong is likely: settings at their limits, images of one 
 off the middle, fields of view from 1 to 170 degrees, faces that coincide, have no area or are all behind.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Meshes, cameras and renderers for the tests of the standard tier."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Many random cases against the NumPy reference: `python -m tests.render.sweep --draws 5000`."""
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 from contextlib import ExitStack

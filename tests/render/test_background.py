@@ -1,7 +1,5 @@
 """Every command draws over the background that a model states."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

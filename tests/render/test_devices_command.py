@@ -1,7 +1,5 @@
 """`msb devices`."""
 
-from __future__ import annotations
-
 import pytest
 
 from msb.base.version import __version__

@@ -1,7 +1,5 @@
 """DiffSoup's kernels against the official evaluator's and viewer's images, in both styles of kernels."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

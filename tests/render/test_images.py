@@ -1,7 +1,5 @@
 """Frames as files, read back by the libraries other people use."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 
@@ -52,31 +50,21 @@ def test_png_npy_and_exr(tmp_path: Path) -> None:
     assert not (tmp_path / "depth.png").exists()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("suffix", ["mp4", "gif"])
-def test_films_have_every_frame(suffix: str, tmp_path: Path) -> None:
-    frames = [np.roll(IMAGE, 4 * i, axis=1) for i in range(7)]
-    write_film(tmp_path / f"f.{suffix}", iter(frames), 10)
-    if suffix == "gif":
-        with Image.open(tmp_path / "f.gif") as film:
-            assert (film.n_frames, film.size) == (7, (46, 31))
-            assert film.info["duration"] == 100
-        return
+Y, X = np.mgrid[0:95, 0:128] / np.float32(128)
+SMOOTH = np.stack([X, Y, 0.5 * X + 0.2], axis=2, dtype=np.float32)
+
+
+def test_a_film_has_every_frame_as_it_was(tmp_path: Path) -> None:
+    for suffix in ("mp4", "gif"):
+        write_film(tmp_path / f"f.{suffix}", (np.roll(SMOOTH, 4 * i, axis=1) for i in range(7)), 10)
+    with Image.open(tmp_path / "f.gif") as film:
+        assert (film.n_frames, film.size, film.info["duration"]) == (7, (128, 95), 100)
     av = pytest.importorskip("av")
     with av.open(str(tmp_path / "f.mp4")) as film:
         decoded = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
         assert film.streams.video[0].average_rate == 10
-    assert [frame.shape for frame in decoded] == [(30, 46, 3)] * 7  # H.264 in 4:2:0 has even sizes
-
-
-def test_a_film_keeps_the_picture(tmp_path: Path) -> None:
-    av = pytest.importorskip("av")
-    y, x = np.mgrid[0:96, 0:128] / np.float32(128)
-    smooth = np.stack([x, y, 0.5 * x + 0.2], axis=2).astype(np.float32)
-    write_film(tmp_path / "f.mp4", [smooth] * 3, 24)
-    with av.open(str(tmp_path / "f.mp4")) as film:
-        frame = next(film.decode(video=0)).to_ndarray(format="rgb24")
-    assert np.abs(frame.astype(int) - to_bytes(smooth)).mean() < 3
+    assert [frame.shape for frame in decoded] == [(94, 128, 3)] * 7  # H.264 in 4:2:0 has even sizes
+    assert np.abs(decoded[0].astype(int) - to_bytes(SMOOTH[:94])).mean() < 3
 
 
 def test_a_film_that_fails_leaves_nothing(tmp_path: Path) -> None:
@@ -106,25 +94,23 @@ def test_no_two_views_have_one_name() -> None:
 
 
 def test_writers_work_aside_keep_few_waiting_and_report_what_failed(tmp_path: Path) -> None:
-    names = []
-    lock = threading.Lock()
+    told: list[tuple[int, threading.Thread]] = []  # appending is atomic
 
-    def note(name: str) -> None:
-        with lock:
-            names.append((name, threading.current_thread() is threading.main_thread()))
+    def note(number: int) -> None:
+        told.append((number, threading.current_thread()))
 
     with Writers() as writers:
-        for i in range(20):
-            writers.submit(note, str(i))
-    assert sorted(int(name) for name, _ in names) == list(range(20))
-    assert not any(main for _, main in names)
+        for number in range(20):
+            writers.submit(note, number)
+    assert sorted(number for number, _ in told) == list(range(20))
+    assert threading.main_thread() not in {thread for _, thread in told}
 
     def fail() -> None:
         raise OutputError("OUTPUT_UNWRITABLE", "the disk is full")
 
-    with pytest.raises(OutputError, match="the disk is full"), Writers() as writers:
+    with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"), Writers() as writers:
         writers.submit(fail)
     writers = Writers()
     writers.submit(fail)
-    with pytest.raises(OutputError, match="the disk is full"):
-        [writers.submit(note, "x") for _ in range(50)]
+    with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
+        [writers.submit(note, 1) for _ in range(50)]

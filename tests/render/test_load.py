@@ -1,7 +1,5 @@
 """Several commands at once on one machine, as a script that loops over models starts them."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,21 +1,27 @@
-"""A scene that does not fit on the device is refused with the figure, whatever it is that does not fit."""
-
-from __future__ import annotations
+"""Memory of the device: by purpose, and a scene that does not fit is refused whatever does not fit."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 import pytest
 
+import msb
 from msb.asset import Asset
-from msb.cl import Device
+from msb.cl import Device, open_device, shared_device
 from msb.errors import DeviceError
+from msb.render.backend import check_supported, find_renderer
 from msb.render.dedicated import dedicated_renderer
+from msb.render.device_scope import DeviceScope
 from msb.render.splat import pipeline as splatting
-from tests.cl.conftest import open_styled
+from msb.scenes.datasets import read_scene
+from tests.cl.conftest import SELECTOR, open_styled
 from tests.reference.soups import METHODS, SPLATTING, front_camera, random_triangles, soup
+from tests.render.frames import frame_of
+from tests.tiny import MODELS, SCENES
 
 CAMERA = front_camera(90, 60)
 BLACK = (0.0, 0.0, 0.0)
@@ -97,11 +103,123 @@ def test_no_buffer_is_larger_than_the_device_takes_at_once(method: str, faces: i
 def test_samples_are_drawn_in_bands_that_fit(
     method: str, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only all of them at once (`raw`) may be too many."""
-    monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
+    """They show the same as all at once; only all of them (`raw`) may be too many."""
     asset = model(method, 20)
+    wanted = frame_of(dedicated_renderer, asset, device, CAMERA, BLACK, outputs=("normal",))
+    monkeypatch.setattr(splatting, "_BAND_BYTES", {"cpu": 1 << 16, "gpu": 1 << 16})
     needed = 10 * 4 * 96 * 64 * (16 if method == "mesh_splatting" else 1)
     limit(device, max_allocation=needed // 2)
-    draw(asset, device, outputs=("normal",))
+    frame = frame_of(dedicated_renderer, asset, device, CAMERA, BLACK, outputs=("normal",))
+    for name in ("image", "depth", "normal"):
+        np.testing.assert_array_equal(getattr(frame, name), getattr(wanted, name))
     with pytest.raises(DeviceError, match="splat planes"):
         draw(asset, device)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("style", ["cpu", "gpu"])
+@pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
+def test_every_renderer_says_what_its_memory_is_for(method: str, style: str) -> None:
+    asset = msb.export(MODELS / "pebble" / method)
+    camera = read_scene(SCENES / "nerf_synthetic" / "pebble").test[0]
+    for tier in ("standard", "dedicated"):
+        try:
+            check_supported(asset, tier)
+        except msb.Unsupported:
+            continue
+        with open_device("cpu", style=style) as device:
+            renderer = find_renderer(tier)(asset, device=device, settings={})
+            renderer.render(camera, (0.0, 0.0, 0.0))
+            uses, groups = device.memory(), renderer.memory_groups()
+            renderer.close()
+        assert uses.keys() == groups.keys()
+        sums = Counter(dict.fromkeys(("geometry", "appearance", "scratch", "targets"), 0))
+        for use, size in uses.items():
+            sums[groups[use]] += size
+        assert min(sums.values()) > 0
+        assert sums["targets"] >= 4 * camera.width * camera.height * 4  # colour and depth
+
+
+def test_a_new_buffer_is_counted_by_what_is_said_where_it_is_made() -> None:
+    scope = DeviceScope(None, "some renderer")
+    with scope.setting_up():
+        scope.scratch("second image", 64, group="targets")
+        scope.scratch("list of something", 128)
+        scope.keep("normals", np.zeros(16, np.float32))
+    sizes, groups = scope.memory(), scope.memory_groups()
+    assert {groups[use]: size for use, size in sizes.items()} == {
+        "targets": 256,
+        "scratch": 512,
+        "geometry": 64,
+    }
+    scope.close()
+
+
+THREADS, FRAMES = 8, 48
+SMALL, LARGE = front_camera(40, 30), front_camera(160, 120)
+TIERS = ("standard", "dedicated")
+
+
+@pytest.fixture(scope="module")
+def asset() -> Asset:
+    return soup("two_dts", random_triangles(1, 400, 0.5), degree=1)
+
+
+def picture(renderer: msb.Renderer, number: int) -> bytes:
+    camera = (SMALL, LARGE)[number % 2]
+    return renderer.render(camera, background=(1, 1, 1)).image.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", TIERS)
+def test_eight_threads_may_draw_with_one_renderer(asset: Asset, tier: Any) -> None:
+    with msb.Renderer(asset, tier=tier, device=SELECTOR) as renderer:
+        wanted = [picture(renderer, number) for number in range(2)]
+        with ThreadPoolExecutor(THREADS) as pool:
+            found = list(pool.map(lambda number: picture(renderer, number), range(FRAMES)))
+    assert found == wanted * (FRAMES // 2)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_memory_is_a_renderers_own(asset: Asset, tier: Any) -> None:
+    """What another one has drawn on the device, and draws, is no part of it."""
+
+    def memory_after_small(renderer: msb.Renderer) -> dict[str, int]:
+        picture(renderer, 0)
+        return dict(renderer.memory())
+
+    with msb.Renderer(asset, tier=tier, device=SELECTOR) as alone:
+        wanted = memory_after_small(alone)
+    with msb.Renderer(asset, tier=tier, device=SELECTOR) as large:
+        picture(large, 1)
+        with msb.Renderer(asset, tier=tier, device=SELECTOR) as small:
+            assert memory_after_small(small) == wanted
+            picture(large, 1)
+            assert dict(small.memory()) == wanted
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", TIERS)
+def test_renderers_leave_nothing_on_the_device(asset: Asset, tier: Any) -> None:
+    """Neither buffers nor programs, of which PoCL keeps a megabyte each for every context."""
+    device = shared_device(SELECTOR)
+    msb.render(asset, SMALL, tier=tier, device=SELECTOR)
+    held, programs = device.memory(), len(device._programs)
+    for _ in range(20):
+        msb.render(asset, SMALL, tier=tier, device=SELECTOR)
+        with msb.Renderer(asset, tier=tier, device=SELECTOR) as renderer:
+            picture(renderer, 0)
+    assert shared_device(SELECTOR) is device
+    assert (device.memory(), len(device._programs)) == (held, programs)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_a_closed_renderer_says_so(asset: Asset, tier: Any) -> None:
+    renderer = msb.Renderer(asset, tier=tier, device=SELECTOR)
+    renderer.close()
+    renderer.close()
+    for call in (renderer.render, renderer.draw):
+        with pytest.raises(DeviceError, match="the renderer was closed") as error:
+            call(SMALL)
+        assert error.value.code == "DEVICE_CLOSED"
+    assert sum(renderer.memory().values()) == 0

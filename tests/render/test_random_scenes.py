@@ -3,8 +3,6 @@
 Kept below are the mistakes that the sweep has found.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

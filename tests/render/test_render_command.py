@@ -1,7 +1,5 @@
 """`msb render`: images, floats, film, tiers, cameras of scenes, and exit statuses."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil

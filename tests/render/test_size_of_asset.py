@@ -1,7 +1,5 @@
 """A turntable shows the same picture of a thing whatever its size is."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 from pathlib import Path
@@ -43,29 +41,21 @@ def test_a_ball_looks_alike_at_every_size(radius: float) -> None:
     np.testing.assert_allclose(other.depth / radius, one.depth, atol=1e-3)
 
 
-@pytest.mark.parametrize(("radius", "far"), [(1e30, "3.07e+30"), (9e17, "2.76e+18")])
-def test_a_ball_too_large_for_cameras_is_named(radius: float, far: str) -> None:
-    asset = replace(ball(radius), opened_from=Path("huge.ply"))
-    with pytest.raises(SceneError) as caught:
-        around(asset, 2, 96, 72)
-    text = f"its coordinates reach {radius:g}, cameras around it {far}; views can be made up to 1e+18"
-    assert str(caught.value) == f"CAMERA_PATH: huge.ply: {text}"
+@pytest.mark.parametrize("radius", [1e30, 9e17])
+def test_a_ball_too_large_for_cameras_is_named(radius: float) -> None:
+    with pytest.raises(SceneError, match=r"^CAMERA_PATH: huge\.ply: ") as caught:
+        around(replace(ball(radius), opened_from=Path("huge.ply")), 2, 96, 72)
+    assert f"{radius:g}" in caught.value.message
 
 
 @pytest.mark.parametrize("method", ["two_dts", "mesh_splatting", "diffsoup"])
 def test_a_method_draws_a_small_model_as_it_does_a_large_one(method: str) -> None:
     asset = msb.open(ROOT / "data_stubs" / "models" / "pebble" / method)
     sphere = asset.manifest.bounding_sphere
-    half = replace(
-        asset,
-        buffers={**asset.buffers, "positions": asset.buffers["positions"] / np.float32(128)},
-        manifest=replace(
-            asset.manifest,
-            bounding_sphere=replace(
-                sphere, radius=sphere.radius / 128, center=tuple(x / 128 for x in sphere.center)
-            ),
-        ),
-    )
+    smaller = replace(sphere, radius=sphere.radius / 128, center=tuple(x / 128 for x in sphere.center))
+    positions = asset.buffers["positions"] / np.float32(128)
+    manifest = replace(asset.manifest, bounding_sphere=smaller)
+    half = replace(asset, buffers={**asset.buffers, "positions": positions}, manifest=manifest)
     (large, small) = (around(one, 1, 64, 48)[0] for one in (asset, half))
     assert (large.unit, small.unit < 1) == (1.0, True)
     whole = msb.render(asset, large, tier="dedicated")

@@ -1,7 +1,5 @@
 """The splatting pipeline against what the official kernels gave, in both styles of kernels."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,15 +1,20 @@
 """The opaque z-buffer against its NumPy twin, in both styles of kernels, and at its limits."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import msb
+from msb.asset import Asset
+from msb.asset.sh import SH_C0
 from msb.cl import Device, open_device
+from msb.errors import Unsupported
+from msb.render.standard.renderer import StandardRenderer
 from tests.cl.conftest import SELECTOR, STYLES, open_styled
+from tests.reference.soups import random_triangles, soup
 from tests.render.standard_scenes import (
     BACKGROUND,
     KINDS,
@@ -90,12 +95,6 @@ def test_colors_of_every_domain(device: Device, domain: str, dtype: type) -> Non
     assert frame.image.max() <= 1
 
 
-def test_color_of_a_face_is_not_rounded(device: Device) -> None:
-    color = np.array([[0.1234567, 1 / 3, 0.9999999]], np.float32)
-    frame = draw(device, mesh_asset(unshared(BIG), color, "face"), camera())
-    np.testing.assert_array_equal(frame.image[30, 40], color[0])
-
-
 BIG: NDArray[np.float64] = np.array([[[-9.0, -9, 2], [9, -9, 2], [0, 12, 2]]])
 
 
@@ -108,32 +107,6 @@ def test_equal_depths_go_to_the_lowest_face(device: Device, corners: list[int]) 
         single = draw(device, mesh_asset(unshared(triangles[::-1])), camera())
         assert (single.face_id >= 0).any()
         np.testing.assert_array_equal(frame.face_id, single.face_id)
-
-
-def test_order_of_faces_changes_nothing(device: Device) -> None:
-    positions, indices = scene("everything", 11)
-    colors = random_colors(11, len(positions))
-    order = np.random.default_rng(0).permutation(len(indices))
-    one = draw(device, mesh_asset((positions, indices), colors), camera())
-    other = draw(device, mesh_asset((positions, indices[order]), colors), camera())
-    np.testing.assert_array_equal(one.depth, other.depth)
-    hit = one.face_id >= 0
-    twice = (one.face_id != np.where(hit, order[other.face_id], -1)) & hit  # coincident faces of the scene
-    assert twice.mean() < 0.01
-    np.testing.assert_array_equal(one.image[~twice], other.image[~twice])
-
-
-def test_ground_to_the_horizon(device: Device) -> None:
-    """A plane that runs through the camera's own: clipped, not dropped, and exact in depth."""
-    ground = np.array([[[-1e4, 1, -50], [1e4, 1, -50], [0, 1, 3e4]]])
-    view = camera(100, 80, 60.0)
-    frame = draw(device, mesh_asset(unshared(ground)), view)
-    y = np.arange(80) + 0.5
-    depth = np.where(y > view.cy, view.fy / np.maximum(y - view.cy, 1e-9), 0)
-    expected = np.broadcast_to(depth[:, None], (80, 100))
-    np.testing.assert_array_equal(frame.alpha[:40], 0)
-    np.testing.assert_array_equal(frame.alpha[40:], 1)
-    np.testing.assert_allclose(frame.depth[40:], expected[40:], rtol=1e-4)
 
 
 def test_nothing_nearer_than_the_near_plane(device: Device) -> None:
@@ -154,20 +127,6 @@ def test_behind_and_beside_the_camera(device: Device) -> None:
         assert not frame.alpha.any()
         assert not frame.depth.any()
         assert (frame.face_id == -1).all()
-
-
-def test_infinitely_thin(device: Device) -> None:
-    """Faces without area on the screen: repeated corners, collinear ones, and one seen from its edge."""
-    flat = np.array(
-        [
-            [[0, 0, 3], [0, 0, 3], [1, 1, 3]],
-            [[0, 0, 3], [1, 1, 3], [2, 2, 3]],
-            [[0, 0, 1], [0, 0, 3], [0, 1, 2]],
-        ]
-    )
-    view = camera(80, 60, principal=(40.5, 30.5))
-    assert not draw(device, mesh_asset(unshared(flat[:2])), view).alpha.any()
-    assert np.isfinite(draw(device, mesh_asset(unshared(flat)), view).image).all()
 
 
 def test_far_from_the_origin(device: Device) -> None:
@@ -207,3 +166,80 @@ def test_a_mesh_without_colors_is_grey_and_lit(device: Device) -> None:
     turned = BIG.copy()
     turned[..., 2] += 0.7 * turned[..., 0]
     assert draw(device, mesh_asset(unshared(turned)), camera()).image[30, 40, 0] != red
+
+
+def two_dts(count: int, **settings: Any) -> Asset:
+    triangles = random_triangles(1, count, 1.0)
+    opacity = np.linspace(-3, 3, count).astype(np.float32)
+    return soup("two_dts", triangles, seed=1, opacity=opacity, **settings)
+
+
+def test_zeroth_coefficient_is_baked(styled: Device) -> None:
+    asset = two_dts(60)
+    colors = np.clip(SH_C0 * asset.buffers["f_dc"].reshape(60, 3) + 0.5, 0, 1)
+    view = camera()
+    frame = draw(styled, asset, view, ste_threshold=None)
+    mesh = asset.buffers["positions"], asset.buffers["indices"]
+    expected = twin(mesh, colors, view, "face")
+    same = frame.face_id == expected.face_id
+    assert same.mean() > 0.999
+    np.testing.assert_allclose(frame.image[same], expected.image[same], atol=1e-6)
+
+
+def test_hidden_faces_keep_numbers(styled: Device) -> None:
+    asset = two_dts(60)
+    view = camera()
+    everything = draw(styled, asset, view, ste_threshold=None)
+    half = draw(styled, asset, view, ste_threshold=0.5)  # sigmoid(x) > 0.5 where x > 0: faces 30 to 59
+    assert {*np.unique(half.face_id)} <= {-1, *range(30, 60)}
+    kept = everything.face_id >= 30
+    assert kept.any()
+    np.testing.assert_array_equal(half.face_id[kept], everything.face_id[kept])
+    none = draw(styled, asset, view, ste_threshold=1.0)
+    assert not none.alpha.any()
+    np.testing.assert_array_equal(none.image, np.broadcast_to(np.float32(BACKGROUND), none.image.shape))
+
+
+def test_takes_coordinates_whose_sum_overflows(styled: Device) -> None:
+    positions, indices = scene("small", 0)
+    positions[:3] = np.finfo(np.float32).max
+    frame = draw(styled, mesh_asset((positions, indices)), camera())
+    assert np.isfinite(frame.image).all()
+    assert frame.alpha.any()
+
+
+def test_samples_are_an_option_of_the_standard_tier_alone(cpu: Device) -> None:
+    """MeshSplatting's setting of that name is its own look's, and does nothing here."""
+    asset = soup("mesh_splatting", random_triangles(1, 20), welded=True)
+    plain = draw(cpu, asset, camera())
+    own = msb.render(asset, camera(), "standard", BACKGROUND, {"supersample": 2}, cpu)
+    np.testing.assert_array_equal(plain.image, own.image)
+    with pytest.raises(Unsupported, match="UNSUPPORTED_OPTION"):
+        msb.render(asset, camera(), "dedicated", device=cpu, supersample=2)
+
+
+@pytest.mark.slow
+def test_image_alone_is_that_of_the_frame(styled: Device) -> None:
+    mesh = scene("everything", 5)
+    renderer = StandardRenderer(mesh_asset(mesh, random_colors(5, len(mesh[0]))), device=styled)
+    frame = renderer.render(camera(), BACKGROUND)
+    out = np.zeros_like(frame.image)
+    assert renderer.render_image(camera(), BACKGROUND, out) is out
+    np.testing.assert_array_equal(out, frame.image)
+    np.testing.assert_array_equal(renderer.render_image(camera(), BACKGROUND), frame.image)
+    frame.image[:] = frame.depth[:] = 7
+    again = renderer.render(camera(), BACKGROUND, out=frame)
+    assert again.image is frame.image
+    np.testing.assert_array_equal(again.image, out)
+    assert not (again.depth == 7).any()
+    renderer.close()
+
+
+def test_asset_may_go_once_the_renderer_is_made(styled: Device) -> None:
+    """The upload may share memory of the asset."""
+    asset = mesh_asset(scene("small", 9))
+    renderer = StandardRenderer(asset, device=styled)
+    before = renderer.render(camera(), BACKGROUND)
+    del asset
+    np.testing.assert_array_equal(renderer.render(camera(), BACKGROUND).image, before.image)
+    renderer.close()

@@ -1,7 +1,5 @@
 """Faces with corners very far away, beside a ray caster in long double that shares no code with us."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

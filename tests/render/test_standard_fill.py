@@ -1,7 +1,5 @@
 """Faces that share edges: every sample belongs to exactly one of them, wherever and however large."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

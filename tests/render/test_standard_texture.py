@@ -1,7 +1,5 @@
 """The standard tier with textures, held to its twin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -32,18 +30,19 @@ NEAR = 2e-4
 """How far a colour may be from the twin's; a level is 4e-3."""
 
 
-def check_near(device: Device, asset: Asset) -> None:
-    frame, expected = draw(device, asset, camera()), textured_twin(asset, camera())
+FEW = scattered(11, 40, 1.2, 1, 4), scattered(12, 60, 0.08, 1, 3), scattered(13, 30, 0.7, 1.2, 0)
+
+
+@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("case", CASES)
+def test_draws_as_its_twin(styled: Device, case: str, every: bool) -> None:
+    mesh = scene("everything", 15) if every else unshared(np.concatenate(FEW))
+    asset = textured_asset(mesh, 14, **CASES[case])
+    frame, expected = draw(styled, asset, camera()), textured_twin(asset, camera())
     check_agreement(frame, expected, median=3e-5)  # texels have 16 bits
     same = frame.face_id == expected.face_id
     assert same.any()
     assert (np.abs(frame.image - expected.image).max(axis=2)[same] > NEAR).mean() <= 1e-3
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_draws_as_its_twin(styled: Device, case: str) -> None:
-    parts = [scattered(11, 40, 1.2, 1, 4), scattered(12, 60, 0.08, 1, 3), scattered(13, 30, 0.7, 1.2, 0)]
-    check_near(styled, textured_asset(unshared(np.concatenate(parts)), 14, **CASES[case]))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -58,12 +57,6 @@ def test_agrees_with_another_renderer(styled: Device, case: str) -> None:
     assert (frame.face_id == faces).mean() >= 0.999
     levels = np.abs(np.rint(255 * frame.image) - image)[inner]
     assert (levels.max(axis=1) <= 1).mean() >= 0.999
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-def test_faces_of_every_kind_as_their_twin(styled: Device, case: str) -> None:
-    check_near(styled, textured_asset(scene("everything", 15), 16, **CASES[case]))
 
 
 @pytest.mark.slow

@@ -1,7 +1,5 @@
 """Devices that allow small work-groups only: what needs larger ones is refused with the sizes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Random assets with textures, for the tests of whatever draws them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tiny scenes, a model of each method for them, and the protocol that runs them, for tests."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Photographs are compressed by Pillow, so their bytes depend on its version; thei
 by a level.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The tiny scenes and models are what their script makes, and resemble what they claim to be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,15 +12,9 @@ import msb
 from data_stubs import captures
 from data_stubs.captures import Y_DOWN
 from data_stubs.photographs import averaged, to_bytes
-from data_stubs.surface import GLOSS, LIGHT, icosphere, pebble, walled
-from msb import metrics
-from msb.metrics.ground_truth import ground_truth
-from msb.scenes import read_points
-from msb.scenes.datasets import read_scene
+from data_stubs.surface import icosphere, pebble, walled
 from tests.tiny import MODELS, SCENES
 from tests.tiny.make import PEBBLE, photograph, write_models
-
-SPLATTING = ("two_dts", "triangle_splatting", "mesh_splatting")
 
 
 def shipped(folder: Path) -> dict[str, bytes]:
@@ -71,21 +63,15 @@ def pixels(path: Path) -> Any:
 
 
 @pytest.mark.slow
-def test_png_photographs_are_what_the_twin_renders() -> None:
+def test_photographs_are_what_the_twin_renders() -> None:
     camera = captures.nerf_synthetic_cameras(PEBBLE)["test"][2]
-    rendered = to_bytes(photograph(pebble(), camera))
     stored = pixels(SCENES / f"nerf_synthetic/pebble/{camera.name}.png")
-    assert np.abs(stored - rendered).max() <= 1
-
-
-@pytest.mark.slow
-def test_jpeg_photographs_are_what_the_twin_renders() -> None:
+    assert np.abs(stored - to_bytes(photograph(pebble(), camera))).max() <= 1
     camera = captures.mipnerf360_cameras(PEBBLE)[3]
     rendered = photograph(walled().turned(Y_DOWN), camera)[..., :3]
     for folder, factor in (("images", 1), ("images_2", 2), ("images_4", 4)):
         stored = pixels(SCENES / "mipnerf360/pebble" / folder / str(camera.name))
-        wanted = to_bytes(averaged(rendered, factor)).astype(int)
-        assert np.abs(stored - wanted).mean() < 3
+        assert np.abs(stored - to_bytes(averaged(rendered, factor))).mean() < 3
 
 
 def test_the_pebble_is_a_closed_mesh_and_the_wall_an_open_one() -> None:
@@ -97,47 +83,3 @@ def test_the_pebble_is_a_closed_mesh_and_the_wall_an_open_one() -> None:
     assert stone["counts"]["boundary_edges"] == stone["counts"]["nonmanifold_edges"] == 0
     assert stone["metrics"]["euler_characteristic"] == 2
     assert msb.audit(walled().vertices, walled().faces).to_dict()["counts"]["components"] == 2
-
-
-def test_colours_grow_along_the_light() -> None:
-    surface = pebble()
-    before, after = surface.seen_from(-100 * LIGHT), surface.seen_from(100 * LIGHT)
-    inside = (before < 1) & (after > 0)
-    np.testing.assert_allclose((before - after)[inside], 2 * GLOSS, rtol=0.05)
-
-
-def test_points_lie_on_the_surface() -> None:
-    xyz, rgb = read_points(SCENES / "dtu/scan1")
-    radius = np.linalg.norm(xyz, axis=1)
-    reach = np.linalg.norm(pebble().vertices, axis=1)
-    assert (len(xyz), len(rgb)) == (400, 400)
-    assert reach.min() * 0.95 < radius.min() <= radius.max() < reach.max() * 1.001
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("place", "model"),
-    [
-        ("mipnerf360/pebble", "walled"),
-        ("tanksandtemples/pebble", "walled"),
-        ("nerf_synthetic/pebble", "pebble"),
-        ("dtu/scan1", "pebble"),
-    ],
-)
-def test_every_model_resembles_the_photographs_and_porting_costs(place: str, model: str) -> None:
-    scene = read_scene(SCENES / place)
-    camera = scene.test[0]
-    photo = ground_truth(scene, camera)
-    bare = metrics.psnr(np.full_like(photo, scene.background[0]), photo)
-    found: dict[tuple[str, str], float] = {}
-    for method in (*SPLATTING, "diffsoup"):
-        asset = msb.export(MODELS / model / method)
-        assert asset.manifest.method == method
-        for tier in ("reference", "standard") if method in SPLATTING else ("reference",):
-            image = msb.render(asset, camera, tier=tier, background=scene.background).image
-            found[method, tier] = metrics.psnr(image, photo)
-    for method in (*SPLATTING, "diffsoup"):
-        assert found[method, "reference"] > max(bare + 5, 19), found
-    for method in SPLATTING:
-        assert found[method, "reference"] > found[method, "standard"] + 0.3, found
-    assert found["mesh_splatting", "reference"] == max(found.values())

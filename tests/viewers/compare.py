@@ -1,7 +1,5 @@
 """Comparisons to test with: the demo asset's checkpoint at small sizes, and shots of one colour."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Meshes with faults in known places, and a GL stack or the reason why there is none."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Views, tiers, layouts and differences of a comparison: plain data, nothing drawn."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any
@@ -33,8 +31,6 @@ from tests.viewers.compare import (
     small_cameras,
 )
 
-# Differences ---------------------------------------------------------------------------------------------
-
 
 def test_the_maps_mean_is_the_psnr() -> None:
     random = np.random.default_rng(0)
@@ -44,17 +40,10 @@ def test_the_maps_mean_is_the_psnr() -> None:
     assert decibel_text(metrics.psnr(a, a)) == "identical"
 
 
-def test_the_scale_is_ordered_by_lightness_and_is_magma() -> None:
-    colors = scale_colors().astype(float)
-    lightness = colors @ (0.2126, 0.7152, 0.0722)
-    assert (np.diff(lightness) > -0.6).all()
-    assert (np.diff(lightness[::8]) > 0).all()
+def test_the_scale_is_magma() -> None:
     matplotlib = pytest.importorskip("matplotlib", reason="extra view is not installed")
     wanted = matplotlib.colormaps["magma"](np.arange(256))[:, :3] * 255
-    assert np.abs(colors - wanted).max() < 3.2
-
-
-# Views ---------------------------------------------------------------------------------------------------
+    assert np.abs(scale_colors() - wanted).max() < 3.2
 
 
 def test_views_take_the_size_of_their_photographs(tmp_path: Path) -> None:
@@ -91,9 +80,6 @@ def test_the_first_view_and_the_turntable_see_everything() -> None:
         assert ((pixels >= 0) & (pixels <= [camera.width, camera.height])).all()
         assert np.ptp(pixels, axis=0).max() > 0.6 * min(camera.width, camera.height)
     assert -Surroundings.of(asset, "+z").first_camera().world_to_camera[1, 2] > 0.9
-
-
-# Paths ---------------------------------------------------------------------------------------------------
 
 
 def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None:
@@ -148,9 +134,6 @@ def test_a_reference_that_takes_minutes_is_left_out_where_it_is_waited_for(
     assert "reference" in choose_tiers(asset, [], ["reference"])[0]
 
 
-# State ---------------------------------------------------------------------------------------------------
-
-
 def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> None:
     assert CompareState.first(comparison()).pair == ("dedicated", "standard")
     views = photographs(tmp_path, [(1, 1, 1)])
@@ -160,12 +143,8 @@ def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> Non
     for pair in ("standard", "standard,standard", "standard,fast", "a,b,c"):
         with pytest.raises(UsageError, match="NAME_UNKNOWN"):
             CompareState.first(scene, pair=pair)
-
-
-def test_one_path_alone_cannot_be_compared() -> None:
-    scene = comparison(tiers=("standard",))
     with pytest.raises(UsageError, match="NAME_UNKNOWN"):
-        CompareState.first(scene, layout="difference")
+        CompareState.first(comparison(tiers=("standard",)), layout="difference")
 
 
 def test_the_dataset_decides_the_size_of_a_view_else_its_place_does() -> None:
@@ -176,9 +155,6 @@ def test_the_dataset_decides_the_size_of_a_view_else_its_place_does() -> None:
         box, camera = state.cells((1000, 700))[0].box, state.view((1000, 700)).camera
         assert (camera.width, camera.height) == (box.width, box.height)
         assert camera.fx == camera.fy
-
-
-# Layout --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844), (2560, 1440)])
@@ -209,9 +185,3 @@ def test_bad_photographs_are_refused(tmp_path: Path) -> None:
     (tmp_path / f"{camera.name}.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     with pytest.raises(SceneError, match="CAMERA_IMAGE"):
         dataset_views([camera], tmp_path)
-
-
-def test_settings_are_told_with_what_was_overridden() -> None:
-    text = comparison(settings={"sigma": 0.5}, supersample=2, background=(0.0, 0.0, 0.0)).settings_text()
-    for part in ("sigma 0.5*", "supersample 4,", "2 x 2 samples", "background black"):
-        assert part in text

@@ -1,7 +1,5 @@
 """The page: its data are the model's, it asks nobody for anything, and no name breaks out of it."""
 
-from __future__ import annotations
-
 import base64
 import re
 import zlib

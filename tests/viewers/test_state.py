@@ -1,7 +1,5 @@
 """Switches, stepping, isolation, the legend's text; picking and fans: all without a window."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Textures: the window shows what the standard tier draws, and the page holds all that it needs."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from contextlib import closing

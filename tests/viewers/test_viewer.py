@@ -1,7 +1,5 @@
 """The real viewer, off-screen: what must be seen is looked for at the pixels where it must be."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from typing import Any
@@ -166,7 +164,7 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
 
 
 def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) -> None:
-    from msb_viewers.figure import PANELS, compose, panel_images
+    from msb_viewers.figure import PANELS, panel_images
 
     images = panel_images(demo, side=240)
     assert len(images) == 4
@@ -176,13 +174,3 @@ def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) 
             for kind in panel.kinds[:1]:
                 near = np.abs(image.astype(int) - STYLES[kind].color).max(axis=2) < 60
                 assert near.sum() > 20, (panel.title, kind)
-    pytest.importorskip("matplotlib")
-    figure = compose(demo, images)
-    figure.canvas.draw()
-    renderer = figure.canvas.get_renderer()
-    for axes in figure.axes:
-        legend = axes.get_legend()
-        if legend is not None:
-            box = legend.get_window_extent(renderer)
-            assert box.y0 >= 0
-            assert box.width <= axes.get_window_extent(renderer).width * 1.02
