@@ -1,7 +1,5 @@
 """Surfaces and soups for the tests of levels of detail and of collision meshes."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Soups and lessons for the tests of a bake."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

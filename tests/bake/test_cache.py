@@ -1,7 +1,5 @@
 """Pictures of a former bake are taken if they are of the same model, camera and background, and whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

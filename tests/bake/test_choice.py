@@ -1,7 +1,5 @@
 """Which geometry a bake takes, and what each shows: golden decibels of a trained model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

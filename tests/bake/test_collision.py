@@ -1,7 +1,5 @@
 """Collision meshes: always something closed, that says what it is and how near it is to what is seen."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

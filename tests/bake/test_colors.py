@@ -1,7 +1,5 @@
 """Colours by least squares: what SciPy's solvers for dense systems, with bounds and without, find."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

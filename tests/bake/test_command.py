@@ -1,7 +1,5 @@
 """`msb bake`: its files and its JSON, what it rejects before any work, and that a failure writes nothing."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

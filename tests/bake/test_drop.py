@@ -3,8 +3,6 @@
 The engine takes convex shapes: each part of hulls as it is, and each face of a mesh as a prism behind it.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`msb bake -o FOLDER`: its files, its page, and that only files of an earlier bake are replaced."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Kept triangles whose colours are in a texture: they are joined as those of the model are."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Levels of detail: as few faces as asked for, as closed as before, in the right colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any

@@ -1,7 +1,5 @@
 """The options of a bake: one object checks them for the function, the command and a protocol."""
 
-from __future__ import annotations
-
 import math
 from typing import Any, get_args, get_type_hints
 

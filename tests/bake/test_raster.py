@@ -1,7 +1,5 @@
 """What the device sums over pictures of a soup, against NumPy and against what it must come to."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 

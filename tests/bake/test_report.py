@@ -1,7 +1,5 @@
 """The sentence and the JSON of a bake say the same, and the sentence fits a line."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Shares of faces over several lessons, of blended and of opaque models."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from dataclasses import replace
 from typing import Any

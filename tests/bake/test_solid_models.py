@@ -1,7 +1,5 @@
 """Surfaces of trained models, held against what other libraries take for a solid."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Closed surfaces of soups: of a ball, of a square before a background, of what is hardly anything."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace

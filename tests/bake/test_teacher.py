@@ -1,7 +1,5 @@
 """What teaches is what the method draws, or the photographs as they are compared."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Colours, choice and descent on soups whose best form is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import closing
 from typing import Any

@@ -1,7 +1,5 @@
 """Textures by least squares: they show what they were taught, and leave alone what no picture shows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The files of a bake: a stage of USD has what it collides as."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

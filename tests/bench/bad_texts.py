@@ -1,7 +1,5 @@
 """Bad protocols, records and other files: name -> fuzz target, content, and code."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Means over scenes: the paper's own, percentiles, groups, and what is missing."""
 
-from __future__ import annotations
-
 from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
 from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument
 from msb.bench.records import File, Memory, Result, Training, WalkDocument

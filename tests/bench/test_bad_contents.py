@@ -1,7 +1,5 @@
 """Bad protocols and records give their code."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Bakes of a protocol: made once a model and scene, drawn on the standard tier; what the loss is made of."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

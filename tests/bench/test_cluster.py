@@ -1,7 +1,5 @@
 """The same run on a Dask cluster: equal results, also when a worker is killed in the middle."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

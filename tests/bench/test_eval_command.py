@@ -1,7 +1,5 @@
 """`msb eval` as its users meet it."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """One triangle of a model is an asset that its renderers draw, and takes less than the model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Gaps and slowdowns: where the paper's identity does not hold, what is missing, and what is not compared."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Runs that are killed, interrupted or started twice: nothing finished is lost, nothing is half there."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

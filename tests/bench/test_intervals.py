@@ -1,7 +1,5 @@
 """t intervals of means: the promise of 95 %, scipy's test as a twin, and where nothing may be said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import ttest_1samp

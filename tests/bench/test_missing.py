@@ -1,7 +1,5 @@
 """A dry run names all that is missing, each thing once with what it costs, and ends as the run would."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

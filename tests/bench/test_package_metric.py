@@ -1,7 +1,5 @@
 """An image metric of another package in `msb eval`, runs, records and reports."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Timing apart from capture: what is counted, and how it is summed up."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -1,7 +1,5 @@
 """How fast a method's own renderer is: the file, its place in a run, and what it is held against."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Official renderings: matched by name or number, hashed, and refused where they do not fit."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import unicodedata

@@ -1,7 +1,5 @@
 """A run on a shipped scene: what it records, what it leaves alone, and what it does about failures."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """`msb run` as its users meet it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

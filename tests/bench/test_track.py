@@ -1,7 +1,5 @@
 """What a command costs: time, memory of all it starts, its status, and signals on their way to it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """`msb track`: the command's own arguments, streams and status go through untouched."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A protocol's trials and repairs: in the records of exported meshes, with pictures, computed once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

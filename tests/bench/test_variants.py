@@ -1,7 +1,5 @@
 """Variants of the dedicated tier and labels of models are cells of their own, from protocol to report."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

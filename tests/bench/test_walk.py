@@ -1,7 +1,5 @@
 """A protocol's walk: on record and in the report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

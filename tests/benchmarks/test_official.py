@@ -1,7 +1,5 @@
 """The file of an official checkpoint on somebody's machine: what it holds, what not, and how it goes on."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil

@@ -1,7 +1,5 @@
 """What vertices, faces and corners hold goes where they go."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

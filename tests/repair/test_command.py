@@ -1,7 +1,5 @@
 """`msb repair`: what it writes and says of it, and what it rejects."""
 
-from __future__ import annotations
-
 import errno
 import io
 import os

@@ -1,7 +1,5 @@
 """A repaired asset is the same asset, but manifold: the public function and its promises."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A mesh is repaired without its seams: nothing is torn there, nothing is a fault, and textures stay."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Results of a whole made-up benchmark, made once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Documents of other commands as JSON, whole: what records hold of an audit, trials, repairs, a distance."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Any
 

@@ -4,8 +4,6 @@ Means over a dataset's scenes are the paper's where it has them, so that tables 
 held to it; scenes differ by offsets that sum to zero.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Methods against one of them: paired by view and scene, with intervals, p and p for all tests together."""
 
-from __future__ import annotations
-
 import csv
 from pathlib import Path
 from typing import Any

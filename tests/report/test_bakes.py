@@ -1,7 +1,5 @@
 """Bakes in reports: what the loss is made of, what a plain asset reaches and costs, in every place."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Submissions and their board: nothing private in a file, nothing believed that does not verify."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

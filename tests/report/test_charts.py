@@ -1,7 +1,5 @@
 """The charts of the report: as SVG in pages, as PDF for LaTeX, the same bytes for the same numbers."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 

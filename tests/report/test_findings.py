@@ -1,7 +1,5 @@
 """Findings: which there are, and how many. Their sentences are in golden.md."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

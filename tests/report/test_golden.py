@@ -3,8 +3,6 @@
 `python -m tests.report.test_golden` writes the file again; read the difference before you commit it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory

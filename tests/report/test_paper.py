@@ -1,7 +1,5 @@
 """The paper's own tables come out of our builders as they are printed, cell for cell."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The whole report: findings, charts, pictures, verdicts and pages, also of few, odd and hostile results."""
 
-from __future__ import annotations
-
 import json
 import re
 import xml.etree.ElementTree as ET

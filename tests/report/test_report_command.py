@@ -1,7 +1,5 @@
 """`msb report` as its users meet it."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

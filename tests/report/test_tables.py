@@ -1,7 +1,5 @@
 """Our own tables: what is bold, what is N/A or -- and why, partial means, the paper's rows under ours."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

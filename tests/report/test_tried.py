@@ -1,7 +1,5 @@
 """What was tried on a mesh, and what would make it usable, on the asset's page."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

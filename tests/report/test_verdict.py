@@ -1,7 +1,5 @@
 """The verdict on an asset: what it is good for, and by which numbers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Attempts in child processes, their reasons and limits; which tasks and libraries there are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`msb trial`: its JSON, its files and its gates."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

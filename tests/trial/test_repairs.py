@@ -1,7 +1,5 @@
 """The comparison of repairs: what each makes is looked at and tried once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any

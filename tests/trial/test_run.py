@@ -1,7 +1,5 @@
 """What a trial says of the files it makes, and what it makes where a library gives nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

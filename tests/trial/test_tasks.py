@@ -1,7 +1,5 @@
 """What each task says of meshes whose answers are known."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

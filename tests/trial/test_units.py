@@ -1,7 +1,5 @@
 """Libraries are handed the same in any unit of length; what they make comes back in the asset's."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

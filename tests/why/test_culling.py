@@ -1,7 +1,5 @@
 """Leaving faces out on the device draws what a mesh without them does."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 import numpy as np

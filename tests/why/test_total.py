@@ -1,7 +1,5 @@
 """`why` adds up: its total is what the two renderers' images say, and settings reach every row."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Why an export looks worse: each cause is measured by itself, and those that cannot be say why."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
