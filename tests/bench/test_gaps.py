@@ -1,12 +1,16 @@
-"""Gaps and slowdowns: where the paper's identity does not hold, what is missing, and what is not compared."""
+"""Means over scenes, gaps and slowdowns: where the identity fails, what is missing or not compared."""
 
 from typing import Any
 
 import pytest
 
+from msb.bench.aggregate import METRICS, SCENES, expected_scenes, mean_over, scene_groups
+from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument
 from msb.bench.gaps import PAIRS, dataset_gaps, incomparable, scene_gaps, slowdown, value_gaps
-from msb.bench.records import File
-from tests.report.factory import METRICS, SETUP, quality, result, timing
+from msb.bench.records import File, Memory, Result, Training, WalkDocument
+from tests.report.documents import AUDIT, TASK, WALK, chamfer, trial
+from tests.report.factory import METRICS as MEASURES
+from tests.report.factory import SETUP, bake, quality, result, timing
 
 CONDITIONS = ("non_engine", "dedicated", "standard")
 VIEWS = quality().images
@@ -96,7 +100,7 @@ def test_what_is_not_alike_is_not_compared(other: dict[str, Any] | None, reason:
 
 
 def test_metric_identity_counts_but_not_the_versions_of_libraries() -> None:
-    changed = [{**one, "libraries": {"numpy": "1"}} for one in METRICS]
+    changed = [{**one, "libraries": {"numpy": "1"}} for one in MEASURES]
     same = quality().model_copy(update={"metrics": tuple(changed)})
     assert incomparable("psnr", result(), result("standard", quality=same)) is None
     changed[0] = {**changed[0], "data_range": 255.0}
@@ -128,3 +132,49 @@ def test_the_slowdown_of_a_dataset_is_the_ratio_of_means() -> None:
     found = slowdown(records, rates)
     assert found.value == 4
     assert found.per_scene == pytest.approx({"s0": 10, "s1": 2})
+
+
+def test_nine_scenes_are_not_two_groups() -> None:
+    values = dict.fromkeys(scene_groups("mipnerf360")["indoor_mean"], 0.0)
+    values |= dict.fromkeys(scene_groups("mipnerf360")["outdoor_mean"], 9.0)
+    assert mean_over(values, SCENES["mipnerf360"]).value == 5
+    assert {len(names) for names in SCENES.values()} == {9, 2, 8, 15}
+
+
+def test_missing_values_make_a_mean_partial_and_never_zero() -> None:
+    records = {"a": result(quality=quality(lpips=None)), "b": result(quality=quality(lpips=0.5))}
+    mean = mean_over({name: METRICS["lpips"].get(one) for name, one in records.items()}, ["a", "b", "c"])
+    assert (mean.value, mean.present, mean.expected, mean.partial) == (0.5, 1, 3, True)
+    assert METRICS["chamfer"].get(records["a"]) is None
+    assert mean_over({"a": 1.0, "other": 5.0}, ["a"]).value == 1
+
+
+def test_expected_scenes_are_the_published_ones() -> None:
+    assert expected_scenes("tanksandtemples", ["train"]) == ("train", "truck")
+    assert expected_scenes("tanksandtemples", ["train", "shed"]) == ("train", "truck")
+    assert expected_scenes("tanksandtemples", ["shed"]) == ("shed",)
+    assert expected_scenes("my capture", ["b", "a", "b"]) == ("b", "a")
+    assert expected_scenes("mipnerf360", ["pebble"]) == ("pebble",)
+    assert len(expected_scenes("mipnerf360", ["garden", "pebble"])) == 9
+    assert expected_scenes("my capture", []) == ()
+    assert SCENES["dtu"][0] == "scan24"
+
+
+def test_every_metric_is_found_in_a_record() -> None:
+    full = result(
+        quality=quality(lpips=0.2),
+        timing=timing(50),
+        asset=File(path="x", bytes=7),
+        memory=Memory(geometry=1, appearance=2, scratch=3, targets=4, uses={}, driver_bytes=9),
+        training=Training(seconds=60.0, peak_memory_bytes=5, source="x"),
+        chamfer=ChamferDocument.of(chamfer(0.8)),
+        audit=AuditDocument.of(AUDIT),
+        walk=WalkDocument.of(WALK),
+        trial=TrialDocument.of(trial(TASK)),
+        bake=bake("ceiling")["bake"],
+    )
+    found = {name: metric.get(full) for name, metric in METRICS.items()}
+    assert None not in found.values()
+    assert (found["memory"], found["asset_size"], found["chamfer"], found["fps"]) == (10, 7, 0.8, 50)
+    bare = Result(cell=full.cell, status="done", seconds=1.0)
+    assert {metric.get(bare) for metric in METRICS.values()} == {None}

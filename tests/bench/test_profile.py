@@ -1,4 +1,4 @@
-"""Timing apart from capture: what is counted, and how it is summed up."""
+"""Timing apart from capture, of a model and of one triangle of it: what is counted and how."""
 
 import time
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import msb
+from msb.bench.floor import one_triangle
 from msb.bench.parts import grouped
 from msb.bench.profile import profile
 from msb.render.backend import SETTLED_AT, Drawn
@@ -98,3 +99,17 @@ def test_memory_of_unknown_use_is_scratch() -> None:
     found = grouped({"vulkan heap": 5, "positions": 7}, {"positions": "geometry"})
     assert (found.scratch, found.geometry, found.total) == (5, 7, 12)
     assert found.uses == {"vulkan heap": 5, "positions": 7}
+
+
+@pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"])
+def test_one_triangle_holds_all_that_the_first_one_has(method: str) -> None:
+    whole = msb.export(PEBBLE / method)
+    single = one_triangle(whole)
+    assert (single.manifest.face_count, single.manifest.vertex_count) == (1, 3)
+    corners = whole.buffers["indices"][0]
+    np.testing.assert_array_equal(single.buffers["positions"], whole.buffers["positions"][corners])
+    assert single.buffers.keys() == whole.buffers.keys()
+    assert single.manifest.settings == whole.manifest.settings
+    camera = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test[0]
+    frame = msb.render(single, camera, tier="dedicated", background=(1.0, 1.0, 1.0))
+    assert (frame.image == 1).mean() > 0.9

@@ -1,6 +1,5 @@
 """Methods against one of them: paired by view and scene, with intervals, p and p for all tests together."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,6 @@ from msb.bench.records import Setup
 from msb.errors import UsageError
 from msb.report.against import holm
 from msb.report.build import build_report
-from msb.report.pages import report_files
 from msb.report.report import Report
 from msb.report.results import read_results
 from tests.report.factory import measure
@@ -94,18 +92,6 @@ def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
     assert made.notes[0].startswith("against mesh_splatting: ")
     with pytest.raises(UsageError, match="USAGE"):
         build_report(read_results(tmp_path), pictures=False, against="two_dts")
-
-
-def test_every_format_holds_it(tmp_path: Path) -> None:
-    for number, scene in enumerate(SCENES):
-        shown(tmp_path, "mesh_splatting", scene, 24.0)
-        shown(tmp_path, "two_dts", scene, 24.0 + number)
-    files = report_files(report(tmp_path))
-    rows = list(csv.DictReader(files["tables/against.csv"].decode().splitlines()))
-    assert (rows[0]["Better by"], rows[0]["p"]) == ("+1.50", "0.103")
-    assert "+1.50" in files["tables/against.tex"].decode()
-    assert "+1.50" in files["tables/against.md"].decode()
-    assert b'id="against"' in files["index.html"]
 
 
 def test_p_for_all_tests_together_is_holms() -> None:

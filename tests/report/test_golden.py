@@ -9,13 +9,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from msb.bench.documents import ChamferDocument
-from msb.bench.records import Cell, WalkDocument
+from msb.bench.records import Cell, Floor, WalkDocument
 from msb.report.build import build_report, paper_report
 from msb.report.report import Report
 from msb.report.results import read_results
 from msb.report.writers import markdown
 from tests.report.documents import WALK, chamfer
-from tests.report.factory import at_rate, bake, measure, quality, write, write_results
+from tests.report.factory import METRICS, at_rate, bake, measure, quality, write, write_results
 
 GOLDEN = Path(__file__).with_name("golden.md")
 GPU: dict[str, Any] = {"device": {"device": {"name": "Another GPU", "platform": "Vulkan"}}}
@@ -46,7 +46,8 @@ def a_scene_is_missing(root: Path) -> tuple[str, ...]:
     there = {**here, "scene": "bonsai"}
     measure(root, "dedicated", 40.0, **there)
     measure(root, "standard", **there, status="failed", quality=None, timing=None)
-    return ("gaps-mipnerf360", "renderer_comparison-mipnerf360")
+    measure(root, "standard", **here, method="diffsoup")
+    return ("gaps-mipnerf360", "renderer_comparison-mipnerf360", "scenes-mipnerf360-standard")
 
 
 def images_and_surfaces(root: Path) -> tuple[str, ...]:
@@ -67,14 +68,14 @@ def images_and_cost(root: Path, kind: str = "gpu") -> tuple[str, ...]:
         timing = {**at_rate(fps), "device_kind": kind}
         memory = {"geometry": 300 << 20 if method == "two_dts" else 200 << 20}
         measure(root, "dedicated", psnr, method=method, timing=timing, memory=memory)
-    return ()
+    return ("scenes-capture-dedicated", "latency-capture")
 
 
 def images_and_cost_on_a_cpu(root: Path) -> tuple[str, ...]:
-    images_and_cost(root, "cpu")
+    tables = images_and_cost(root, "cpu")
     for method, psnr in (("two_dts", 31.0), ("mesh_splatting", 29.0)):
         measure(root, "non_engine", psnr, method=method)
-    return ()
+    return tables
 
 
 def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
@@ -83,6 +84,32 @@ def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
         for condition in ("non_engine", "dedicated", "standard"):
             measure(root, condition, method=method, trained=(text,) if method == "two_dts" else ())
     return ("native_summary", "renderer_comparison-capture", "scenes-capture-standard")
+
+
+def notes(root: Path) -> tuple[str, ...]:
+    """Our reference, other photographs, weights of LPIPS, a threshold, and trainings of seconds."""
+    vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
+    lpips = {"name": "lpips_vgg", "weights": {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}}
+    measured = {"metrics": (*METRICS, lpips)}
+    for method, folder, kind, seconds in (
+        ("two_dts", "images_2", "msb_reference", 1.2),
+        ("triangle_splatting", "images_2", "upstream", 2.4),
+        ("mesh_splatting", "images_4", "upstream", 90.0),
+    ):
+        found: dict[str, Any] = {"method": method, "setup": {"image_folder": folder}, "quality": measured}
+        measure(root, "non_engine", **found, renderer={"kind": kind}, training={"seconds": seconds})
+        for condition in ("dedicated", "standard"):
+            measure(root, condition, **found, renderer={"settings": {"ste_threshold": 0.1}})
+    return ("native_summary", "renderer_comparison-capture")
+
+
+def floors(root: Path) -> tuple[str, ...]:
+    """One triangle takes 30 and 50 MiB on two scenes."""
+    for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
+        floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
+        measure(root, "standard", dataset="tanksandtemples", scene=scene, floor=floor)
+    measure(root, "dedicated", dataset="tanksandtemples", scene="train")
+    return tuple(f"{name}-tanksandtemples" for name in ("memory", "latency", "runtime_resources"))
 
 
 def walks(root: Path) -> tuple[str, ...]:
@@ -127,6 +154,8 @@ CASES: tuple[Callable[[Path], tuple[str, ...]], ...] = (
     images_and_cost,
     images_and_cost_on_a_cpu,
     trained_on_the_test_views,
+    notes,
+    floors,
     walks,
     engines,
     bakes,

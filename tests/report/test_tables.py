@@ -1,20 +1,18 @@
-"""Our own tables: what is bold, what is N/A or -- and why, partial means, the paper's rows under ours."""
+"""Our own tables and findings, beyond golden.md: what is bold or missing and why, the paper's rows."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from msb.bench.aggregate import SCENES
 from msb.bench.documents import AuditDocument, ChamferDocument
-from msb.bench.records import Cell as Place
-from msb.bench.records import Floor, Reason, RendererInfo, Result, Training
-from msb.metrics.vgg import weights_source
+from msb.bench.records import Reason, Training
 from msb.report.build import build_report
-from msb.report.collect import NOT_RUN, REFERENCE, SOUP, STE
+from msb.report.collect import SOUP
+from msb.report.findings import Finding, find
 from msb.report.layout import mark_best
-from msb.report.metric_format import text
+from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
@@ -28,13 +26,10 @@ from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
 from tests.report.documents import AUDIT, chamfer
 from tests.report.factory import (
-    METRICS,
-    at_rate,
     make_result,
     measure,
     numbers_of,
     write,
-    write_results,
 )
 
 
@@ -78,46 +73,6 @@ def test_ties_at_the_printed_precision_are_all_bold() -> None:
     assert [mark_best(cells, ["x"] * 2, alone=alone)[0].bold for alone in (False, True)] == [False, True]
 
 
-def partial(root: Path) -> Numbers:
-    """Return numbers of which one scene is missing, one failed, and one condition is not supported."""
-    write_results(root, datasets=["mipnerf360"], methods=["two_dts", "diffsoup"])
-    (root / "cells/mipnerf360/garden/two_dts/standard/result.json").unlink()
-    cell = Place(dataset="mipnerf360", scene="room", method="two_dts", condition="standard")
-    reason = Reason(code="OPENCL_BUILD", message="no device")
-    write(root, Result(cell=cell, status="failed", reason=reason, seconds=1.0))
-    return numbers_of(root)
-
-
-def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
-    numbers = partial(tmp_path)
-    table = measured.renderer_comparison(numbers, "mipnerf360")
-    cell = row_of(table, "Standard", "by OpenCL", "PSNR ↑").cells[0]
-    assert cell.text.endswith(" (7/9)")
-    assert any("bicycle" in note and "garden" not in note for note in cell.notes)
-    assert cell.to_dict()["partial"] is True
-    values = [
-        numbers.value(Key("mipnerf360", s, "two_dts", "standard", "psnr")) for s in SCENES["mipnerf360"]
-    ]
-    known = [value for value in values if value is not None]
-    assert cell.value == pytest.approx(sum(known) / 7, rel=1e-12)
-    indoor = numbers.number(Key("mipnerf360", "indoor_mean", "two_dts", "standard", "psnr"))
-    assert (indoor.present, indoor.expected) == (3, 4)
-
-
-def test_missing_failed_and_unsupported_are_told_apart(tmp_path: Path) -> None:
-    numbers = partial(tmp_path)
-    of = Key("mipnerf360", "garden", "two_dts", "standard", "psnr")
-    assert numbers.number(of) == Number(None, "--", NOT_RUN)
-    failed = numbers.number(of._replace(scene="room"))
-    assert (failed.absent, "OPENCL_BUILD" in str(failed.reason)) == ("--", True)
-    unsupported = numbers.number(of._replace(method="diffsoup"))
-    assert unsupported.absent == "N/A"
-    assert numbers.number(of._replace(method="diffsoup", scene=MEAN)).absent == "N/A"
-    table = measured.per_scene(numbers, "mipnerf360", "standard")
-    assert {cell.text for cell in row_of(table, "garden").cells} == {"--", "N/A"}
-    assert all(cell.reason for cell in row_of(table, "garden").cells)
-
-
 def test_no_cell_is_ever_blank(whole: Report) -> None:
     for table in whole.tables.values():
         assert table.rows
@@ -136,37 +91,6 @@ def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
     assert row.cells[0].reason != row.cells[1].reason
 
 
-def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
-    # Scenes of [1, 1, 1, 9] and [2, 2, 2, 2] ms: P95 7.8 and 2; of all frames it would be 6.55.
-    for scene, p95 in (("train", 7.8), ("truck", 2.0)):
-        measure(tmp_path, "dedicated", dataset="tanksandtemples", scene=scene, timing={"p95_ms": p95})
-    table = measured.latency(numbers_of(tmp_path), "tanksandtemples")
-    assert row_of(table, "Mean").cells[1].text == "4.9"
-
-
-@pytest.mark.parametrize("kind", ["gpu", "cpu"])
-def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind: str) -> None:
-    for method in ("two_dts", "mesh_splatting"):
-        timing = {"device_kind": kind, **at_rate(100.0 + len(method))}
-        measure(tmp_path, "dedicated", method=method, timing=timing)
-    numbers = numbers_of(tmp_path)
-    assert any("Made-up GPU" in note for note in measured.latency(numbers, "capture").notes) == (
-        kind == "cpu"
-    )
-    row = measured.per_scene(numbers, "capture", "dedicated").rows[0]
-    bold = {cell.metric for cell in row.cells if cell.bold}
-    assert ("fps" in bold, "psnr" in bold) == (kind == "gpu", True)
-
-
-def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
-    vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
-    weights = {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}
-    metrics = (*METRICS, {"name": "lpips_vgg", "weights": weights})
-    measure(tmp_path, "non_engine", dataset="tanksandtemples", scene="train", quality={"metrics": metrics})
-    table = measured.native_summary(numbers_of(tmp_path))
-    assert f"LPIPS: {weights_source(weights)}" in table.notes
-
-
 @pytest.mark.parametrize("told", [5 << 30, None])
 def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     tmp_path: Path, told: int | None
@@ -176,25 +100,6 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     of_asset = asset_tables(ResultPlace("capture", "desk", "two_dts"), {"dedicated": made}, numbers)
     for table in (measured.memory(numbers, "capture"), of_asset["memory"]):
         assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
-
-
-def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
-    for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
-        floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
-        measure(tmp_path, "standard", dataset="tanksandtemples", scene=scene, floor=floor)
-    measure(tmp_path, "dedicated", dataset="tanksandtemples", scene="train")
-    numbers = numbers_of(tmp_path)
-    memory, latency = (make(numbers, "tanksandtemples") for make in (measured.memory, measured.latency))
-    assert [cell.text for cell in row_of(memory, "Floor").cells] == ["--", "40"]
-    assert [cell.text for cell in row_of(latency, "Floor").cells] == ["--", "--", "0.5", "0.7"]
-    both = measured.runtime_resources(numbers, "tanksandtemples")
-    shown = [
-        cell.text
-        for column, cell in zip(both.columns, both.rows[-1].cells, strict=True)
-        if "Floor" in column.groups
-    ]
-    assert shown == ["0.5", "0.7", "40"]
-    assert numbers.scenes("tanksandtemples") == ["train", "truck"]
 
 
 def test_what_is_of_the_model_needs_no_images_of_its_own_renderer(tmp_path: Path) -> None:
@@ -236,26 +141,6 @@ def test_a_soup_with_a_degenerate_row_is_one_as_in_its_verdict(tmp_path: Path) -
     assert SOUP in numbers_of(tmp_path).number(key).notes
 
 
-def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:
-    own = RendererInfo(name="reference", version="1", kind="msb_reference")
-    measure(tmp_path, "non_engine", renderer=own)
-    measure(tmp_path, "non_engine", method="diffsoup")
-    first, second = measured.native_summary(numbers_of(tmp_path)).rows
-    assert first.cells[0].notes == (REFERENCE,)
-    assert second.cells[0].notes == ()
-
-
-def test_another_image_folder_is_noted(tmp_path: Path) -> None:
-    for method in ("two_dts", "triangle_splatting", "diffsoup"):
-        folder = "images_4" if method == "diffsoup" else "images_2"
-        measure(tmp_path, "non_engine", method=method, setup={"image_folder": folder})
-    numbers = numbers_of(tmp_path)
-    key = Key("capture", "desk", "diffsoup", "non_engine", "psnr")
-    (note,) = numbers.number(key).notes
-    assert "images_4" in note
-    assert numbers.number(key._replace(method="two_dts")).notes == ()
-
-
 def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> None:
     paper = paper_numbers()
     scene = Key("mipnerf360", "treehill", "triangle_splatting", "non_engine", "psnr", "paper")
@@ -276,25 +161,6 @@ def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report,
     assert f"in the paper: {known}" in whole.tables["slowdown"].notes
     alone = build_report(read_results(results), pictures=False, with_paper=False)
     assert not any("in the paper" in note for table in alone.tables.values() for note in table.notes)
-
-
-def test_short_trainings_and_small_memory_show_digits_and_the_best_by_them(tmp_path: Path) -> None:
-    for method, seconds in (("two_dts", 1.2), ("mesh_splatting", 2.4), ("diffsoup", 90.0)):
-        training = {"seconds": seconds, "peak_memory_bytes": 1 << 33}
-        measure(tmp_path, "non_engine", method=method, training=training)
-    cells = [row.cells for row in measured.native_summary(numbers_of(tmp_path)).rows]
-    shown = {cell.text: cell.bold for row in cells for cell in row if cell.metric == "train_seconds"}
-    assert shown == {"0.02": True, "0.04": False, "1.5": False}
-
-
-@pytest.mark.parametrize("threshold", [None, 0.1])
-def test_opacity_that_hides_faces_on_standard_is_noted(tmp_path: Path, threshold: float | None) -> None:
-    for condition in ("dedicated", "standard"):
-        measure(tmp_path, condition, 20.0, renderer={"settings": {"ste_threshold": threshold}})
-    numbers = numbers_of(tmp_path)
-    key = Key("capture", "desk", "two_dts", "standard", "psnr")
-    assert (STE in numbers.number(key).notes) == (threshold is not None)
-    assert STE not in numbers.number(key._replace(condition="dedicated")).notes
 
 
 @pytest.mark.parametrize(
@@ -323,10 +189,29 @@ def test_notes_of_all_cells_move_to_the_table() -> None:
     assert table.footnotes() == {"one": "a"}
 
 
-def test_json_holds_full_doubles(numbers: Numbers) -> None:
-    data: dict[str, Any] = measured.renderer_comparison(numbers, "mipnerf360").to_dict()
-    cell = data["rows"][0]["cells"][0]
-    mean = numbers.value(Key("mipnerf360", MEAN, "two_dts", "non_engine", "psnr"))
-    assert cell["value"] == mean
-    assert cell["text"] == f"{mean:.2f}"
-    assert (cell["metric"], cell["unit"]) == ("psnr", "dB")
+def kinds(numbers: Numbers) -> set[str]:
+    return {finding.kind for finding in find(numbers)}
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.004])
+def test_nobody_leads_by_less_than_a_table_shows(tmp_path: Path, apart: float) -> None:
+    for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.0 + apart, 0.9)):
+        measure(tmp_path, "non_engine", psnr, ssim, method=method)
+    assert "leaders" not in kinds(numbers_of(tmp_path))
+
+
+def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(numbers: Numbers) -> None:
+    assert len(numbers.datasets()) == 4
+    many = [Finding("against", f"Number {number}.", "against") for number in range(20)]
+    for first in ([], many):
+        found = [one.kind for one in find(numbers, first)]
+        assert {"slowdown", "structure", "training", "unsupported"} <= set(found)
+        assert len(found) <= 12
+        assert found.count("ranking") <= 1
+    assert (found[0], len(found)) == ("against", 12)
+    assert find(Numbers({})) == []
+
+
+@pytest.mark.parametrize("value", [-0.04, 0.04])
+def test_no_zero_has_a_sign(value: float) -> None:
+    assert text("host_ms", value) == digits(value, 1, sign=True) == "0.0"
