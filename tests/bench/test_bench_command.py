@@ -1,7 +1,5 @@
 """`msb bench`: JSON, comparisons with an earlier record, and exit statuses."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -97,19 +97,22 @@ def notes(root: Path) -> tuple[str, ...]:
         ("mesh_splatting", "images_4", "upstream", 90.0),
     ):
         found: dict[str, Any] = {"method": method, "setup": {"image_folder": folder}, "quality": measured}
-        measure(root, "non_engine", **found, renderer={"kind": kind}, training={"seconds": seconds})
+        renderer: dict[str, Any] = {"settings": {"ste_threshold": 0.1}}
+        own = {**renderer, "kind": kind}
+        measure(root, "non_engine", **found, renderer=own, training={"seconds": seconds})
         for condition in ("dedicated", "standard"):
-            measure(root, condition, **found, renderer={"settings": {"ste_threshold": 0.1}})
+            measure(root, condition, **found, renderer=renderer)
     return ("native_summary", "renderer_comparison-capture")
 
 
 def floors(root: Path) -> tuple[str, ...]:
     """One triangle takes 30 and 50 MiB on two scenes."""
-    for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
-        floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
-        measure(root, "standard", dataset="tanksandtemples", scene=scene, floor=floor)
-    measure(root, "dedicated", dataset="tanksandtemples", scene="train")
-    return tuple(f"{name}-tanksandtemples" for name in ("memory", "latency", "runtime_resources"))
+    for dataset in ("tanksandtemples", "capture"):
+        for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
+            floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
+            measure(root, "standard", dataset=dataset, scene=scene, floor=floor)
+        measure(root, "dedicated", dataset=dataset, scene="train")
+    return ("memory-capture", "latency-capture", "runtime_resources-tanksandtemples")
 
 
 def walks(root: Path) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """The method table against the paper's two feature matrices, cell by cell."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

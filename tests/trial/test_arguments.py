@@ -1,7 +1,5 @@
 """Wrong arguments of trials are errors of usage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
