@@ -1,6 +1,7 @@
 """Collision meshes: always something closed, that says what it is and how near it is to what is seen."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from msb.bake.collision import Collision, collision
 from msb.bake.hulls import smallest_box
 from msb.bake.needs import check_model
 from msb.bake.options import BakeOptions
+from msb.bake.written import Part, write_all
 from msb.errors import MeshError, UsageError
+from msb.meshes import read_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
@@ -227,3 +230,23 @@ def test_only_a_mesh_that_no_repair_closes_needs_the_library_that_encloses(
     with pytest.raises(UsageError) as caught:
         check_model(options, asset_from_mesh(replace(cube, faces=cube.faces[1:])))
     assert caught.value.code == "EXTRA_MISSING"
+
+
+@pytest.mark.slow
+def test_a_stage_has_each_part_that_it_collides_as_and_draws_none(tmp_path: Path) -> None:
+    pxr = pytest.importorskip("pxr", reason="usd-core, of the extra usd, is not installed")
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    del pxr
+    seen = together(box((1, 1, 1)), ball(8))
+    shape = collision(seen, "hulls:2", seconds=1e-3)
+    path = tmp_path / "a.usdc"
+    part = Part("", asset_from_mesh(seen), {}, asset_from_mesh(shape.mesh), is_convex=True)
+    write_all([part], [path])
+    stage = Usd.Stage.Open(str(path))
+    guides = [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.CollisionAPI)]
+    assert len(guides) == shape.parts
+    for prim in guides:
+        assert UsdGeom.Imageable(prim).ComputePurpose() == "guide"
+        assert UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get() == "convexHull"
+    assert len(read_mesh(path).faces) == len(seen.faces)

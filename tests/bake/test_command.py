@@ -19,7 +19,7 @@ from msb.errors import DeviceError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.scenes import write_cameras
 from tests.bake.conftest import COLORS, line_of, solid
-from tests.bake.test_views import SCENE, ring
+from tests.bake.test_views import ring
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
@@ -140,17 +140,6 @@ def test_a_missing_library_is_reported_before_anything_is_drawn(
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != module)
     monkeypatch.setattr("msb.bake.run.bake_views", go_on)
     here(*line_of(model, *words)).ends(2, f"{code}: ")
-
-
-def test_a_solid_mesh_is_kept_for_solids(here: Here, model: Path) -> None:
-    data = here(*line_of(model, "--for-solid", "--geometry", "auto", "--json", "-")).json
-    assert (data["geometry"], data["faces"], data["verdict_after"]["level"]) == ("kept", 4, "ok")
-
-
-def test_cameras_of_another_scene_see_nothing(here: Here, model: Path) -> None:
-    solid(at=900.0).save(model, overwrite=True)
-    here(*line_of(model)).ends(3, "METRIC_NOTHING_SHOWN: ")
-    here("bake", "--scene", SCENE, model, "-o", model.parent / "a.glb").ends(3, "METRIC_NOTHING_SHOWN: ")
 
 
 def test_inputs_that_cannot_supervise_have_their_codes(

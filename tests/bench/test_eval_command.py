@@ -21,20 +21,6 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     return shutil.copytree(PRED, tmp_path / "pred"), shutil.copytree(GT, tmp_path / "gt")
 
 
-def test_table(msb: Msb) -> None:
-    result = msb("eval", PRED, GT, status=0)
-    lines = [line.split() for line in result.out.splitlines()]
-    assert lines[:5] == [
-        ["Image", "Size", "PSNR", "SSIM", "LPIPS"],
-        ["r_0", "53x37", "33.84", "0.966", "--"],
-        ["r_1", "53x37", "26.41", "0.851", "--"],
-        ["r_2", "53x37", "inf", "1.000", "--"],
-        ["mean", "of", "3", "images", "53.42", "0.939", "--"],
-    ]
-    quiet = msb("eval", "-q", PRED, GT).out.splitlines()
-    assert [line.split() for line in quiet] == [lines[0], lines[4]]
-
-
 @pytest.mark.slow
 def test_json_and_csv_hold_full_doubles(msb: Msb, tmp_path: Path) -> None:
     cases = {case["id"]: case for case in golden("psnr_ssim.json")["cases"]}

@@ -9,12 +9,11 @@ from msb.bench.commands.run import RunOutput
 from msb.bench.protocol import example, parse_protocol
 from msb.errors import UsageError
 from msb.scenes.datasets import DATASETS
+from tests.bench.protocols import PEBBLE, STUBS
 from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT
 
-STUBS = ROOT / "tests" / "tiny"
-SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
-MODEL = STUBS / "models" / "pebble" / "two_dts"
+SCENE, MODEL = STUBS / "scenes" / "nerf_synthetic" / "pebble", PEBBLE / "two_dts"
 
 
 @pytest.fixture(scope="module")

@@ -175,15 +175,6 @@ def test_a_terminal_gets_as_much_of_the_comparison_as_it_is_wide(width: int, los
     assert lost.isdisjoint(names)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".glb", ".triasset"])
-def test_a_plan_that_would_leave_nothing_is_rejected_in_every_format(
-    here: Here, book: Path, suffix: str
-) -> None:
-    target = book.with_name(f"none{suffix}")
-    here("repair", book, "--plan", "debris", target).ends(3, f"TRIASSET_EMPTY: {book}: ")
-    assert not target.exists()
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a full disk is played by Linux")
 @pytest.mark.parametrize("suffix", [".ply", ".triasset"])
 def test_out_and_maps_are_both_written_or_neither(here: Here, book: Path, suffix: str) -> None:

@@ -1,4 +1,4 @@
-"""Attempts in child processes, their reasons and limits; which tasks and libraries there are."""
+"""Attempts in child processes, their reasons and limits; tasks, libraries and wrong arguments."""
 
 from pathlib import Path
 from typing import Any
@@ -116,3 +116,17 @@ def test_a_word_of_a_name_chooses_all_tasks_that_have_it() -> None:
     for wrong in (["uvs"], 3, [3]):
         with pytest.raises(UsageError):
             chosen_tasks(wrong)
+
+
+@pytest.mark.parametrize("given", [(-1,), (1, np.nan)])
+def test_limits_must_be_positive(given: tuple[Any, ...]) -> None:
+    with pytest.raises(msb.MsbError) as caught:
+        Limits(*given)
+    assert caught.value.code == "USAGE"
+
+
+def test_cameras_must_be_cameras(demo_asset: Path) -> None:
+    cameras: Any = 3
+    with pytest.raises(msb.MsbError) as caught:
+        msb.trial(msb.open(demo_asset), ["uv"], cameras=cameras)
+    assert caught.value.code == "USAGE"
