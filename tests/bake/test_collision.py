@@ -19,8 +19,7 @@ from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
 from msb.topology.faces import signed_volume
-from tests.bake.solids import ball, box, soup_of, together, torus
-from tests.bake.soups import all_round, mesh_of, tiles
+from tests.bake.soups import all_round, ball, box, mesh_of, soup_of, tiles, together, torus
 
 KINDS = ("mesh:100", "hulls:4")
 TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
@@ -179,7 +178,6 @@ def test_a_solid_is_cut_into_convex_parts() -> None:
 
 FACE = Mesh(np.float32([[0, 0, 0], [1, 0, 0], [0.3, 0.2, 0.9]]), np.array([[0, 1, 2]]))
 FLAT = mesh_of(np.float32(1e-6) * tiles(3)[0], tiles(3)[1])
-LOST = np.float32([[np.nan, 0, 0], [9, 9, 9]])
 ODD = {
     "a face": FACE,
     "a tiny face": replace(FACE, vertices=FACE.vertices * np.float32(1e-6)),

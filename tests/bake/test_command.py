@@ -1,12 +1,10 @@
 """`msb bake`: its files and its JSON, what it rejects before any work, and that a failure writes nothing."""
 
-import io
 import json
 import os
 import signal
 import struct
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -185,21 +183,6 @@ def test_a_failure_leaves_all_files_as_they_were(
     assert here(*line_of(model, "-f", "-o", model.parent / "b.triasset")).status == status
     assert (model.parent / "a.glb").read_bytes() == b"the old one"
     assert sorted(model.parent.rglob("*")) == before
-
-
-def test_a_full_temporary_folder_is_reported_as_such(
-    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Full(io.BytesIO):
-        def write(self, _: object) -> int:
-            raise OSError(28, "No space left on device")
-
-    # Only in this module: OpenCL also makes temporary files when it is first used.
-    monkeypatch.setattr("msb.bake.lessons.tempfile", SimpleNamespace(TemporaryFile=Full))
-    result = here(*line_of(model))
-    result.ends(3, "OUTPUT_UNWRITABLE: ")
-    assert "TMPDIR" in result.err
-    assert not (model.parent / "a.glb").exists()
 
 
 def test_an_interrupt_ends_with_the_best_so_far_on_request(

@@ -17,8 +17,7 @@ from msb.bake.space import Space
 from msb.meshes.assets import mesh_from_asset
 from msb.meshes.mesh import Mesh
 from msb.topology.components import label_components
-from tests.bake.solids import ball, soup_of
-from tests.bake.soups import all_round, sparse
+from tests.bake.soups import all_round, ball, soup_of, sparse
 
 mujoco: Any = pytest.importorskip("mujoco", reason="extra test is not installed")
 Reals = NDArray[np.float64]

@@ -83,22 +83,6 @@ def test_an_invalid_place_for_a_folder_is_rejected(here: Here, model: Path) -> N
     assert sorted(model.parent.rglob("*")) == before
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_a_folder_is_complete_or_as_it_was(
-    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException
-) -> None:
-    def fail(*_: object) -> None:
-        raise error
-
-    assert here(*line_of(model, "-q", "--collision", "box", out="out")).status == 0
-    before = sorted(model.parent.rglob("*"))
-    monkeypatch.setattr("msb.bake.folder._page", fail)
-    for place in ("out", "new"):
-        assert here(*line_of(model, "-f", out=place)).status == (3 if isinstance(error, OSError) else 130)
-    assert sorted(model.parent.rglob("*")) == before
-
-
 def test_python_writes_the_same_folder(model: Path) -> None:
     write_cameras(ring(1), model.parent / "cameras.json")
     cameras = msb.read_cameras(model.parent / "cameras.json")

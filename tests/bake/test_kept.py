@@ -15,8 +15,7 @@ from msb.bake.simpler import closed
 from msb.errors import UsageError
 from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
-from tests.bake.solids import ball, soup_of
-from tests.bake.soups import all_round
+from tests.bake.soups import all_round, ball, soup_of
 
 
 def halves(mesh: Mesh) -> Mesh:

@@ -18,8 +18,18 @@ from msb.bake.start import Guide
 from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.topology.faces import face_areas
-from tests.bake.solids import ball, box, colors_at, soup_of, together
-from tests.bake.soups import all_round, cameras, lessons_of, mesh_of, tiles
+from tests.bake.soups import (
+    all_round,
+    ball,
+    box,
+    cameras,
+    colors_at,
+    lessons_of,
+    mesh_of,
+    soup_of,
+    tiles,
+    together,
+)
 
 
 def error(mesh: Mesh, lessons: Lessons) -> float:

@@ -24,7 +24,7 @@ from msb.scenes.paths import unit_at
 from msb.topology import audit_arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.faces import signed_volume
-from tests.bake import solids
+from tests.bake import soups as solids
 from tests.bake.fusion_twin import fused
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled

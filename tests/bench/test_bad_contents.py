@@ -9,16 +9,10 @@ import pytest
 from fuzz.targets import TARGETS
 from msb.bench.documents import STORED
 from tests.bench.test_protocol import MINIMAL
+from tests.bench.test_track import TIMING
 from tests.fuzz.bad_texts import Bad
 from tests.report.documents import AUDIT, TASK, chamfer, repairs, trial, way
 from tests.report.factory import make_result
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_bad_content(name: str, tmp_path: Path) -> None:
-    target, content, code = BAD[name]
-    assert TARGETS[target].at(tmp_path)(content).code == code
-
 
 DIGITS = b"1" * 5000
 """More than Python turns into a number."""
@@ -56,13 +50,6 @@ def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
     return result(quality={**quality, **changes})
 
 
-TIMING: dict[str, Any] = {
-    "schema": "msb.renderer_timing/1",
-    "frames": 300,
-    "seconds": 2.5,
-    "device": "NVIDIA RTX 4090",
-    "timed": "render() of the test views",
-}
 _NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
 
 _PROTOCOL: dict[str, bytes] = {
@@ -131,3 +118,9 @@ BAD: dict[str, Bad] = {
     },
     **_RECORDS,
 }
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_content(name: str, tmp_path: Path) -> None:
+    target, content, code = BAD[name]
+    assert TARGETS[target].at(tmp_path)(content).code == code

@@ -74,16 +74,6 @@ non_engine = "reference"
     }
 
 
-def test_a_dataset_that_is_not_there_hides_no_other(tmp_path: Path) -> None:
-    whole = protocol(tmp_path, ("two_dts",))
-    more = whole.text + b'[[datasets]]\nname = "mine"\npath = "nowhere"\n'
-    report = run_protocol(parse_protocol(more, whole.path), dry=True)
-    assert report.exit_status == 3
-    assert {row.planned.status for row in report.rows} == {"pending"}
-    (lost,) = report.missing
-    assert (lost.message.partition(":")[0], lost.cells) == (str(tmp_path / "nowhere"), 0)
-
-
 def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Path) -> None:
     write_asset(export(PEBBLE / "two_dts"), tmp_path / "model", "folder")
     assert method_of(tmp_path / "model") == "two_dts"

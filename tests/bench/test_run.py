@@ -26,7 +26,7 @@ from msb.errors import MsbError
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
 from msb.views import choose_views
-from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, images, planned, protocol, records
+from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, planned, protocol, records
 
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 
@@ -230,15 +230,6 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     assert run_protocol(changed(file, chamfer={"data": str(tmp_path)})).exit_status == 3
     result = read_result(Results(file.results).record(found.rows[0].planned.cell))
     assert (result.status, result.chamfer, result.reasons["chamfer"].code) == ("done", None, "FILE_NOT_FOUND")
-
-
-@pytest.mark.slow
-def test_images_do_not_depend_on_the_number_of_processes(finished: ProtocolFile, tmp_path: Path) -> None:
-    alone = replace(finished, path=tmp_path / "protocol.toml")
-    run_protocol(alone, jobs=1, only=["two_dts"])
-    ours, theirs = images(tmp_path / "results"), images(finished.results)
-    assert {name: theirs[name] for name in ours} == ours
-    assert len(ours) > 10
 
 
 @pytest.mark.slow

@@ -68,18 +68,6 @@ def test_render_draws_the_views_of_a_scene_as_a_run_scores_them(
 
 
 @pytest.mark.slow
-def test_a_dry_run_says_last_and_once_what_is_missing_and_ends_with_3(msb: Msb, tmp_path: Path) -> None:
-    (tmp_path / "paper.toml").write_bytes(example("paper"))
-    result = msb("run", "--dry-run", "--json", "-", "paper.toml", cwd=tmp_path, status=3)
-    lines = result.err.splitlines()
-    assert [f"{one['code']}: {one['message']}" for one in result.json["missing"]] == lines
-    assert len([line for line in lines if not line.startswith("EXTRA_MISSING")]) == 17
-    plans = [cell["plan"] for cell in result.json["cells"]]
-    assert (plans.count("failed"), plans.count("unsupported")) == (682, 88)
-    assert [path.name for path in tmp_path.iterdir()] == ["paper.toml"]
-
-
-@pytest.mark.slow
 def test_failures_are_lines_and_the_highest_status(msb: Msb, tmp_path: Path) -> None:
     (tmp_path / "model.ckpt").write_bytes(b"nothing")
     text = f"""

@@ -20,8 +20,7 @@ from tests.tiny import MODELS, SCENES
 
 pytest.importorskip("msb.bench", reason="these benchmarks use msb.bench")
 from benchmarks import official, official_stages
-from benchmarks.official_stages import Given, gpu_memory
-from msb.bench.nvml import Gpus
+from benchmarks.official_stages import Given
 from tests.bench.nvml import ME, nvml
 
 KEPT = ROOT / "benchmarks" / "results" / "official-mesh_splatting-h200.json"
@@ -119,16 +118,6 @@ def test_memory_of_a_graphics_card_that_is_pretended(
     drawn = official_stages.stage_draw(given, "standard")
     assert drawn["device"] == gpu
     assert drawn["gpu_memory"] == {"bytes": 300, "source": "processes", "reason": None}
-
-
-def test_memory_that_nobody_knows_has_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pynvml", nvml({}, 700))
-    assert gpu_memory(Gpus(), "cpu")["reason"]
-    assert gpu_memory(Gpus(), "gpu")["reason"]
-    monkeypatch.setitem(sys.modules, "pynvml", None)
-    found = gpu_memory(Gpus(), "gpu")
-    assert found["bytes"] is None
-    assert "extra gpu" in found["reason"]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The paper's own tables come out of our builders as they are printed, cell for cell."""
+"""The paper's own tables come out of our builders and our table of methods as printed, cell for cell."""
 
 import json
 from functools import cache
@@ -9,7 +9,7 @@ import pytest
 
 from msb.bench.aggregate import METRICS, SCENES, mean_over, scene_groups
 from msb.errors import InputError
-from msb.registry import METHODS
+from msb.registry import METHODS, PASSES, TIERS, Method
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
 from msb.report.metric_format import title
@@ -25,6 +25,7 @@ from msb.report.paper import (
 )
 from msb.report.table import Cell, Table
 from msb.report.tables.reproducibility import SOURCES
+from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "msb" / "report" / "paper_tables"
@@ -222,3 +223,24 @@ def test_contradictions_stand_under_the_tables_they_are_about() -> None:
     assert contradictions().keys() <= made.keys()
     for label, notes in contradictions().items():
         assert set(notes) <= set(made[label].notes)
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_tier_is_supported_with_passes_or_refused_with_a_reason(method: Method) -> None:
+    for tier in TIERS:
+        assert (tier in method.passes) is method.supports(tier)
+        assert set(method.passes.get(tier, ())) <= set(PASSES)
+    assert all(setting.problem(setting.default) is None for setting in method.settings.values())
+
+
+def test_a_threshold_of_opacity_is_noted_where_there_is_one() -> None:
+    for name, method in METHODS.items():
+        kept = method.retained.get("standard")
+        thresholds = kept is not None and any("ste_threshold" in note for note in kept.notes.values())
+        assert kept is None or thresholds is ("ste_threshold" in method.settings), name
+
+
+def test_the_command_knows_every_method(here: Here) -> None:
+    data = here("methods", "--json", "-").json
+    assert data["methods"]["two_dts"]["paper_name"] == "2dts"
+    assert set(data["methods"]) == set(METHODS)

@@ -1,15 +1,12 @@
 """`msb report` as its users meet it."""
 
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from msb.base.extras import install
 from msb.bench.records import File
 from msb.report.pages import report_files
 from msb.report.report import Report
@@ -77,21 +74,6 @@ def test_what_cannot_be_done_is_one_line(msb: Msb, args: list[str], code: str) -
 
 
 @pytest.mark.slow
-def test_mixed_results_are_refused_unless_allowed(msb: Msb, tmp_path: Path) -> None:
-    write(tmp_path, make_result("capture", "desk", "two_dts", "non_engine"))
-    made = make_result("capture", "desk", "two_dts", "dedicated")
-    write(
-        tmp_path, made.model_copy(update={"setup": made.setup.model_copy(update={"image_folder": "images"})})
-    )
-    refused = msb("report", tmp_path)
-    assert (refused.status, refused.err.partition(":")[0]) == (2, "RESULTS_MIXED")
-    assert not (tmp_path / "report").exists()
-    taken = msb("report", "--allow-mixed", "--topology", "none", tmp_path, status=0)
-    assert "! mixed: " in taken.out
-    assert "mixed: " in (tmp_path / "report" / "index.html").read_text()
-
-
-@pytest.mark.slow
 def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
     pytest.importorskip("pyvista", reason="extra view is not installed")
     import msb as library
@@ -135,21 +117,3 @@ def test_sorting_works_in_a_browser(report: Report, in_browser: Callable[..., An
     assert values == sorted(values, reverse=True)
     assert up == down[::-1]
     assert pairs
-
-
-@pytest.mark.slow
-def test_a_report_names_the_extra_that_stops_it_and_no_other(tmp_path: Path) -> None:
-    made = make_result("tanksandtemples", "train", "two_dts", "exported_mesh")
-    mesh = File(path=str(tmp_path / "x.ply"), bytes=1, sha256=None)
-    (tmp_path / "x.ply").touch()
-    write(tmp_path / "results", made.model_copy(update={"asset": mesh}))
-    text = (
-        "import sys; sys.modules.update(dict.fromkeys(('jinja2', 'matplotlib', 'pyvista')))\n"
-        "sys.argv = ['msb', 'report', 'results']; from msb.cli import main; main()"
-    )
-    command = [sys.executable, "-c", text]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    (line,) = run.stderr.splitlines()
-    assert (run.returncode, line.partition(":")[0]) == (2, "EXTRA_MISSING")
-    assert install("bench") in line
-    assert not (tmp_path / "results" / "report").exists()

@@ -66,15 +66,6 @@ def test_parts_add_up_also_where_bodies_wound_both_ways_cancel_each_other() -> N
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_the_box_takes_half_of_the_volume() -> None:
-    (task,) = BOOLEAN
-    _, judged = attempt(task.name, together(box(), box(3.0)))
-    assert judged.numbers["volume_left"] == pytest.approx(1.0)
-    assert judged.numbers["volume_taken"] == pytest.approx(1.0)
-
-
-@pytest.mark.slow
-@pytest.mark.oracle
 def test_a_box_is_six_charts_at_most_and_the_soup_of_a_grid_one() -> None:
     made, judged = attempt("uv", together(*(box(3.0 * k) for k in range(20))))
     assert judged.numbers["charts"] <= 6 * 20

@@ -188,22 +188,6 @@ def test_settings_that_are_given_measure_what_the_same_settings_stored_would(val
     assert (asked["opacity"].db == float("inf")) == (value is not None)
 
 
-def test_views_that_see_nothing_do_not_count() -> None:
-    asset = msb.open(ROOT / "tests/tiny/models/pebble/mesh_splatting")
-    away = msb.Camera.look_at((0.5, -0.5, 3), (1, -1, 6), **LOOK)
-    both, one = why(asset, [away, CAMERA]), why(asset, [CAMERA])
-    assert both.views.cameras == [CAMERA]
-    assert both.total == one.total
-    assert {name: cause.db for name, cause in by_name(both).items()} == {c.name: c.db for c in one}
-
-
-def test_the_plain_mesh_is_the_standard_tier_with_the_settings() -> None:
-    asset = msb.open(MODELS / "walled" / "two_dts")
-    shading = by_name(why(asset, [CAMERA], settings={"ste_threshold": 0.5}))["shading"]
-    drawn = msb.render(asset, CAMERA, tier="standard", settings={"ste_threshold": 0.5}).image.clip(0, 1)
-    assert np.array_equal(shading.without, drawn)
-
-
 def test_light_is_that_of_the_faces_that_are_shown() -> None:
     """A threshold hides 278 faces of this one; it is held to a mesh that is lit before it is drawn."""
     asset = msb.open(ROOT / "tests/golden/two_dts/ring_solid/checkpoint")
