@@ -88,8 +88,6 @@ def test_one_view_and_one_face_are_enough(here: Here, model: Path) -> None:
 
 USAGE = {
     "no output": [],
-    "texture": ["-o", "a.glb", "--texture", "100000"],
-    "geometry": ["-o", "a.glb", "--geometry", "solid"],
     "format": ["-o", "a.fbx"],
     "photographs": ["-o", "a.glb", "--teacher", "photographs"],
     "both": ["-o", "a.glb", "--scene", "x", "--cameras", "y"],
@@ -97,9 +95,6 @@ USAGE = {
     "up of cameras": ["-o", "a.glb", "--up", "+z", "--cameras", "cameras.json"],
     "size of no cameras": ["-o", "a.glb", "--size", "9x9"],
     "one place": ["-o", "a.obj", "-o", "b/../a.obj"],
-    "contradiction": ["-o", "a.glb", "--for-solid", "--geometry", "kept"],
-    "seconds": ["-o", "a.glb", "--seconds", "-1"],
-    "levels": ["-o", "a.glb", "--lods", "0.5,half"],
     "shape": ["-o", "a.glb", "--collision", "ball"],
 }
 

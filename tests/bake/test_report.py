@@ -61,15 +61,3 @@ def test_the_json_has_the_keys_that_others_rely_on() -> None:
     assert {"geometry", "color", "vertices", "faces", "seconds", "unseen_area", *paths} <= data.keys()
     alone = replace(REPORT, photographs=None, own=None, held_back=0).to_dict()
     assert alone["psnr"] == {"own": None, "photographs": None}
-
-
-def test_the_sentence_has_the_numbers_that_count() -> None:
-    """Against photographs if there are any, else against the native rendering; it advises what helps."""
-    said = REPORT.sentence
-    assert all(
-        number in said for number in ("36.1", "18.1", "32.2", "32.8", "1,627", "512", "0.47 MB", "BAD")
-    )
-    assert "--geometry surface" in said
-    own = replace(REPORT, photographs=None, tried={"surface": 30.42, "fitted": 29.9}).sentence
-    assert all(number in own for number in ("18.2", "33.3", "34.0", "30.4", "29.9"))
-    assert "--geometry surface" not in own, "a surface was tried"

@@ -14,10 +14,11 @@ import msb as library
 from msb.meshes import read_mesh, write_mesh
 from msb.meshes.assets import asset_from_mesh
 from msb.repair.command import print_table
-from tests.cli.conftest import Here, mesh_file
+from tests.cli.conftest import Here, here, mesh_file
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
 from tests.topology.seamed import textured_cube
 
+__all__ = ["here"]  # fixture
 CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
 
 

@@ -23,9 +23,10 @@ from msb.views import difference
 from msb.why import CAUSES, Cause, Causes, why
 from msb.why.causes import taken_for_linear
 from msb.why.views import _Culling
-from tests.cli.conftest import Here
+from tests.cli.conftest import Here, here
 from tests.conftest import ROOT, TETRAHEDRON
 
+__all__ = ["here"]  # fixture
 MODELS = ROOT / "data_stubs" / "models"
 
 
