@@ -1,11 +1,15 @@
 """Soups, solids and lessons for the tests of a bake."""
 
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.bake.lessons import Lessons
+from msb.bake.raster import Raster
+from msb.cl import Device
 from msb.meshes.assets import asset_from_mesh
 from msb.meshes.mesh import Mesh
 from msb.render import Renderer
@@ -83,6 +87,18 @@ def lessons_of(corners: Corners, colors: Corners, seen_by: list[Camera]) -> Less
             return renderer.render(camera, BACKGROUND).image
 
     return Lessons(seen_by, BACKGROUND, draw)
+
+
+@contextmanager
+def taught(
+    soup: tuple[Corners, Corners],
+    shown: tuple[Corners, Corners],
+    seen_by: list[Camera],
+    device: Device | None = None,
+) -> Iterator[Raster]:
+    """Give a raster of corners and colours that pictures of others teach."""
+    with lessons_of(*shown, seen_by) as lessons, closing(Raster(*soup, lessons, device)) as raster:
+        yield raster
 
 
 def ball(rows: int = 16, radius: float = 1.0) -> Mesh:

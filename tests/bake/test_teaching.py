@@ -1,7 +1,7 @@
 """Colours, choice and descent on soups whose best form is known."""
 
 from collections.abc import Callable
-from contextlib import closing, nullcontext
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +15,6 @@ from msb.bake.fitted import _cuts, fitted
 from msb.bake.kept import FINE, kept, rejoined
 from msb.bake.needs import check_model, choose_look
 from msb.bake.options import BakeOptions
-from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
 from msb.bake.simpler import closed
 from msb.bake.soup import Soup
@@ -24,7 +23,7 @@ from msb.errors import UsageError
 from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.topology import audit_arrays
-from tests.bake.soups import all_round, ball, cameras, lessons_of, mesh_of, soup_of, tiles
+from tests.bake.soups import all_round, ball, cameras, lessons_of, mesh_of, soup_of, taught, tiles
 from tests.conftest import TETRAHEDRON
 
 
@@ -59,10 +58,7 @@ def test_a_face_that_hides_what_should_be_seen_is_dropped_and_a_lost_one_found()
     )
     soup.keep[3] = False
     random = np.random.default_rng(0)
-    with (
-        lessons_of(corners, colors, cameras(4)) as lessons,
-        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
-    ):
+    with taught((soup.corners, soup.colors), (corners, colors), cameras(4)) as raster:
         for _ in range(60):
             try_faces(soup, raster, random)
         assert soup.keep.tolist() == [True] * len(corners) + [False]
@@ -77,10 +73,7 @@ def test_corners_move_to_where_they_should_be() -> None:
         0.04
     )
     soup = Soup.of(mesh_of(shaken, colors), shares=False)
-    with (
-        lessons_of(corners, colors, cameras(6, 96, 72)) as lessons,
-        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
-    ):
+    with taught((soup.corners, soup.colors), (corners, colors), cameras(6, 96, 72)) as raster:
         before = soup.error(raster)
         descend(
             soup,

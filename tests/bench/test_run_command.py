@@ -8,7 +8,6 @@ import pytest
 from msb.bench.commands.run import RunOutput
 from msb.bench.protocol import example, parse_protocol
 from msb.errors import UsageError
-from msb.scenes.datasets import DATASETS
 from tests.bench.protocols import PEBBLE, STUBS
 from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT
@@ -110,13 +109,7 @@ def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], code: 
 def test_an_example_is_a_protocol_on_standard_output(msb: Msb, name: str) -> None:
     result = msb("run", "--example", name, "-q")
     assert (result.status, result.err, result.out.encode()) == (0, "", example(name))
-    protocol = parse_protocol(result.out.encode(), "p.toml").protocol
-    names = list(DATASETS) if name == "paper" else ["mipnerf360", "nerf_synthetic"]
-    assert [dataset.name for dataset in protocol.datasets] == names
-    assert {method.name for method in protocol.methods} >= {
-        "two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"
-    }  # fmt: skip
-    assert (protocol.chamfer is not None) is (name == "paper")
+    assert parse_protocol(result.out.encode(), "p.toml").protocol.methods
     msb("run --example", name, "--json", "-").ends(2, "USAGE: ")
 
 

@@ -204,12 +204,7 @@ def test_board_has_everybody_s_rows_and_the_paper_s(small: Path, tmp_path: Path,
     msb("submit", theirs, "-o", tmp_path / "theirs.zip", "--name", "Theirs", status=0)
     files = [read_submission(tmp_path / f"{name}.zip") for name in ("ours", "theirs")]
     board = build_board(files)
-    table = board.tables["board"]
-    places = [column.title for column in table.columns]
-    rows = [
-        {**dict(zip(places, (cell.text for cell in row.cells), strict=True)), "labels": row.labels}
-        for row in table.rows
-    ]
+    rows = _rows(board)
     mean = [row for row in rows if row["labels"] == ("Tanks and Temples", "Mean", "2DTS")]
     dedicated = [row for row in mean if row["Condition"] == "Dedicated"]
     assert [row["From"] for row in dedicated] == ["Our <b>lab</b>", "Theirs", "the paper"]
@@ -225,10 +220,13 @@ def test_board_has_everybody_s_rows_and_the_paper_s(small: Path, tmp_path: Path,
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
 
 
-def _rows(board: Any) -> list[dict[str, str]]:
+def _rows(board: Any) -> list[dict[str, Any]]:
     table = board.tables["board"]
     names = [column.title for column in table.columns]
-    return [dict(zip(names, (cell.text for cell in row.cells), strict=True)) for row in table.rows]
+    return [
+        {**dict(zip(names, (cell.text for cell in row.cells), strict=True)), "labels": row.labels}
+        for row in table.rows
+    ]
 
 
 @pytest.mark.slow
