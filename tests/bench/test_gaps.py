@@ -69,15 +69,6 @@ def test_a_datasets_gap_is_that_of_the_means() -> None:
     assert (found.adapt.scenes, found.adapt.partial) == (2, False)
 
 
-def test_a_missing_scene_makes_a_gap_partial_and_leaves_the_identity_open() -> None:
-    found = dataset_gaps("psnr", records((20, 22, 15), (30, 26, None)), ["s0", "s1", "s2"])
-    assert (found.adapt.scenes, found.adapt.expected, found.adapt.partial) == (2, 3, True)
-    assert (found.port.scenes, found.port.value) == (1, 7)
-    assert (found.adapt.ends, found.port.ends) == ((25, 24), (22, 15)), "means over its own scenes"
-    assert found.monotone is None
-    assert found.triangle_excess is None
-
-
 @pytest.mark.parametrize(
     ("other", "reason"),
     [

@@ -129,17 +129,6 @@ def test_a_stage_runs_in_a_process_of_its_own(capsys: pytest.CaptureFixture[str]
     assert PRIVATE in capsys.readouterr().out
 
 
-def test_tables_of_a_kept_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert official.main(["--table", str(KEPT), str(KEPT)]) == 0
-    drawn, steps, costs = (block.splitlines() for block in capsys.readouterr().out.strip().split("\n\n"))
-    assert (len(drawn), len(steps), len(costs)) == (10, 4, 4)
-    for rows in (drawn, steps, costs):
-        assert len({line.count("|") for line in rows}) == 1
-    record = json.loads(KEPT.read_text())
-    assert f"{record['stages']['dedicated']['fps']:,.1f}" in "".join(drawn)
-    assert f"{record['stages']['export']['faces']:,}" in steps[2]
-
-
 def test_the_page_shows_what_is_held_and_the_tables_of_the_kept_file() -> None:
     page = (ROOT / "docs" / "official.md").read_text()
     assert official.HELD in page

@@ -8,8 +8,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from msb.bench.aggregate import SCENES
 from msb.bench.documents import ChamferDocument
-from msb.bench.records import Cell, Floor, WalkDocument
+from msb.bench.records import Cell, Floor, Training, WalkDocument
 from msb.report.build import build_report, paper_report
 from msb.report.report import Report
 from msb.report.results import read_results
@@ -115,6 +116,16 @@ def floors(root: Path) -> tuple[str, ...]:
     return ("memory-capture", "latency-capture", "runtime_resources-tanksandtemples")
 
 
+def of_the_model_alone(root: Path) -> tuple[str, ...]:
+    """Distances and trainings of one method, without images; of another there is nothing."""
+    trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
+    for scene in SCENES["dtu"]:
+        distance = ChamferDocument.of(chamfer(0.75))
+        measure(root, "exported_mesh", dataset="dtu", scene=scene, chamfer=distance, training=trained)
+    measure(root, "exported_mesh", dataset="dtu", scene=SCENES["dtu"][0], method="mesh_splatting")
+    return ("native_summary", "scenes-dtu-non_engine")
+
+
 def walks(root: Path) -> tuple[str, ...]:
     for condition, flicker, missing in (("dedicated", 1.25, 0.01), ("standard", 3.5, 0.002)):
         measure(root, condition, 20.0, walk=WalkDocument.of(WALK | {"flicker": flicker, "holes": missing}))
@@ -159,6 +170,7 @@ CASES: tuple[Callable[[Path], tuple[str, ...]], ...] = (
     trained_on_the_test_views,
     notes,
     floors,
+    of_the_model_alone,
     walks,
     engines,
     bakes,

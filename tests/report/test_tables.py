@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import ttest_rel
 
 from msb.bench.aggregate import SCENES
-from msb.bench.documents import AuditDocument, ChamferDocument
+from msb.bench.documents import AuditDocument
 from msb.bench.records import Reason, Setup, Training
 from msb.errors import UsageError
 from msb.report.against import holm
@@ -29,13 +29,14 @@ from msb.report.tables.asset import asset_tables
 from msb.report.tables.gaps import gaps_table
 from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
-from tests.report.documents import AUDIT, chamfer
+from tests.report.documents import AUDIT
 from tests.report.factory import (
     make_result,
     measure,
     numbers_of,
     write,
 )
+from tests.report.test_golden import of_the_model_alone
 
 
 def row_of(table: Table, *labels: str) -> Row:
@@ -107,21 +108,10 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
         assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
 
 
-def test_what_is_of_the_model_needs_no_images_of_its_own_renderer(tmp_path: Path) -> None:
-    distance = ChamferDocument.of(chamfer(0.75))
-    trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
-    for scene in SCENES["dtu"]:
-        parts = {"chamfer": distance, "training": trained}
-        write(tmp_path, make_result("dtu", scene, "two_dts", "exported_mesh", **parts))
-    write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "exported_mesh"))
-    alone = build_report(read_results(tmp_path), pictures=False, with_paper=False)
-    summary = alone.tables["native_summary"]
-    assert [row.labels[-1] for row in summary.rows] == ["2DTS"], "the other has no such number"
-    assert {cell.text for cell in summary.rows[0].cells} == {"0.75", "25.0", "--"}
-    scenes = alone.tables["scenes-dtu-non_engine"]
-    assert [column.of["metric"] for column in scenes.columns] == ["chamfer"]
-    # They make no condition of images, neither here nor beside a method that has one.
-    assert alone.numbers.conditions("dtu") == []
+def test_what_is_of_the_model_makes_no_condition_of_images(tmp_path: Path) -> None:
+    """Neither alone nor beside a method that has one."""
+    of_the_model_alone(tmp_path)
+    assert numbers_of(tmp_path).conditions("dtu") == []
     write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "non_engine"))
     both = build_report(read_results(tmp_path), pictures=False, with_paper=False)
     assert len(both.tables["native_summary"].rows) == 2

@@ -1,9 +1,7 @@
 """`msb trial`: its JSON, its files and its gates."""
 
 from pathlib import Path
-from typing import Any
 
-import jsonschema
 import pygltflib
 import pytest
 
@@ -12,45 +10,20 @@ from tests.cli.conftest import Here, mesh_file
 from tests.trial.conftest import box, grid, pages
 
 
-def closed(properties: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of an object that has these properties, all of them and no others."""
-    return {
-        "type": "object",
-        "required": [*properties],
-        "additionalProperties": False,
-        "properties": properties,
-    }
-
-
-TEXT, MAYBE_TEXT = {"type": "string"}, {"type": ["string", "null"]}
-TRIAL_PROPERTIES = {
-    **dict.fromkeys(("task", "title", "says"), TEXT),
-    **dict.fromkeys(("why", "picture"), MAYBE_TEXT),
-    "outcome": {"enum": ["works", "care", "fails", "not_run"]},
-    "seconds": {"type": "number", "minimum": 0},
-    "numbers": {"type": "object"},
-    "libraries": {"type": "object", "additionalProperties": TEXT},
-    "files": {"type": "array", "items": TEXT},
-}
-PROPERTIES = {
-    "schema": {"const": "msb.trial/1"},
-    **dict.fromkeys(("tool_version", "path"), TEXT),
-    "trials": {"type": "array", "items": closed(TRIAL_PROPERTIES)},
-    "mesh": {"type": "object", "required": ["vertices", "faces", "weld", "repair", "sha256"]},
-    "limits": {"type": "object", "required": ["seconds", "memory_gib"]},
-    "cameras": {"type": "object", "required": ["count", "from"]},
-}
-
-
 @pytest.fixture
 def flat(tmp_path: Path) -> Path:
     return mesh_file(tmp_path / "grid.ply", grid().vertices, grid().faces)
 
 
-def test_json_is_what_the_schema_says(here: Here, flat: Path) -> None:
+def test_json_has_the_keys_that_others_rely_on(here: Here, flat: Path) -> None:
     data = here("trial", "--task", "intersections", "--json", "-", flat).json
-    jsonschema.validate(data, closed(PROPERTIES))
+    assert (data["schema"], set(data["limits"])) == ("msb.trial/1", {"seconds", "memory_gib"})
+    assert set(data) == {"schema", "tool_version", "path", "trials", "mesh", "limits", "cameras"}
+    assert {"vertices", "faces", "weld", "repair", "sha256"} <= set(data["mesh"])
+    assert {"count", "from"} <= set(data["cameras"])
     (one,) = data["trials"]
+    texts = {"task", "title", "outcome", "says", "why", "picture"}
+    assert set(one) == texts | {"seconds", "numbers", "libraries", "files"}
     assert (one["task"], one["outcome"]) == ("self_intersections", "works")
     assert (data["path"], data["mesh"]["faces"]) == (str(flat), 72)
 
