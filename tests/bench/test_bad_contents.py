@@ -11,8 +11,7 @@ from msb.bench.documents import STORED
 from tests.bench.test_protocol import MINIMAL
 from tests.bench.test_track import TIMING
 from tests.fuzz.bad_texts import Bad
-from tests.report.documents import AUDIT, TASK, chamfer, repairs, trial, way
-from tests.report.factory import make_result
+from tests.report.factory import AUDIT, TASK, chamfer, make_result, repairs, trial, way
 
 DIGITS = b"1" * 5000
 """More than Python turns into a number."""

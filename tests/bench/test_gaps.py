@@ -11,9 +11,8 @@ from msb.bench.documents import AuditDocument, ChamferDocument, TrialDocument
 from msb.bench.gaps import PAIRS, dataset_gaps, incomparable, scene_gaps, slowdown, value_gaps
 from msb.bench.intervals import excludes_zero, interval
 from msb.bench.records import File, Memory, Result, Training, WalkDocument
-from tests.report.documents import AUDIT, TASK, WALK, chamfer, trial
+from tests.report.factory import AUDIT, SETUP, TASK, WALK, bake, chamfer, quality, result, timing, trial
 from tests.report.factory import METRICS as MEASURES
-from tests.report.factory import SETUP, bake, quality, result, timing
 
 CONDITIONS = ("non_engine", "dedicated", "standard")
 VIEWS = quality().images

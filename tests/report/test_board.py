@@ -28,8 +28,18 @@ from msb.report.collect import collect
 from msb.report.pages import report_files
 from msb.report.results import Loaded, read_results, result_set
 from tests.cli.conftest import Msb
-from tests.report.documents import AUDIT, SAME, TASK, chamfer, repairs, trial, way
-from tests.report.factory import bake, make_result, write_results
+from tests.report.factory import (
+    AUDIT,
+    SAME,
+    TASK,
+    bake,
+    chamfer,
+    make_result,
+    repairs,
+    trial,
+    way,
+    write_results,
+)
 
 Change = Callable[[dict[str, bytes]], Any]
 """What is done to the members of an archive, by their names."""

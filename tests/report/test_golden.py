@@ -15,8 +15,7 @@ from msb.report.build import build_report, paper_report
 from msb.report.report import Report
 from msb.report.results import read_results
 from msb.report.writers import markdown
-from tests.report.documents import WALK, chamfer
-from tests.report.factory import METRICS, at_rate, bake, measure, quality, write, write_results
+from tests.report.factory import METRICS, WALK, at_rate, bake, chamfer, measure, quality, write, write_results
 
 GOLDEN = Path(__file__).with_name("golden.md")
 GPU: dict[str, Any] = {"device": {"device": {"name": "Another GPU", "platform": "Vulkan"}}}

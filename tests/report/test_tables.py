@@ -29,8 +29,8 @@ from msb.report.tables.asset import asset_tables
 from msb.report.tables.gaps import gaps_table
 from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
-from tests.report.documents import AUDIT
 from tests.report.factory import (
+    AUDIT,
     make_result,
     measure,
     numbers_of,

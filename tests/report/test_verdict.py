@@ -13,8 +13,19 @@ from msb.report.numbers import Key, condition_order, condition_title
 from msb.report.pages import report_files
 from msb.report.results import read_results
 from msb.report.verdict import Likeness
-from tests.report.documents import SAME, TASK, repairs, trial, way
-from tests.report.factory import VIEWS, make_result, measure, note_hashes, verdict_of, write
+from tests.report.factory import (
+    SAME,
+    TASK,
+    VIEWS,
+    make_result,
+    measure,
+    note_hashes,
+    repairs,
+    trial,
+    verdict_of,
+    way,
+    write,
+)
 from tests.report.test_golden import bakes
 
 PLAIN, SHADED = "A plain mesh in any engine (Standard)", "A model with its own shaders (Dedicated)"
