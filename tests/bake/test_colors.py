@@ -143,7 +143,6 @@ def test_shares_of_a_blended_model_are_sums_over_the_views(lessons: Lessons) -> 
     with closing(SplattingPipeline(asset, device=SELECTOR)) as pipeline:
         sums = sum(pipeline.shares(camera, lessons.image(k)) for k, camera in enumerate(CAMERAS))
     shares = blending_shares(asset, lessons, SELECTOR)
-    assert shares is not None
     np.testing.assert_array_equal(shares.weight, sums[:, 3])
     np.testing.assert_allclose(shares.color * shares.weight[:, None], sums[:, :3], rtol=1e-12)
     unseen = shares.weight == 0
@@ -161,7 +160,6 @@ def of_a_mesh() -> Asset:
 )
 def test_shares_of_an_opaque_model_are_the_pixels_it_shows(asset: Asset, tier: Any, lessons: Lessons) -> None:
     shares = blending_shares(asset, lessons, SELECTOR)
-    assert shares is not None
     pixels, sums = np.zeros(60), np.zeros((60, 3))
     for k, camera in enumerate(CAMERAS):
         frame = msb.render(asset, camera, tier=tier, device=SELECTOR)

@@ -52,7 +52,6 @@ def test_of_a_soup_the_faces_stay_that_are_seen(monkeypatch: pytest.MonkeyPatch)
     assert len(half.faces) == len(corners)
     assert half.vertices[:, 2].min() > -25
     assert len(few.faces) == round(0.2 * len(corners))
-    assert few.vertex_colors is not None
     assert few.vertex_colors.dtype == np.float32
 
 
@@ -139,7 +138,6 @@ def test_faces_that_share_nothing_are_a_soup_in_any_order(order: Callable[[Any],
 def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
     mesh = ball()
     seen = soup_of(mesh)
-    assert seen.vertex_colors is not None
     corners, colors = seen.vertices.reshape(-1, 3, 3), seen.vertex_colors.reshape(-1, 3, 3)
     with (
         lessons_of(corners, colors, all_round(4, (-2, 2), 5)) as lessons,
@@ -149,7 +147,6 @@ def test_a_closed_surface_stays_closed_and_keeps_its_colours() -> None:
     for level, share in zip(made, (0.5, 0.1), strict=True):
         assert len(level.faces) <= share * len(mesh.faces)
         assert closed(level.vertices.astype(np.float64), level.faces)
-        assert level.vertex_colors is not None
         np.testing.assert_allclose(level.vertex_colors, colors_at(level.vertices), atol=0.15)
     assert screen_share(mesh, made[0]) > screen_share(mesh, made[1])
 

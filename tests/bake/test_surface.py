@@ -56,7 +56,6 @@ def around(count: int, distance: float = 4.0) -> list[Camera]:
 def ball() -> tuple[Corners, Corners]:
     """Return corners and colours of about 500 faces of the unit ball."""
     soup = solids.soup_of(solids.ball(12))
-    assert soup.vertex_colors is not None
     return soup.vertices.reshape(-1, 3, 3), soup.vertex_colors.reshape(-1, 3, 3)
 
 
@@ -79,7 +78,6 @@ def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
     assert found.counts.boundary_edges == found.counts.inconsistent_winding_edges == 0
     assert len(crossing_pairs(mesh.vertices[mesh.faces].astype(np.float64))) == 0
     assert (signed_volume(mesh.vertices, mesh.faces) < 0) == inward
-    assert mesh.vertex_colors is not None
     assert mesh.vertex_colors.shape == mesh.vertices.shape
 
 
@@ -97,7 +95,6 @@ def test_a_ball_of_any_size_becomes_a_closed_ball_of_its_colours(scale: float) -
     assert 300 < len(mesh.faces) <= 400
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1).max() < 0.1
     assert signed_volume(mesh.vertices, mesh.faces) == pytest.approx(4 / 3 * np.pi, rel=0.06)
-    assert mesh.vertex_colors is not None
     assert np.abs(mesh.vertex_colors - (0.5 + 0.4 * mesh.vertices)).mean() < 0.05
 
 

@@ -92,7 +92,6 @@ def views() -> BakeViews:
 def taught(folder: Path, views: BakeViews, asset: msb.Asset | None = None) -> tuple[np.ndarray, list[str]]:
     with Teacher(asset or mesh_asset(), views, cache=folder) as teacher, teacher.looks(views.taught) as looks:
         images = np.stack([looks.stored(number) for number in range(len(looks))])
-        assert teacher.pictures is not None
         return images, teacher.pictures.notes()
 
 

@@ -38,14 +38,12 @@ def test_copies_of_a_vertex_keep_one_colour_and_others_of_its_place_their_own() 
     faces = number.reshape(-1, 3)
     faces[half:] += len(places)  # cut in two, as a repair does
     mesh = Mesh(np.tile(places, (2, 1)), faces, vertex_colors=np.full((2 * len(places), 3), 0.5, np.float32))
-    assert mesh.vertex_colors is not None
     with lessons_of(corners, colors, cameras(4)) as lessons:
         for change in (0.0, 0.25):  # without and with a seam
             mesh.vertex_colors[len(places) :] += np.float32(change)
             made = colored(mesh, lessons, None)
             there = len(np.unique(made.vertices, axis=0))
             assert len(made.vertices) > there + 2
-            assert made.vertex_colors is not None
             looks = len(np.unique(np.column_stack([made.vertices, made.vertex_colors]), axis=0))
             assert (looks > there) == bool(change)
 
@@ -122,7 +120,6 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
             made, notes = made
             assert "2 of 400 steps" in notes[0]
         assert seen[-1][1] == 2
-        assert made.vertex_colors is not None
         assert np.abs(made.vertex_colors - 0.5).max() > 0.1, "colours are fitted all the same"
 
 
@@ -137,7 +134,6 @@ def test_triangles_of_too_few_pixels_are_chosen_and_coloured_and_stay(faces: int
     assert notes[0].startswith(f"{len(made.faces):,} triangles have 0.")
     where = {tuple(each.reshape(-1)) for each in corners}
     assert {tuple(each.reshape(-1)) for each in made.vertices[made.faces]} <= where
-    assert made.vertex_colors is not None
     assert np.abs(made.vertex_colors - 0.5).max() > 0.1
 
 
@@ -235,7 +231,6 @@ def test_cuts_for_colours_are_joined_again() -> None:
 
 def test_what_met_at_a_cut_is_repaired() -> None:
     whole = halves(ball(4))
-    assert whole.face_colors is not None
     is_red = whole.face_colors[:, 0] > 0
     mesh = cut(replace(whole, faces=np.where(is_red[:, None], whole.faces[:, ::-1], whole.faces)))
     made = rejoined(mesh)

@@ -30,7 +30,6 @@ def test_a_walk_is_on_record_and_in_the_report_and_is_made_once(tmp_path: Path) 
     assert [path.parent.name for path in paths] == ["dedicated", "engine", "standard"]
     for path in paths:
         record = read_result(path).walk
-        assert record is not None
         assert (record.frames, max(record.width, record.height), record.film) == (6, 64, "walk.mp4")
         assert 0 < record.flicker == pytest.approx(record.flicker_worst), "all of it is within a second"
         assert 0 <= record.holes < 0.02

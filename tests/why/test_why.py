@@ -198,7 +198,6 @@ def test_light_is_that_of_the_faces_that_are_shown() -> None:
     positions, indices = asset.buffers["positions"], asset.buffers["indices"]
     assert len(indices) == len(mesh.faces) + 278
     light = daylight(positions, indices, up_axis(asset))[visible_faces(asset, stored_threshold(asset))]
-    assert mesh.vertex_colors is not None
     dimmed = mesh.vertex_colors.astype(np.float64)
     dimmed[mesh.faces.reshape(-1)] *= np.repeat(light, 3)[:, None]
     lit = replace(mesh, vertex_colors=dimmed.astype(np.float32))
