@@ -52,6 +52,8 @@ def test_every_cell_has_a_whole_record(finished: ProtocolFile) -> None:
     assert one.memory.total == sum(one.memory.uses.values()) > 0
     assert one.device["device"]["kind"] == one.timing.device_kind
     assert (finished.results / "protocol.toml").read_bytes() == finished.text
+    mesh = cell(finished, "two_dts/exported_mesh")
+    assert (mesh.audit.topology, mesh.quality) == ("triangle_soup", None)
 
 
 def test_numbers_are_those_of_the_images_beside_the_record(finished: ProtocolFile) -> None:
@@ -88,11 +90,6 @@ def test_conditions_can_be_compared_and_the_unsupported_says_why(finished: Proto
     assert other.status == "unsupported"
     assert other.reason.code == "UNSUPPORTED_TIER"
     assert cell(finished, "diffsoup/dedicated").setup.camera_convention == "full_K"
-
-
-def test_a_mesh_is_audited_as_the_audit_does(finished: ProtocolFile) -> None:
-    found = cell(finished, "two_dts/exported_mesh")
-    assert (found.audit.topology, found.quality) == ("triangle_soup", None)
 
 
 @pytest.mark.slow
