@@ -216,8 +216,7 @@ def gates() -> list[bytes]:
 def results() -> list[bytes]:
     from msb.bench.documents import STORED, RepairDocument, TrialDocument
     from msb.bench.records import CONDITIONS
-    from tests.report.documents import TASK, repairs, trial, way
-    from tests.report.factory import make_result
+    from tests.report.factory import TASK, make_result, repairs, trial, way
 
     made = [make_result("capture", "desk", "two_dts", condition) for condition in CONDITIONS]
     mesh = make_result("capture", "desk", "mesh_splatting", "exported_mesh")

@@ -43,7 +43,7 @@ NOT_RUN = {
     r"msb trial (?!.*--task )": "takes minutes; tests/trial tries every task",
     r"msb repair --compare ": "takes long; with one task it is an example of --help, which are run, too",
     r"msb bake --(for-solid|scene) ": "takes long; the same is an example of --help, which are run, too",
-    r"msb run --scheduler ": "needs a cluster; tests/bench/test_cluster.py has one",
+    r"msb run --scheduler ": "needs a cluster; tests/bench/test_interruption.py has one",
 }
 """Commands that are not run, and why. Of ours at least the options are parsed."""
 NEEDS = {

@@ -1,7 +1,5 @@
 """The command line, and a small mesh with the words of its quick bake."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,18 +1,13 @@
 """A vote of views on what is solid, in NumPy, view by view: the twin of bake_fuse.cl."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
-    Reals = NDArray[np.float64]
-    Depths = Sequence[NDArray[np.floating]]
+Reals = NDArray[np.float64]
 
 
 def fused(

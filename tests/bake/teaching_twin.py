@@ -1,19 +1,15 @@
 """What a bake sums over a picture, in float64 NumPy: the twin of bake.cl, bake_texture.cl
 and bake_solve.cl."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.reference.standard import weights_at
+from msb.scenes import Camera
 
-if TYPE_CHECKING:
-    from msb.scenes import Camera
-
-    Reals = NDArray[np.float64]
+Reals = NDArray[np.float64]
 
 
 class Drawn(NamedTuple):

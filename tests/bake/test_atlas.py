@@ -1,7 +1,5 @@
 """Atlases: faces fit, keep apart in the smaller levels, and are as large as what they show asks for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,27 +1,26 @@
-"""`msb bake`: its files and its JSON, what it rejects before any work, and that a failure writes nothing."""
+"""`msb bake`: its options, files and JSON, what it rejects before any work, what a failure leaves."""
 
-from __future__ import annotations
-
-import io
 import json
+import math
 import os
 import signal
 import struct
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
 
 import msb
 from msb.asset import build_asset
+from msb.asset.texture import MAX_SIDE
+from msb.bake.options import BakeKeywords, BakeOptions, parse_collision
 from msb.bake.start import Guide
 from msb.errors import DeviceError, UsageError
 from msb.meshes import Mesh, read_mesh
 from msb.scenes import write_cameras
 from tests.bake.conftest import COLORS, line_of, solid
-from tests.bake.test_views import SCENE, ring
+from tests.bake.test_views import ring
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
@@ -92,8 +91,6 @@ def test_one_view_and_one_face_are_enough(here: Here, model: Path) -> None:
 
 USAGE = {
     "no output": [],
-    "texture": ["-o", "a.glb", "--texture", "100000"],
-    "geometry": ["-o", "a.glb", "--geometry", "solid"],
     "format": ["-o", "a.fbx"],
     "photographs": ["-o", "a.glb", "--teacher", "photographs"],
     "both": ["-o", "a.glb", "--scene", "x", "--cameras", "y"],
@@ -101,9 +98,6 @@ USAGE = {
     "up of cameras": ["-o", "a.glb", "--up", "+z", "--cameras", "cameras.json"],
     "size of no cameras": ["-o", "a.glb", "--size", "9x9"],
     "one place": ["-o", "a.obj", "-o", "b/../a.obj"],
-    "contradiction": ["-o", "a.glb", "--for-solid", "--geometry", "kept"],
-    "seconds": ["-o", "a.glb", "--seconds", "-1"],
-    "levels": ["-o", "a.glb", "--lods", "0.5,half"],
     "shape": ["-o", "a.glb", "--collision", "ball"],
 }
 
@@ -142,17 +136,6 @@ def test_a_missing_library_is_reported_before_anything_is_drawn(
     monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != module)
     monkeypatch.setattr("msb.bake.run.bake_views", go_on)
     here(*line_of(model, *words)).ends(2, f"{code}: ")
-
-
-def test_a_solid_mesh_is_kept_for_solids(here: Here, model: Path) -> None:
-    data = here(*line_of(model, "--for-solid", "--geometry", "auto", "--json", "-")).json
-    assert (data["geometry"], data["faces"], data["verdict_after"]["level"]) == ("kept", 4, "ok")
-
-
-def test_cameras_of_another_scene_see_nothing(here: Here, model: Path) -> None:
-    solid(at=900.0).save(model, overwrite=True)
-    here(*line_of(model)).ends(3, "METRIC_NOTHING_SHOWN: ")
-    here("bake", "--scene", SCENE, model, "-o", model.parent / "a.glb").ends(3, "METRIC_NOTHING_SHOWN: ")
 
 
 def test_inputs_that_cannot_supervise_have_their_codes(
@@ -200,21 +183,6 @@ def test_a_failure_leaves_all_files_as_they_were(
     assert sorted(model.parent.rglob("*")) == before
 
 
-def test_a_full_temporary_folder_is_reported_as_such(
-    here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Full(io.BytesIO):
-        def write(self, _: object) -> int:
-            raise OSError(28, "No space left on device")
-
-    # Only in this module: OpenCL also makes temporary files when it is first used.
-    monkeypatch.setattr("msb.bake.lessons.tempfile", SimpleNamespace(TemporaryFile=Full))
-    result = here(*line_of(model))
-    result.ends(3, "OUTPUT_UNWRITABLE: ")
-    assert "TMPDIR" in result.err
-    assert not (model.parent / "a.glb").exists()
-
-
 def test_an_interrupt_ends_with_the_best_so_far_on_request(
     here: Here, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,3 +209,50 @@ def test_an_interrupt_ends_with_the_best_so_far_on_request(
 def test_the_files_of_a_texture_beside_an_output_are_not_overwritten(here: Here, model: Path) -> None:
     (model.parent / "a.mtl").write_bytes(b"mine")
     here(*line_of(model, out="a.obj")).ends(2, f"OUTPUT_EXISTS: {model.parent / 'a.mtl'}")
+
+
+UNFIT: list[dict[str, Any]] = [
+    {"geometry": "solid"},
+    {"color": "face"},
+    {"teacher": "me"},
+    {"texture": 8},
+    {"texture": MAX_SIDE + 1},
+    {"faces": 0},
+    {"seconds": -1},
+    {"seconds": math.nan},
+    {"seconds": math.inf},
+    {"seed": -1},
+    {"up": "z"},
+    {"for_solid": True, "geometry": "kept"},
+    {"faces": 9, "geometry": "kept"},
+    {"texture": 64, "color": "vertex"},
+    *({"lods": text} for text in ("", "half", "0.5,", "1,0.5", "0", "-0.5", "nan", "0.25,0.5", "0.5,0.5")),
+    *({"lods": shares} for shares in ((0.5, 0.5), (math.nan,))),
+    *({"collision": text} for text in ("", "mesh", "mesh:", "mesh:3", "mesh:1e3", "hulls:0", "box:2")),
+]
+
+
+@pytest.mark.parametrize("options", UNFIT, ids=str)
+def test_invalid_values_and_contradictions_are_rejected(options: dict[str, Any]) -> None:
+    with pytest.raises(UsageError) as caught:
+        BakeOptions(**options)
+    assert caught.value.code == "USAGE"
+    assert f"--{next(iter(options)).replace('_', '-')} " in caught.value.message
+
+
+def test_shares_and_shapes_are_parsed() -> None:
+    assert BakeOptions(lods="0.5, 0.25,0.1").shares == BakeOptions(lods=(0.5, 0.25, 0.1)).shares
+    assert BakeOptions(lods=(0.5, 0.25)).shares == (0.5, 0.25)
+    assert BakeOptions().shares == BakeOptions(lods=()).shares == ()
+    shapes = [parse_collision(text) for text in ("mesh:1000", "hulls:16", "box")]
+    assert shapes == [("mesh", 1000), ("hulls", 16), ("box", 1)]
+
+
+def test_keywords_of_the_function_are_the_fields_of_the_object() -> None:
+    fields, keywords = get_type_hints(BakeOptions), get_type_hints(BakeKeywords)
+    assert list(fields) == list(keywords)
+    for name, kind in fields.items():
+        assert set(get_args(keywords[name])) <= set(get_args(kind)), name
+        assert get_args(kind) or kind is keywords[name]
+    texture = get_type_hints(BakeOptions, include_extras=True)["texture"].__metadata__[0]
+    assert texture.most == MAX_SIDE

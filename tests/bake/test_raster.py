@@ -1,16 +1,13 @@
 """What the device sums over pictures of a soup, against NumPy and against what it must come to."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from contextlib import closing
 
 import numpy as np
 import pytest
 
 from msb.bake.raster import Raster
 from msb.cl import Device
-from tests.bake.soups import cameras, lessons_of, tiles
+from tests.bake.soups import cameras, taught, tiles
 from tests.bake.teaching_twin import Drawn, booked, sums_of
 from tests.cl.conftest import STYLES, open_styled
 
@@ -23,7 +20,6 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
 
 def drawn(raster: Raster, number: int) -> Drawn:
     frame = raster.render(raster.lessons.cameras[number], raster.lessons.background)
-    assert frame.face_id is not None
     return Drawn(frame.image.astype(float), frame.depth.astype(float), frame.face_id)
 
 
@@ -35,14 +31,11 @@ def scattered(seed: int, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
 
 def test_sums_are_those_of_numpy(device: Device) -> None:
     corners, colors = scattered(1)
-    with (
-        lessons_of(*scattered(2), cameras(2)) as lessons,
-        closing(Raster(corners, colors, lessons, device)) as raster,
-    ):
+    with taught((corners, colors), scattered(2), cameras(2), device) as raster:
         seen = raster.seen([0, 1])
         twins = [
-            sums_of(corners, camera, drawn(raster, k), lessons.image(k).astype(float))
-            for k, camera in enumerate(lessons.cameras)
+            sums_of(corners, camera, drawn(raster, k), raster.lessons.image(k).astype(float))
+            for k, camera in enumerate(raster.lessons.cameras)
         ]
     upper = np.triu_indices(3)
     products, sides, slopes = (sum(each[k] for each in twins) for k in range(3))
@@ -58,10 +51,7 @@ def test_changes_are_booked_as_numpy_books_them(device: Device) -> None:
     owner = np.full(len(corners), -1, np.int32)
     owner[::4] = np.arange(len(owner[::4]))
     keep = np.ones(len(corners), bool)
-    with (
-        lessons_of(*scattered(4), cameras(2)) as lessons,
-        closing(Raster(corners, colors, lessons, device)) as raster,
-    ):
+    with taught((corners, colors), scattered(4), cameras(2), device) as raster:
         before = [drawn(raster, k) for k in (0, 1)]
         raster.remember([0, 1])
         keep[::4] = False
@@ -69,7 +59,7 @@ def test_changes_are_booked_as_numpy_books_them(device: Device) -> None:
         found = raster.judge(owner, int(owner.max()) + 1)
         after = [drawn(raster, k) for k in (0, 1)]
         twins = [
-            booked(before[k], after[k], lessons.image(k).astype(float), owner, int(owner.max()) + 1)
+            booked(before[k], after[k], raster.lessons.image(k).astype(float), owner, int(owner.max()) + 1)
             for k in (0, 1)
         ]
     np.testing.assert_allclose(found, twins, atol=2e-2 if not device.record.int64_atomics else 1e-3)
@@ -79,10 +69,7 @@ def test_two_runs_have_the_same_bits(device: Device) -> None:
     corners, colors = scattered(5)
     found = []
     for _ in range(2):
-        with (
-            lessons_of(*scattered(6), cameras(3)) as lessons,
-            closing(Raster(corners, colors, lessons, device)) as one,
-        ):
+        with taught((corners, colors), scattered(6), cameras(3), device) as one:
             found.append(one.seen(range(3)))
     for first, second in zip(*found, strict=True):
         assert first.tobytes() == second.tobytes()
@@ -94,16 +81,13 @@ def test_slopes_say_how_the_error_changes(device: Device) -> None:
     colors = np.full((1, 3, 3), 0.8, np.float32)
     camera = cameras(1, 200, 150)
     larger = corners * np.float32(1.2)
-    with (
-        lessons_of(larger, colors, camera) as lessons,
-        closing(Raster(corners, colors, lessons, device)) as raster,
-    ):
+    with taught((corners, colors), (larger, colors), camera, device) as raster:
         rises = raster.seen([0]).slopes
         step = np.float32(0.03)
 
         def error(moved: np.ndarray) -> float:
             raster.change(moved, colors, np.ones(1, bool))
-            return float(np.square(drawn(raster, 0).image - lessons.image(0)).sum())
+            return float(np.square(drawn(raster, 0).image - raster.lessons.image(0)).sum())
 
         for axis in (0, 1):
             for corner in range(3):
@@ -117,10 +101,7 @@ def test_slopes_say_how_the_error_changes(device: Device) -> None:
 def test_a_face_that_is_not_kept_shows_no_pixel(device: Device) -> None:
     corners, colors = tiles()
     keep = np.arange(len(corners)) % 2 == 0
-    with (
-        lessons_of(corners, colors, cameras(1)) as lessons,
-        closing(Raster(corners, colors, lessons, device)) as raster,
-    ):
+    with taught((corners, colors), (corners, colors), cameras(1), device) as raster:
         assert raster.error() < 1e-6
         raster.change(corners, colors, keep)
         most = raster.seen([0]).most

@@ -1,7 +1,5 @@
 """Closed surfaces of soups: of a ball, of a square before a background, of what is hardly anything."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -26,7 +24,7 @@ from msb.scenes.paths import unit_at
 from msb.topology import audit_arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.faces import signed_volume
-from tests.bake import solids
+from tests.bake import soups as solids
 from tests.bake.fusion_twin import fused
 from tests.bake.soups import BACKGROUND, Corners, cameras, lessons_of, mesh_of, tiles
 from tests.cl.conftest import STYLES, open_styled
@@ -58,7 +56,6 @@ def around(count: int, distance: float = 4.0) -> list[Camera]:
 def ball() -> tuple[Corners, Corners]:
     """Return corners and colours of about 500 faces of the unit ball."""
     soup = solids.soup_of(solids.ball(12))
-    assert soup.vertex_colors is not None
     return soup.vertices.reshape(-1, 3, 3), soup.vertex_colors.reshape(-1, 3, 3)
 
 
@@ -81,19 +78,23 @@ def check_solid(mesh: Mesh, *, inward: bool = False) -> None:
     assert found.counts.boundary_edges == found.counts.inconsistent_winding_edges == 0
     assert len(crossing_pairs(mesh.vertices[mesh.faces].astype(np.float64))) == 0
     assert (signed_volume(mesh.vertices, mesh.faces) < 0) == inward
-    assert mesh.vertex_colors is not None
     assert mesh.vertex_colors.shape == mesh.vertices.shape
 
 
 @pytest.mark.usefixtures("quick")
-def test_a_ball_becomes_a_closed_ball_of_its_colours() -> None:
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e6])
+def test_a_ball_of_any_size_becomes_a_closed_ball_of_its_colours(scale: float) -> None:
     corners, colors = ball()
-    mesh = surface_of(corners, colors, around(12), around(4, 4.2))
+    taught, aside = (
+        [replace(view, unit=unit_at(away * scale)) for view in around(count, away * scale)]
+        for count, away in ((12, 4.0), (4, 4.2))
+    )
+    large = surface_of(np.float32(scale) * corners, colors, taught, aside)
+    mesh = replace(large, vertices=large.vertices / np.float32(scale))
     check_solid(mesh)
     assert 300 < len(mesh.faces) <= 400
     assert np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1).max() < 0.1
     assert signed_volume(mesh.vertices, mesh.faces) == pytest.approx(4 / 3 * np.pi, rel=0.06)
-    assert mesh.vertex_colors is not None
     assert np.abs(mesh.vertex_colors - (0.5 + 0.4 * mesh.vertices)).mean() < 0.05
 
 
@@ -177,22 +178,6 @@ def test_a_flat_square_becomes_a_thin_solid() -> None:
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     np.testing.assert_allclose((high - low)[:2], 2, atol=0.2)
     assert (high - low)[2] < 0.4
-
-
-@pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-def test_small_and_large_ones_are_made_as_others_are(scale: float) -> None:
-    corners, colors = ball()
-    size = np.float32(scale)
-
-    def seen_by(count: int, distance: float) -> list[Camera]:
-        views = around(count, distance * scale)
-        return [replace(view, unit=unit_at(distance * scale)) for view in views]
-
-    mesh = surface_of(size * corners, colors, seen_by(12, 4.0), seen_by(4, 4.2))
-    found = replace(mesh, vertices=mesh.vertices / size)
-    check_solid(found)
-    assert signed_volume(found.vertices, found.faces) == pytest.approx(4 / 3 * np.pi, rel=0.06)
 
 
 @pytest.mark.usefixtures("quick")

@@ -1,27 +1,29 @@
 """Colours, choice and descent on soups whose best form is known."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+import msb
+from msb.asset.texture import Sampler
 from msb.bake.descent import Schedule, descend
 from msb.bake.fitted import _cuts, fitted
-from msb.bake.kept import FINE, kept
-from msb.bake.needs import choose_look
+from msb.bake.kept import FINE, kept, rejoined
+from msb.bake.needs import check_model, choose_look
 from msb.bake.options import BakeOptions
-from msb.bake.raster import Raster
 from msb.bake.search import hide_least, try_faces
+from msb.bake.simpler import closed
 from msb.bake.soup import Soup
 from msb.bake.start import Guide, colored
-from msb.meshes.assets import asset_from_mesh
+from msb.errors import UsageError
+from msb.meshes.assets import asset_from_mesh, with_vertex_colors
 from msb.meshes.mesh import Mesh
 from msb.topology import audit_arrays
-from tests.bake.soups import cameras, lessons_of, mesh_of, tiles
+from tests.bake.soups import all_round, ball, cameras, lessons_of, mesh_of, soup_of, taught, tiles
 from tests.conftest import TETRAHEDRON
 
 
@@ -36,14 +38,12 @@ def test_copies_of_a_vertex_keep_one_colour_and_others_of_its_place_their_own() 
     faces = number.reshape(-1, 3)
     faces[half:] += len(places)  # cut in two, as a repair does
     mesh = Mesh(np.tile(places, (2, 1)), faces, vertex_colors=np.full((2 * len(places), 3), 0.5, np.float32))
-    assert mesh.vertex_colors is not None
     with lessons_of(corners, colors, cameras(4)) as lessons:
         for change in (0.0, 0.25):  # without and with a seam
             mesh.vertex_colors[len(places) :] += np.float32(change)
             made = colored(mesh, lessons, None)
             there = len(np.unique(made.vertices, axis=0))
             assert len(made.vertices) > there + 2
-            assert made.vertex_colors is not None
             looks = len(np.unique(np.column_stack([made.vertices, made.vertex_colors]), axis=0))
             assert (looks > there) == bool(change)
 
@@ -56,10 +56,7 @@ def test_a_face_that_hides_what_should_be_seen_is_dropped_and_a_lost_one_found()
     )
     soup.keep[3] = False
     random = np.random.default_rng(0)
-    with (
-        lessons_of(corners, colors, cameras(4)) as lessons,
-        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
-    ):
+    with taught((soup.corners, soup.colors), (corners, colors), cameras(4)) as raster:
         for _ in range(60):
             try_faces(soup, raster, random)
         assert soup.keep.tolist() == [True] * len(corners) + [False]
@@ -74,10 +71,7 @@ def test_corners_move_to_where_they_should_be() -> None:
         0.04
     )
     soup = Soup.of(mesh_of(shaken, colors), shares=False)
-    with (
-        lessons_of(corners, colors, cameras(6, 96, 72)) as lessons,
-        closing(Raster(soup.corners, soup.colors, lessons)) as raster,
-    ):
+    with taught((soup.corners, soup.colors), (corners, colors), cameras(6, 96, 72)) as raster:
         before = soup.error(raster)
         descend(
             soup,
@@ -126,7 +120,6 @@ def test_a_watch_that_has_seen_enough_ends_a_search_with_the_best_so_far(search:
             made, notes = made
             assert "2 of 400 steps" in notes[0]
         assert seen[-1][1] == 2
-        assert made.vertex_colors is not None
         assert np.abs(made.vertex_colors - 0.5).max() > 0.1, "colours are fitted all the same"
 
 
@@ -141,7 +134,6 @@ def test_triangles_of_too_few_pixels_are_chosen_and_coloured_and_stay(faces: int
     assert notes[0].startswith(f"{len(made.faces):,} triangles have 0.")
     where = {tuple(each.reshape(-1)) for each in corners}
     assert {tuple(each.reshape(-1)) for each in made.vertices[made.faces]} <= where
-    assert made.vertex_colors is not None
     assert np.abs(made.vertex_colors - 0.5).max() > 0.1
 
 
@@ -211,3 +203,65 @@ def test_a_search_takes_the_steps_there_is_time_for(
     assert (np.diff(shares) > 0).all()
     assert np.diff(shares).max() < 0.1
     assert bool(schedule.lacks("it")) == (step < 200)
+
+
+def halves(mesh: Mesh) -> Mesh:
+    """Return a mesh with red faces on one side and blue ones on the other."""
+    is_right = mesh.vertices[mesh.faces].mean(axis=1)[:, :1] > 0
+    colors = np.where(is_right, np.float32([[1, 0, 0]]), np.float32([[0, 0, 1]]))
+    return replace(mesh, vertex_colors=None, face_colors=colors.astype(np.float32))
+
+
+def cut(mesh: Mesh) -> Mesh:
+    """Return a mesh cut where its faces differ in colour, as it is once a texture has the colours."""
+    made = with_vertex_colors(mesh)
+    uvs = np.arange(6 * len(made.faces), dtype=np.float32).reshape(-1, 2)
+    return replace(made, vertex_colors=None, corner_uvs=uvs)
+
+
+def test_cuts_for_colours_are_joined_again() -> None:
+    mesh = cut(halves(ball(4)))
+    assert not closed(mesh.vertices, mesh.faces)
+    made = rejoined(mesh)
+    assert closed(made.vertices, made.faces)
+    assert np.array_equal(made.vertices[made.faces], mesh.vertices[mesh.faces])
+    assert np.array_equal(made.corner_uvs, mesh.corner_uvs)
+    assert rejoined(made) is made
+
+
+def test_what_met_at_a_cut_is_repaired() -> None:
+    whole = halves(ball(4))
+    is_red = whole.face_colors[:, 0] > 0
+    mesh = cut(replace(whole, faces=np.where(is_red[:, None], whole.faces[:, ::-1], whole.faces)))
+    made = rejoined(mesh)
+    assert closed(made.vertices, made.faces)
+
+
+def test_a_soup_stays_one() -> None:
+    soup = soup_of(ball(4))
+    assert rejoined(soup) is soup
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_only_faces_that_share_vertices_need_charts(monkeypatch: pytest.MonkeyPatch, apart: bool) -> None:
+    """Separate faces, in any order, get cells of the texture, which need no library."""
+    monkeypatch.setattr("msb.base.extras.is_installed", lambda name: name != "xatlas")
+    mesh = soup_of(ball(4)) if apart else ball(4)
+    asset = asset_from_mesh(replace(mesh, faces=mesh.faces[:, [1, 0, 2]]))
+    with nullcontext() if apart else pytest.raises(UsageError):
+        check_model(BakeOptions("kept", color="texture"), asset)
+
+
+@pytest.mark.parametrize("cutoff", [0.5, None])
+def test_that_kept_triangles_are_opaque_is_said(cutoff: float | None) -> None:
+    """What alpha cut off gets the colour of what was behind it."""
+    card = Mesh(
+        np.eye(3, dtype=np.float32),
+        np.array([[0, 1, 2]]),
+        vertex_uvs=np.array([[0, 0], [1, 0], [0, 1]], np.float32),
+        textures=(np.array([[[255, 0, 0, 255], [0, 255, 0, 0]]], np.uint8),),
+        sampler=Sampler(alpha_cutoff=cutoff),
+    )
+    views = all_round(4, (-1, 1), 3, side=32)
+    made = msb.bake(asset_from_mesh(card), cameras=views, geometry="kept", color="vertex", seconds=0)
+    assert any("triangles are opaque" in note for note in made.report.notes) == (cutoff is not None)

@@ -1,7 +1,5 @@
 """Textures by least squares: they show what they were taught, and leave alone what no picture shows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
@@ -75,7 +73,6 @@ def drawn(mesh: Mesh, seen: Camera) -> NDArray[np.float32]:
 
 def at_corners(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return places (F, 3, 3) and texture coordinates (F, 3, 2) of the corners of faces."""
-    assert mesh.corner_uvs is not None
     return mesh.vertices[mesh.faces].astype(float), mesh.corner_uvs.reshape(-1, 3, 2).astype(float)
 
 
@@ -147,7 +144,6 @@ def test_face_that_no_picture_shows_is_one_colour() -> None:
     """In a soup it has a texel, which has the mean of its colours."""
     with lessons(CAMERAS[:1]) as taught:
         made = textured(wall(), taught, 64)
-    assert made.corner_uvs is not None
     x, y = np.floor(made.corner_uvs[6] * 64).astype(int)
     assert np.array_equal(made.corner_uvs[6], made.corner_uvs[8])
     assert made.textures[0][y, x].tolist() == [170, 0, 85]
@@ -168,7 +164,6 @@ def test_samples_are_those_of_the_standard_tier() -> None:
         difference = (drawn(noisy, seen) - drawn(flat, seen)).reshape(-1, 3)
         with Renderer(asset_from_mesh(flat), "standard") as renderer:
             faces = renderer.render(seen).face_id
-        assert faces is not None
         pixel = np.flatnonzero(faces >= 0)
         row, texel, blend, share = samples_of(*at_corners(flat), sides, seen, faces)
         levels = [change / 255]
@@ -189,7 +184,6 @@ def test_equations_are_those_of_the_samples() -> None:
     mesh = painted()
     with Renderer(asset_from_mesh(mesh), "standard") as renderer:
         faces = renderer.render(seen).face_id
-    assert faces is not None
     lacks = rng.normal(size=(faces.size, 3))
     corners, uvs = at_corners(mesh)
     samples = samples_of(corners, 1.4 * uvs - 0.2, sides, seen, faces)
@@ -248,7 +242,6 @@ def test_what_is_asked_is_what_numpy_says(device: Device) -> None:
             assert [*asking] == [2, 3]
             for number, seen in enumerate(views):
                 frame = painting.render(seen, GREY)
-                assert frame.face_id is not None
                 samples = samples_of(*at_corners(mesh), pyramid.sides, seen, frame.face_id)
                 lacks = (taught.image(number) - frame.image).reshape(-1, 3)
                 expected += taught.weights[number] * asked_of(samples, lacks, len(expected))
@@ -296,7 +289,6 @@ def test_of_one_chart_what_is_near_has_more_texels_than_what_is_far() -> None:
     views = all_round(4, (2, 3))
     with lessons_of(30 * corners, colors, views) as lessons:
         made = textured(floor, lessons, 64)
-    assert made.corner_uvs is not None
     sides = np.diff(made.corner_uvs.reshape(-1, 3, 2), axis=1)
     texels = np.abs(np.linalg.det(sides.astype(np.float64)))
     away = np.linalg.norm(floor.vertices[floor.faces].mean(axis=1), axis=1)

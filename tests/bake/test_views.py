@@ -1,7 +1,5 @@
 """The views of a bake: none both teaches and is measured on, and those that see nothing are refused."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

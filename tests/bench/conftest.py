@@ -1,7 +1,5 @@
 """A run that ended well, shared: tests that change its results get a copy."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

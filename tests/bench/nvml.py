@@ -1,7 +1,5 @@
 """A pretended NVIDIA driver."""
 
-from __future__ import annotations
-
 import os
 from types import SimpleNamespace
 from typing import Any

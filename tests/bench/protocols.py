@@ -1,7 +1,5 @@
 """Small protocols on the shipped scenes, and results without what depends on clock and load, to compare."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import time

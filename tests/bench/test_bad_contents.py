@@ -1,13 +1,122 @@
 """Bad protocols and records give their code."""
 
-from __future__ import annotations
-
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fuzz.targets import TARGETS
-from tests.bench.bad_texts import BAD
+from msb.bench.documents import STORED
+from tests.bench.test_protocol import MINIMAL
+from tests.bench.test_track import TIMING
+from tests.fuzz.bad_texts import Bad
+from tests.report.factory import AUDIT, TASK, chamfer, make_result, repairs, trial, way
+
+DIGITS = b"1" * 5000
+"""More than Python turns into a number."""
+HEXADECIMAL = b"0x" + b"f" * 5000
+"""A number that Python makes, but does not print."""
+
+
+def protocol(more: bytes, old: str = "", new: str = "") -> bytes:
+    """Return a small good protocol with an end, or with a change."""
+    return MINIMAL.replace(old, new).encode() + more if old else MINIMAL.encode() + more
+
+
+def result(**changes: Any) -> bytes:
+    """Return a good record with some of its keys replaced."""
+    made = json.loads(make_result("capture", "desk", "two_dts", "dedicated").to_json())
+    return json.dumps({**made, **changes}).encode()
+
+
+def without(held: dict[str, Any], key: str) -> dict[str, Any]:
+    return {name: value for name, value in held.items() if name != key}
+
+
+def audited(**changes: Any) -> bytes:
+    return result(audit={**AUDIT, **changes})
+
+
+def repaired(**changes: Any) -> bytes:
+    return result(repairs=repairs(way(STORED, **changes)))
+
+
+def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
+    """Return a good record with some keys of its quality, or of its first image, replaced."""
+    quality = json.loads(result())["quality"]
+    quality["images"][0] |= image or {}
+    return result(quality={**quality, **changes})
+
+
+_NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
+
+_PROTOCOL: dict[str, bytes] = {
+    "number of 5000 digits": b"x = " + DIGITS,
+    "hexadecimal of 5000 digits": protocol(b"resolution = " + HEXADECIMAL),
+    "long place": protocol(b"", "{scene}", "{" + "s" * 9000 + "}"),
+    "lone surrogate": b'x = "\\ud800"',
+    "too long": b"#" * ((1 << 20) + 1),
+}
+
+
+_RESULT: dict[str, bytes] = {
+    "empty": b"",
+    "not JSON": result()[:-5],
+    "no object": b"[]",
+    "lone surrogate": result().replace(b'"done"', b'"\\ud800"'),
+    "audit of a text": audited(counts={**AUDIT["counts"], "faces": "9"}),
+    "chamfer of a truth": result(chamfer={**chamfer(1), "overall": True}),
+    "negative PSNR": measured({"psnr": -3.0}),
+    "other mean of SSIM": measured({"ssim": 0.25}),
+    "trial of no time": result(trial=trial({**TASK, "seconds": None})),
+    "repair with a list of trials": repaired(trials=["uv"]),
+    "image without width": result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
+}
+
+_RECORDS: dict[str, Bad] = {
+    f"{target}: {name}": (target, content, code)
+    for target, code in (
+        ("track", "RECORD_INVALID"),
+        ("renderer_timing", "RECORD_INVALID"),
+        ("published", "RECORD_INVALID"),
+        ("benchmark", "FILE_NOT_RECOGNISED"),
+    )
+    for name, content in (
+        ("not JSON", b'{"schema":'),
+        ("nested", _NESTED),
+        ("long integer", b'{"schema": ' + DIGITS + b"}"),
+        ("other schema", b'{"schema": "msb.other/1"}'),
+        ("no object", b"[1]"),
+        ("too long", b" " * ((1 << 20) + 1)),
+    )
+    if (target, name) not in (("renderer_timing", "too long"), ("published", "too long"))
+} | {
+    f"renderer_timing: {key} is {value!r}": (
+        "renderer_timing",
+        json.dumps({**TIMING, key: value}).encode(),
+        "RECORD_INVALID",
+    )
+    for key, value in (
+        ("frames", 0),
+        ("frames", 1.5),
+        ("device", ""),
+        ("peak_gpu_memory_bytes", -1),
+        ("fps", 9),
+    )
+}
+
+BAD: dict[str, Bad] = {
+    **{
+        f"{target}: {name}": (target, content, code)
+        for target, code, table in (
+            ("protocol", "PROTOCOL_INVALID", _PROTOCOL),
+            ("result", "RECORD_INVALID", _RESULT),
+        )
+        for name, content in table.items()
+    },
+    **_RECORDS,
+}
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -1,7 +1,5 @@
 """Bakes of a protocol: made once a model and scene, drawn on the standard tier; what the loss is made of."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -12,16 +10,15 @@ from typing import Any
 
 import pytest
 
-from msb.bench.bakes import BakeTask, bake_key, known_bake, make_bake
-from msb.bench.digest import describe_file
+from msb.bench.bakes import bake_key
 from msb.bench.models import Model
 from msb.bench.photographs import views_of
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import File, Result
 from msb.bench.run import run_protocol
 from msb.bench.split import loss_split
-from msb.errors import InputError, UsageError
-from msb.scenes.datasets import read_scene, scene_at
+from msb.errors import InputError
+from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
 from tests.report.factory import bake, quality, result
 
@@ -84,46 +81,6 @@ def test_masks_beside_photographs_that_teach_are_of_a_bake(tmp_path: Path) -> No
         keys += [bake_key(model, {"teacher": who}, {}, scene, views) for who in ("dedicated", "photographs")]
         next((root / "mask").iterdir()).write_bytes(b"another")
     assert [one == two for one, two in zip(before, after, strict=True)] == [True, False]
-
-
-def test_a_bake_is_made_once_in_a_run_and_is_not_kept_where_another_run_began(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import msb
-
-    place = tmp_path / "model.triasset"
-    msb.export(PEBBLE / "two_dts").save(place)
-    begun: list[int] = []
-
-    class Baked:
-        """Takes the place of a bake, which is made in the run that `save` is in."""
-
-        def __init__(self, *_: Any, **__: Any) -> None:
-            begun.append(1)
-            (tmp_path / ".run.json").write_text(json.dumps({"run": runs.pop()}))
-
-        def save(self, path: Path, **_: Any) -> Any:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(place.read_bytes())
-            return SimpleNamespace(to_dict=lambda: bake("b")["bake"].model_dump(by_alias=True))
-
-    monkeypatch.setattr("msb.bake.bake", Baked)
-    at = scene_at(STUBS / "scenes" / "nerf_synthetic" / "pebble", "nerf_synthetic", "two_dts")
-    facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None, "training": {}}
-    model = Model(**facts, asset=describe_file(place), stamps=(), key="")
-    (table,) = protocol(tmp_path, tail=CEILING).protocol.bakes
-    order = {"names": ("d", "s", "m"), "label": table.label, "options": table.options, "settings": {}}
-    task = BakeTask(tmp_path, "one", model=model, scene=at, views=views_of(at.read()), key="0" * 64, **order)
-    (tmp_path / ".run.json").write_text('{"run": "one"}')
-    runs = ["two", "one"]
-    made = make_bake(task)
-    assert make_bake(task) == made == known_bake(task)
-    assert len(begun) == 1
-    task.facts.unlink()
-    held = task.path.stat().st_mtime_ns
-    with pytest.raises(UsageError, match="RUN_SCHEDULER"):
-        make_bake(task)
-    assert (len(begun), task.path.stat().st_mtime_ns, task.facts.exists()) == (2, held, False)
 
 
 def test_a_bake_is_of_the_datasets_that_it_names(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """One cell, computed in this process: LPIPS, engines, bugs, and what an old record keeps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

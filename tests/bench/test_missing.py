@@ -1,7 +1,5 @@
 """A dry run names all that is missing, each thing once with what it costs, and ends as the run would."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys
@@ -74,16 +72,6 @@ non_engine = "reference"
         "bonsai": "pending",
         "pebble": "failed",
     }
-
-
-def test_a_dataset_that_is_not_there_hides_no_other(tmp_path: Path) -> None:
-    whole = protocol(tmp_path, ("two_dts",))
-    more = whole.text + b'[[datasets]]\nname = "mine"\npath = "nowhere"\n'
-    report = run_protocol(parse_protocol(more, whole.path), dry=True)
-    assert report.exit_status == 3
-    assert {row.planned.status for row in report.rows} == {"pending"}
-    (lost,) = report.missing
-    assert (lost.message.partition(":")[0], lost.cells) == (str(tmp_path / "nowhere"), 0)
 
 
 def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Path) -> None:

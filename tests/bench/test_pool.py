@@ -1,7 +1,5 @@
 """Worker processes: answers and errors come home, a death costs one task, and none outlives its parent."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

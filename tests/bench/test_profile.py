@@ -1,19 +1,23 @@
-"""Timing apart from capture: what is counted, and how it is summed up."""
+"""`msb bench` and the timing of runs: what is counted and how, of a model and of one triangle of it."""
 
-from __future__ import annotations
-
+import json
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import msb
+import msb as library
+from msb.bench.floor import one_triangle
 from msb.bench.parts import grouped
 from msb.bench.profile import profile
 from msb.render.backend import SETTLED_AT, Drawn
+from msb.scenes import turntable, write_cameras
 from msb.scenes.datasets import read_scene
 from tests.bench.protocols import PEBBLE, STUBS
+from tests.cli.conftest import Here
 
 
 class Fake:
@@ -89,14 +93,71 @@ def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) ->
     assert found[0] == found[1] == found[2]
 
 
-def test_json_has_what_the_tables_need() -> None:
-    data = profile(Fake(), ["a"], frames=3, seconds=0).to_dict()
-    numbers = {"frames", "fps", "round_fps"}
-    assert set(data) == numbers | {"device_ms", "busy_ms", "queued_ms", "stages_ms", "memory_bytes"}
-    assert set(data["device_ms"]) == {"p50", "p95", "mean"}
-
-
 def test_memory_of_unknown_use_is_scratch() -> None:
     found = grouped({"vulkan heap": 5, "positions": 7}, {"positions": "geometry"})
     assert (found.scratch, found.geometry, found.total) == (5, 7, 12)
     assert found.uses == {"vulkan heap": 5, "positions": 7}
+
+
+@pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"])
+def test_one_triangle_holds_all_that_the_first_one_has(method: str) -> None:
+    whole = msb.export(PEBBLE / method)
+    single = one_triangle(whole)
+    assert (single.manifest.face_count, single.manifest.vertex_count) == (1, 3)
+    corners = whole.buffers["indices"][0]
+    np.testing.assert_array_equal(single.buffers["positions"], whole.buffers["positions"][corners])
+    assert single.buffers.keys() == whole.buffers.keys()
+    assert single.manifest.settings == whole.manifest.settings
+    camera = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test[0]
+    frame = msb.render(single, camera, tier="dedicated", background=(1.0, 1.0, 1.0))
+    assert (frame.image == 1).mean() > 0.9
+
+
+@pytest.fixture
+def cameras(tmp_path: Path) -> Path:
+    views = turntable((0.5, 0.5, 0.5), 2.2, up=(0, 1, 0), count=3, width=60, height=44, fov_y=0.7)
+    write_cameras(views, tmp_path / "views.json")
+    return tmp_path / "views.json"
+
+
+@pytest.mark.slow
+def test_bench_records_and_compares(here: Here, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
+    record = tmp_path / "old.json"
+    args = ("bench", "--cameras", cameras, "--repeat", "4", "--seconds", "0")
+    assert here(*args, "--json", record, demo_asset).status == 0
+    data = json.loads(record.read_text())
+    assert data["schema"] == "msb.bench/1"
+    assert (data["frames"], data["memory_views"]) == (4, data["views"])
+    assert data["machine"]["device"]["platform"]
+    assert 0 < data["device_ms"]["p50"] <= data["device_ms"]["p95"]
+    assert sum(data["memory_bytes"].values()) > library.load(demo_asset).buffers["indices"].nbytes
+    assert sum(data["stages_ms"].values()) <= 2 * data["device_ms"]["p95"]
+    assert here(*args, "--compare", record, demo_asset).status == 0
+    fast = {**data, "device_ms": {**data["device_ms"], "p50": data["device_ms"]["p50"] / 1000}, "faces": 1}
+    (tmp_path / "fast.json").write_text(json.dumps(fast))
+    result = here(*args, "--compare", tmp_path / "fast.json", "--fail-slower", "900%", demo_asset)
+    note, failure = result.err.splitlines()
+    assert result.status == 1
+    assert "34761" in note  # faces differ: not the same is compared
+    assert failure.startswith("GATE_FAILED: ")
+    here(*args, "--compare", record, "--fail-slower", "ten", demo_asset).ends(2, "USAGE: --fail-slower")
+    modes = ("--tier", "dedicated", "--order", "none", "--sampling", "engine")
+    data = here(*args, *modes, "--json", "-", demo_asset).json
+    assert (data["order"], data["sampling"]) == ("none", "engine")
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [("{}", "FILE_NOT_RECOGNISED"), ("[", "FILE_NOT_RECOGNISED"), (None, "FILE_NOT_FOUND")],
+)
+def test_a_record_that_cannot_be_read_ends_the_command(
+    here: Here, demo_asset: Path, tmp_path: Path, content: str | None, code: str
+) -> None:
+    if content is not None:
+        (tmp_path / "bad.json").write_text(content)
+    here("bench", "--compare", tmp_path / "bad.json", demo_asset).ends(3, f"{code}: ")
+
+
+def test_bench_rejects_modes_that_a_tier_does_not_have(here: Here, demo_asset: Path) -> None:
+    for option, value in (("--order", "tile"), ("--sampling", "engine")):
+        here("bench", option, value, demo_asset).ends(4, "UNSUPPORTED_OPTION: ")

@@ -1,7 +1,5 @@
 """The time left is told from finished tasks of the same kind, and not told where there are none."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 from collections.abc import Callable, Iterator

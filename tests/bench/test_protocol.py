@@ -1,7 +1,5 @@
 """The protocol file: defaults, paths, and a clear line for everything that is wrong with it."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

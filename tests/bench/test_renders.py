@@ -1,10 +1,9 @@
 """Official renderings: matched by name or number, hashed, and refused where they do not fit."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import unicodedata
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,44 +69,34 @@ def test_official_renderings_by_number(again: ProtocolFile, official: Path, tmp_
     assert one.quality == quality
 
 
-def spoil(kind: str, folder: Path) -> None:
-    first = sorted(folder.rglob("*.png"))[0]
-    if kind == "missing":
-        first.unlink()
-    elif kind == "extra":
-        shutil.copy(first, folder / "extra.png")
-    elif kind == "size":
-        with Image.open(first) as image:
-            image.resize((8, 8)).save(first)
-    elif kind == "hash":
-        (folder / "SHA256SUMS").write_text(f"{'0' * 64}  {first.relative_to(folder).as_posix()}\n")
-    elif kind == "noise":
-        (folder / "SHA256SUMS").write_bytes(b"\xff" * 99)
-    elif kind == "gone":
-        shutil.rmtree(folder)
+def shrink(first: Path) -> None:
+    with Image.open(first) as image:
+        image.resize((8, 8)).save(first)
 
 
-@pytest.mark.parametrize(
-    ("kind", "code"),
-    [
-        ("missing", "METRIC_IMAGE_NAMES"),
-        ("extra", "METRIC_IMAGE_NAMES"),
-        ("size", "METRIC_SIZES_DIFFER"),
-        ("hash", "RENDERS_CHANGED"),
-        ("noise", "FILE_UNREADABLE"),
-        ("gone", "FILE_NOT_FOUND"),
-    ],
-)
+WRONG: dict[str, tuple[str, Callable[[Path, Path], object]]] = {
+    "missing": ("METRIC_IMAGE_NAMES", lambda _, first: first.unlink()),
+    "extra": ("METRIC_IMAGE_NAMES", lambda folder, first: shutil.copy(first, folder / "extra.png")),
+    "size": ("METRIC_SIZES_DIFFER", lambda _, first: shrink(first)),
+    "hash": (
+        "RENDERS_CHANGED",
+        lambda folder, first: (folder / "SHA256SUMS").write_text(
+            f"{'0' * 64}  {first.relative_to(folder).as_posix()}\n"
+        ),
+    ),
+    "noise": ("FILE_UNREADABLE", lambda folder, _: (folder / "SHA256SUMS").write_bytes(b"\xff" * 99)),
+    "gone": ("FILE_NOT_FOUND", lambda folder, _: shutil.rmtree(folder)),
+}
+
+
+@pytest.mark.parametrize(("code", "spoil"), WRONG.values(), ids=WRONG)
 def test_official_renderings_that_do_not_fit_are_refused(
-    again: ProtocolFile, official: Path, kind: str, code: str
+    again: ProtocolFile, official: Path, code: str, spoil: Callable[[Path, Path], object]
 ) -> None:
-    spoil(kind, official)
-    found = run_protocol(upstream(again, official))
-    assert found.exit_status == 3
+    spoil(official, sorted(official.rglob("*.png"))[0])
+    assert run_protocol(upstream(again, official)).exit_status == 3
     one = cell(again, "two_dts/non_engine")
-    assert one.status == "failed"
-    assert one.reason.code == code
-    assert one.quality is None
+    assert (one.status, one.reason.code, one.quality) == ("failed", code, None)
 
 
 def test_renderings_are_found_by_names_that_are_spelled_otherwise(tmp_path: Path) -> None:

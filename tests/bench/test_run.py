@@ -1,6 +1,4 @@
-"""A run on a shipped scene: what it records, what it leaves alone, and what it does about failures."""
-
-from __future__ import annotations
+"""A run on a shipped scene and `msb run`: what is recorded, left alone, and done about failures."""
 
 import hashlib
 import json
@@ -17,18 +15,21 @@ import pytest
 import msb
 from data_stubs.made_meshes import PLACES
 from msb import metrics
+from msb.bench.commands.run import RunOutput
 from msb.bench.folder import Results, exclusive
 from msb.bench.gaps import scene_gaps
-from msb.bench.protocol import ProtocolFile
+from msb.bench.protocol import ProtocolFile, example, parse_protocol
 from msb.bench.protocol_tables import MethodTable
 from msb.bench.records import CONDITIONS, read_result
 from msb.bench.run import run_protocol
 from msb.bench.track import track as tracked
-from msb.errors import MsbError
+from msb.errors import MsbError, UsageError
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
 from msb.views import choose_views
-from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, images, planned, protocol, records
+from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, planned, protocol, records
+from tests.cli.conftest import Here, Msb
+from tests.conftest import ROOT
 
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 
@@ -51,6 +52,8 @@ def test_every_cell_has_a_whole_record(finished: ProtocolFile) -> None:
     assert one.memory.total == sum(one.memory.uses.values()) > 0
     assert one.device["device"]["kind"] == one.timing.device_kind
     assert (finished.results / "protocol.toml").read_bytes() == finished.text
+    mesh = cell(finished, "two_dts/exported_mesh")
+    assert (mesh.audit.topology, mesh.quality) == ("triangle_soup", None)
 
 
 def test_numbers_are_those_of_the_images_beside_the_record(finished: ProtocolFile) -> None:
@@ -87,11 +90,6 @@ def test_conditions_can_be_compared_and_the_unsupported_says_why(finished: Proto
     assert other.status == "unsupported"
     assert other.reason.code == "UNSUPPORTED_TIER"
     assert cell(finished, "diffsoup/dedicated").setup.camera_convention == "full_K"
-
-
-def test_a_mesh_is_audited_as_the_audit_does(finished: ProtocolFile) -> None:
-    found = cell(finished, "two_dts/exported_mesh")
-    assert (found.audit.topology, found.quality) == ("triangle_soup", None)
 
 
 @pytest.mark.slow
@@ -235,15 +233,6 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_images_do_not_depend_on_the_number_of_processes(finished: ProtocolFile, tmp_path: Path) -> None:
-    alone = replace(finished, path=tmp_path / "protocol.toml")
-    run_protocol(alone, jobs=1, only=["two_dts"])
-    ours, theirs = images(tmp_path / "results"), images(finished.results)
-    assert {name: theirs[name] for name in ours} == ours
-    assert len(ours) > 10
-
-
-@pytest.mark.slow
 def test_what_a_training_did_otherwise_is_warned_of_once_and_recorded(tmp_path: Path) -> None:
     model = tmp_path / "models" / "triangle_splatting"
     shutil.copytree(PEBBLE / "triangle_splatting", model)
@@ -266,7 +255,127 @@ def test_methods_known_by_their_files_are_rows(tmp_path: Path) -> None:
     for method in methods:
         shown = cell(file, f"{method}/standard")
         assert shown.status == "done"
-        assert shown.quality is not None
         assert shown.quality.psnr > 22
         own = cell(file, f"{method}/dedicated")
         assert own.status == ("unsupported" if method in PLACES else "done")
+
+
+MODEL = PEBBLE / "two_dts"
+
+
+@pytest.fixture(scope="module")
+def results(msb: Msb, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of one model on one scene."""
+    folder = tmp_path_factory.mktemp("cli") / "results"
+    assert "3 done now" in msb("run", "--scene", SCENE, "-o", folder, MODEL, status=0).out
+    return folder
+
+
+@pytest.mark.slow
+def test_one_asset_on_one_scene(msb: Msb, results: Path) -> None:
+    data = msb("run", "--scene", SCENE, "-o", results, "--json", "-", MODEL, status=0).json
+    assert (data["schema"], data["results"]) == ("msb.run/1", str(results))
+    assert {cell["condition"]: (cell["plan"], cell["status"]) for cell in data["cells"]} == dict.fromkeys(
+        ("dedicated", "standard", "exported_mesh"), ("done", "done")
+    )
+    assert data["cells"][0]["psnr"] > 15
+    # The protocol that was made up is on record, and is one.
+    text = msb("run", "--dry-run", "-o", results, results / "protocol.toml", COLUMNS="80", status=0).out
+    assert "3 as before" in text
+    assert max(map(len, text.splitlines()[:-1])) <= 80
+
+
+def test_what_is_no_model_is_refused_before_anything_is_written(here: Here, tmp_path: Path) -> None:
+    out, empty = tmp_path / "out", tmp_path / "empty.ply"
+    out.mkdir()
+    (out / "protocol.toml").write_text("of another run")
+    empty.touch()
+    for model, code in ((tmp_path / "nothing", "FILE_NOT_FOUND"), (empty, "MESH_FILE_INVALID")):
+        for folder in (out, tmp_path / "new"):
+            here("run", "--scene", SCENE, "-o", folder, model).ends(3, f"{code}: {model}: ")
+    assert (out / "protocol.toml").read_text() == "of another run"
+    assert [path.name for path in out.iterdir()] == ["protocol.toml"]
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.slow
+def test_render_draws_the_views_of_a_scene_as_a_run_scores_them(
+    msb: Msb, results: Path, tmp_path: Path
+) -> None:
+    args = ("--scene", SCENE, "--tier", "both", "--name", "{tier}/{camera}", "--json", "-")
+    drawn = msb("render", *args, "-o", tmp_path, MODEL, status=0)
+    for tier in ("dedicated", "standard"):
+        scored = results / "cells" / "nerf_synthetic" / "pebble" / "two_dts" / tier / "images"
+        pictures = {file.relative_to(scored): file.read_bytes() for file in scored.rglob("*.png")}
+        folder = tmp_path / tier
+        found = {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*.png")}
+        assert found == pictures != {}
+    about = {key: drawn.json[0]["scene"][key] for key in ("dataset", "split", "camera_convention")}
+    assert about == {"dataset": "nerf_synthetic", "split": "test", "camera_convention": "gs_fov"}
+
+
+@pytest.mark.slow
+def test_failures_are_lines_and_the_highest_status(msb: Msb, tmp_path: Path) -> None:
+    (tmp_path / "model.ckpt").write_bytes(b"nothing")
+    text = f"""
+[[datasets]]
+name = "nerf_synthetic"
+path = {json.dumps(str(SCENE.parent))}
+[[methods]]
+name = "two_dts"
+model = "model.ckpt"
+[[methods]]
+name = "mesh"
+model = {json.dumps(str(ROOT / "tests/golden/meshes/synthetic_splat_small.ply"))}
+conditions = ["exported_mesh"]
+"""
+    (tmp_path / "p.toml").write_text(text)
+    result = msb("run", tmp_path / "p.toml", status=3)
+    codes = [line.partition(":")[0] for line in result.err.splitlines()]
+    assert codes.count("CHECKPOINT_NOT_RECOGNISED") == 1, "one error of three cells is one line"
+    assert result.out.rstrip().splitlines()[-1] == f"next: msb report {tmp_path / 'results'}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("args", "code"),
+    [
+        (["nothing.toml"], "FILE_NOT_FOUND"),
+        ([str(MODEL)], "USAGE"),
+        (["--non-engine", "reference", "p.toml"], "USAGE"),
+        (["--only", "nobody", str(STUBS / "protocol.toml")], "USAGE"),
+        (["--jobs", "0", "p.toml"], "USAGE"),
+        ([], "USAGE"),
+        (["--example", "paper"], "USAGE"),
+    ],
+)
+def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], code: str) -> None:
+    msb("run", "-o", tmp_path / "r", *args, cwd=tmp_path).ends(2 if code == "USAGE" else 3, f"{code}: ")
+
+
+@pytest.mark.parametrize("name", ["paper", "demo"])
+def test_an_example_is_a_protocol_on_standard_output(msb: Msb, name: str) -> None:
+    result = msb("run", "--example", name, "-q")
+    assert (result.status, result.err, result.out.encode()) == (0, "", example(name))
+    assert parse_protocol(result.out.encode(), "p.toml").protocol.methods
+    msb("run --example", name, "--json", "-").ends(2, "USAGE: ")
+
+
+def test_json_replaces_that_of_a_run_and_nothing_else(here: Here, tmp_path: Path) -> None:
+    file = tmp_path / "a.json"
+    for text in ("precious", '{"schema": "msb.run/10"}', ""):
+        file.write_text(text)
+        here("run", "--json", file, tmp_path / "p.toml").ends(2, f"OUTPUT_EXISTS: {file}: ")
+        assert file.read_text() == text
+    file.unlink()
+    for number in (1, 2):
+        output = RunOutput(json_file=file)
+        output.check_free(file)
+        output.write_json({"schema": "msb.run/1", "seconds": number})
+        assert json.loads(file.read_text())["seconds"] == number
+    output = RunOutput(json_file=file)
+    output.check_free(file)
+    file.write_text("precious")  # while it runs
+    with pytest.raises(UsageError, match="OUTPUT_EXISTS"):
+        output.write_json({"schema": "msb.run/1"})
+    assert file.read_text() == "precious"

@@ -1,7 +1,6 @@
-"""What a command costs: time, memory of all it starts, its status, and signals on their way to it."""
+"""What a command costs, its status, signals and arguments; and how fast a method's own renderer is."""
 
-from __future__ import annotations
-
+import json
 import os
 import signal
 import subprocess
@@ -11,12 +10,21 @@ from typing import Any
 
 import pytest
 
+from msb.bench.gaps import slowdown
 from msb.bench.nvml import Gpus, driver_memory
-from msb.bench.track import read_track, track
+from msb.bench.records import RendererTiming, read_renderer_timing
+from msb.bench.run import run_protocol
+from msb.bench.track import WHOLE_COMMAND, read_track, track
 from msb.errors import MsbError
+from msb.report.collect import collect
+from msb.report.numbers import MEAN, Key, RatioKey
+from msb.report.results import read_results
 from tests.bench.nvml import ME, nvml
-from tests.bench.protocols import until
+from tests.bench.protocols import cell, protocol, until
+from tests.cli.conftest import Msb
+from tests.cli.forks import run_msb
 from tests.conftest import ROOT
+from tests.report.factory import result
 
 TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
 HOLD = f"import time; {TAKE}; time.sleep(1)"
@@ -193,3 +201,117 @@ def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:
         process.kill()
         process.wait()
     assert read_track(tmp_path / "t.json").exit_status == 42
+
+
+ECHO = "import sys; print(sys.argv[1:]); sys.exit(3)"
+
+
+def test_arguments_and_status_go_through(msb: Msb, tmp_path: Path) -> None:
+    args = ["--debug", "-q", "--", "--json", "a b", ""]
+    result = msb("track", "-o", tmp_path / "t.json", "--", sys.executable, "-c", ECHO, *args, status=3)
+    assert result.out == f"{args}\n"
+    record = json.loads((tmp_path / "t.json").read_text())
+    assert record["schema"] == "msb.track/1"
+    assert record["command"] == [sys.executable, "-c", ECHO, *args]
+    assert record["exit_status"] == 3
+    assert (record["peak_gpu_memory_bytes"] is None) is (record["gpu_reason"] is not None)
+    assert str(tmp_path / "t.json") in result.err
+
+
+def test_a_signal_that_ends_it_is_128_and_more(msb: Msb, tmp_path: Path) -> None:
+    code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+    msb("track", "-o", tmp_path / "t.json", sys.executable, "-c", code, status=137)
+    msb("track", "-o", tmp_path / "u.json", tmp_path / "nothing", status=3)
+    assert not (tmp_path / "u.json").exists()
+
+
+@pytest.mark.slow
+def test_a_record_that_exists_is_kept_before_and_after_the_command(msb: Msb, tmp_path: Path) -> None:
+    target, ran = tmp_path / "t.json", tmp_path / "ran"
+    write = [sys.executable, "-c", f"open({str(target)!r}, 'w').write('precious'); open({str(ran)!r}, 'w')"]
+    assert "\nOUTPUT_EXISTS: " in msb("track", "-o", target, "--", *write, status=2).err
+    assert (target.read_text(), ran.exists()) == ("precious", True)
+    ran.unlink()
+    msb("track", "-o", target, "--", *write).ends(2, "OUTPUT_EXISTS: ")
+    assert not ran.exists(), "nothing runs"
+    msb("track", "-f", "-o", target, "--", *write, status=0)
+    assert json.loads(target.read_text())["schema"] == "msb.track/1"
+    msb("track", "-o", "-", "--", *write, cwd=tmp_path).ends(2, "USAGE: --out")
+
+
+TIMING: dict[str, Any] = {
+    "schema": "msb.renderer_timing/1",
+    "frames": 300,
+    "seconds": 2.5,
+    "device": "NVIDIA RTX 4090",
+    "timed": "render() of the test views",
+}
+
+
+def write(path: Path, **changes: Any) -> Path:
+    path.write_text(json.dumps({**TIMING, **changes}))
+    return path
+
+
+def test_it_is_read_with_its_rate(tmp_path: Path) -> None:
+    found = read_renderer_timing(write(tmp_path / "t.json", peak_gpu_memory_bytes=1 << 30))
+    assert found.fps == 120
+    assert found.peak_gpu_memory_bytes == 1 << 30
+    assert not found.whole_command
+    (tmp_path / "again.json").write_bytes(found.to_json())
+    assert read_renderer_timing(tmp_path / "again.json") == found
+
+
+@pytest.mark.parametrize(
+    ("device", "whole", "reason"),
+    [
+        ("Some CPU", False, None),
+        ("some cpu", False, None),
+        ("NVIDIA RTX 4090", False, "device_mismatch"),
+        ("Some CPU", True, "whole_command"),
+    ],
+)
+def test_rates_are_held_against_it_on_the_same_device_only(
+    device: str, whole: bool, reason: str | None
+) -> None:
+    elsewhere = RendererTiming(frames=10, seconds=1.0, device=device, timed="x", whole_command=whole)
+    about = {"device": {"platform": "p", "name": "Some CPU", "driver": "1", "kind": "cpu"}}
+    own = result("non_engine", renderer_timing=elsewhere, device=None, timing=None)
+    records = {"garden": {"non_engine": own, "dedicated": result("dedicated", device=about)}}
+    found = slowdown(records, ["garden"], "dedicated", "non_engine")
+    assert found.reason == reason
+    assert (found.value is None) == (reason is not None)
+
+
+@pytest.mark.slow
+def test_a_run_takes_it_and_the_report_says_where_it_is_from(tmp_path: Path) -> None:
+    write(tmp_path / "own.json")
+    file = protocol(tmp_path, ("two_dts",), each='non_engine = "reference"\nnon_engine_timing = "own.json"')
+    assert run_protocol(file, only=["non_engine"]).exit_status == 0
+    assert cell(file, "two_dts/non_engine").renderer_timing.fps == 120
+    fps = Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")
+    number = collect(read_results(file.results)).number(fps)
+    assert number.value == 120
+    (note,) = number.notes
+    assert TIMING["device"] in note
+    assert TIMING["timed"] in note
+    write(tmp_path / "own.json", frames=600)
+    (row,) = run_protocol(file, only=["non_engine"], dry=True).rows
+    assert dict(row.planned.why) == {"renderer_timing": "file changed"}
+    write(tmp_path / "own.json", frames=0)
+    run_protocol(file, only=["non_engine"])
+    numbers = collect(read_results(file.results))
+    assert numbers.number(fps).value is None
+    assert "/frames" in str(numbers.number(fps).reason)
+    assert RatioKey("nerf_synthetic", "two_dts", "dedicated", "non_engine") in numbers.ratios
+
+
+@pytest.mark.slow
+def test_track_writes_one_for_a_whole_command(tmp_path: Path) -> None:
+    for status, name in ((0, "own.json"), (3, "no.json")):
+        command = ["track", "--frames", "8", "-o", name, "--", sys.executable, "-c", f"exit({status})"]
+        done = run_msb(command, tmp_path, {})
+        assert done.returncode == status, done.stderr
+    found = read_renderer_timing(tmp_path / "own.json")
+    assert (found.frames, found.whole_command, found.timed) == (8, True, WHOLE_COMMAND)
+    assert not (tmp_path / "no.json").exists()

@@ -1,7 +1,5 @@
 """Nothing in the results folder is taken on trust: copies, renderings, records are as they were written."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,10 +1,7 @@
 """Variants of the dedicated tier and labels of models are cells of their own, from protocol to report."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ import pytest
 import msb
 from msb import metrics
 from msb.bench.protocol import ProtocolFile, parse_protocol
-from msb.bench.records import read_result
 from msb.bench.run import run_protocol
 from msb.render.images import to_bytes
 from msb.report.collect import REFERENCE, collect
@@ -20,7 +16,7 @@ from msb.report.numbers import MEAN, GapKey, Key, RatioKey
 from msb.report.results import read_results
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.scenes.datasets import read_scene
-from tests.bench.protocols import PEBBLE, STUBS, planned, protocol
+from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
 
 pytestmark = pytest.mark.slow
 
@@ -52,12 +48,8 @@ def varied(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     return file
 
 
-def record(file: ProtocolFile, name: str) -> Path:
-    return file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json"
-
-
 def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
-    found = read_result(record(varied, "two_dts/engine"))
+    found = cell(varied, "two_dts/engine")
     assert found.schema_ == "msb.result/2"
     assert (found.cell.condition, found.cell.variant, found.cell.renderer) == ("dedicated", "engine", None)
     assert found.cell.condition_key == "dedicated/engine"
@@ -68,12 +60,13 @@ def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
     asset = msb.open(PEBBLE / "two_dts")
     with msb.Renderer(asset, "dedicated", "pocl", order="global", sampling="engine") as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
-    image = metrics.read_image(record(varied, "two_dts/engine").parent / str(found.quality.images[0].file))
+    place = varied.results / "cells" / "nerf_synthetic" / "pebble" / "two_dts" / "engine"
+    image = metrics.read_image(place / str(found.quality.images[0].file))
     np.testing.assert_array_equal(image, to_bytes(frame.image))
 
 
 def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: ProtocolFile) -> None:
-    found = read_result(record(varied, "diffsoup/soft"))
+    found = cell(varied, "diffsoup/soft")
     assert (found.status, found.reason.code) == ("unsupported", "UNSUPPORTED_OPTION")
 
 
@@ -91,7 +84,7 @@ def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: Protocol
 
 
 def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile) -> None:
-    first, second = (read_result(record(varied, f"{name}/dedicated")) for name in ("two_dts", "ours"))
+    first, second = (cell(varied, f"{name}/dedicated") for name in ("two_dts", "ours"))
     assert second.cell.method == "two_dts"
     assert first.quality.values["psnr"] != second.quality.values["psnr"]
     numbers = collect(read_results(varied.results))

@@ -1,7 +1,5 @@
 """Tasks for worker processes: they must be importable, so they cannot stand in a test."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """Benchmarks measure all capabilities together."""
 
-from __future__ import annotations
-
 from tests.conftest import WHOLE
 
 collect_ignore_glob = [] if WHOLE else ["test_*.py"]

@@ -1,7 +1,5 @@
 """The file of an official checkpoint on somebody's machine: what it holds, what not, and how it goes on."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil
@@ -22,8 +20,7 @@ from tests.tiny import MODELS, SCENES
 
 pytest.importorskip("msb.bench", reason="these benchmarks use msb.bench")
 from benchmarks import official, official_stages
-from benchmarks.official_stages import Given, gpu_memory
-from msb.bench.nvml import Gpus
+from benchmarks.official_stages import Given
 from tests.bench.nvml import ME, nvml
 
 KEPT = ROOT / "benchmarks" / "results" / "official-mesh_splatting-h200.json"
@@ -123,16 +120,6 @@ def test_memory_of_a_graphics_card_that_is_pretended(
     assert drawn["gpu_memory"] == {"bytes": 300, "source": "processes", "reason": None}
 
 
-def test_memory_that_nobody_knows_has_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pynvml", nvml({}, 700))
-    assert gpu_memory(Gpus(), "cpu")["reason"]
-    assert gpu_memory(Gpus(), "gpu")["reason"]
-    monkeypatch.setitem(sys.modules, "pynvml", None)
-    found = gpu_memory(Gpus(), "gpu")
-    assert found["bytes"] is None
-    assert "extra gpu" in found["reason"]
-
-
 @pytest.mark.slow
 def test_a_stage_runs_in_a_process_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     found = official._stage("export", Given(str(MODELS / "pebble" / "two_dts")))
@@ -140,17 +127,6 @@ def test_a_stage_runs_in_a_process_of_its_own(capsys: pytest.CaptureFixture[str]
     gone = official._stage("export", Given(str(ROOT / PRIVATE)))
     assert gone == {"failed": "FILE_NOT_FOUND"}
     assert PRIVATE in capsys.readouterr().out
-
-
-def test_tables_of_a_kept_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert official.main(["--table", str(KEPT), str(KEPT)]) == 0
-    drawn, steps, costs = (block.splitlines() for block in capsys.readouterr().out.strip().split("\n\n"))
-    assert (len(drawn), len(steps), len(costs)) == (10, 4, 4)
-    for rows in (drawn, steps, costs):
-        assert len({line.count("|") for line in rows}) == 1
-    record = json.loads(KEPT.read_text())
-    assert f"{record['stages']['dedicated']['fps']:,.1f}" in "".join(drawn)
-    assert f"{record['stages']['export']['faces']:,}" in steps[2]
 
 
 def test_the_page_shows_what_is_held_and_the_tables_of_the_kept_file() -> None:

@@ -1,7 +1,5 @@
 """Every benchmark runs, on very little: what it measures, and holds against a peer, changes under it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,6 +1,4 @@
-"""A repaired asset is the same asset, but manifold: the public function and its promises."""
-
-from __future__ import annotations
+"""A repaired asset is the same asset, but manifold, with its seams and textures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +10,19 @@ import pytest
 import msb
 from msb.asset import Asset, Description, build_asset
 from msb.base.limits import Limits
-from msb.errors import MeshError, MsbError
+from msb.errors import MeshError, MsbError, Unsupported
 from msb.meshes import Mesh
+from msb.meshes.assets import as_held, asset_from_mesh
 from msb.repair import Repaired
 from msb.repair.assets import repair_asset, repair_mesh
+from msb.repair.carry import carry, turned_lattice
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
+from msb.topology import audit_arrays
+from msb.topology.steps import Change, orient
+from msb.topology.steps.change import Rims, unchanged
 from tests.conftest import BOOK, ROOT, TETRAHEDRON
+from tests.topology.seamed import CUBE, TEXTURE, doubled, textured_cube, torus
 from tests.topology.test_repair_steps import strip
 
 MODELS = ROOT / "tests" / "tiny" / "models" / "pebble"
@@ -255,3 +259,165 @@ def test_a_peer_that_takes_too_long_is_ended_and_named() -> None:
     with pytest.raises(MsbError) as found:
         repair_asset(mesh_asset(*BOOK), Options(("cut",), peer="igl", limits=Limits(0.001)))
     assert found.value.code == "PEER_FAILED"
+
+
+def corner_uvs(asset: Asset) -> np.ndarray:
+    uvs = asset.buffers["uv"]
+    by_vertex = asset.manifest.buffers["uv"].domain == "vertex"
+    return uvs[asset.buffers["indices"].reshape(-1)] if by_vertex else uvs
+
+
+@pytest.mark.parametrize("by", ["vertex", "corner"])
+def test_a_closed_asset_has_nothing_to_repair(by: str) -> None:
+    asset = asset_from_mesh(textured_cube(by))
+    done = msb.repair(asset, "weld,orient,pair,drop,debris,close")
+    assert done.asset is asset
+    assert (done.before.verdict, done.left, len(done.cut_edges)) == ("ok", (), 0)
+
+
+@pytest.mark.parametrize("by", ["vertex", "corner"])
+def test_a_hole_is_closed_and_the_texture_stays_bit_for_bit(by: str, tmp_path: Any) -> None:
+    asset = asset_from_mesh(textured_cube(by, slice(0, 11)))
+    done = msb.repair(asset, "close")
+    assert (done.before.verdict, done.after.verdict, done.left) == ("limited", "ok", ())
+    made = done.asset
+    assert np.array_equal(made.buffers["texture.0"], TEXTURE)
+    assert made.manifest.appearance == asset.manifest.appearance
+    assert (made.manifest.vertex_count, made.manifest.face_count) == (8, 12)
+    assert np.array_equal(asset.buffers["positions"][done.vertex_map], made.buffers["positions"])
+    assert np.array_equal(corner_uvs(made)[:33], corner_uvs(asset))
+    # The cap has what there is along the edge that it grew from, and nothing of between the charts.
+    cap = corner_uvs(made)[33:]
+    ends = [uv for uv in np.unique(cap, axis=0) if (corner_uvs(asset) == uv).all(axis=1).any()]
+    assert len(ends) == 2
+    assert (cap == np.mean(ends, axis=0, dtype=np.float32)).all(axis=1).sum() == 1
+    msb.save(made, tmp_path / "made.triasset")
+    assert [one for one in msb.validate(tmp_path / "made.triasset").findings if one.severity != "info"] == []
+
+
+@pytest.mark.parametrize("plan", ["orient,pair", "orient,cut", "drop,orient", "close", "debris:2"])
+def test_doubles_change_nothing_of_what_a_repair_does(plan: str) -> None:
+    points, faces = torus(6, 6)
+    points = np.concatenate([points, np.eye(4, 3, dtype=np.float32) + 5])
+    # A hole, a third face at an edge, a face alone, and a turned one.
+    faces = np.concatenate([np.delete(faces, 20, axis=0), [[0, 1, 36], [37, 38, 39]]])
+    faces[5] = faces[5, ::-1]
+    uvs = np.random.default_rng(3).integers(0, 3, (faces.size, 2)).astype(np.float32)
+    uvs[np.isin(faces.reshape(-1), [0, 1])] = 0  # of three torn edges it is not known which belong together
+    texture = {"textures": (TEXTURE,)}
+    stored, rows, values = doubled(points, faces, uvs)
+    one, done = repair_mesh(Mesh(points, faces, corner_uvs=uvs, **texture), parse_plan(plan))
+    other, again = repair_mesh(Mesh(stored, rows, vertex_uvs=values, **texture), parse_plan(plan))
+    assert len(one.faces) == len(other.faces)
+    assert replace(again.after.counts, vertices=0) == replace(done.after.counts, vertices=0)
+    assert np.array_equal(one.corner_uvs, other.corner_uvs)
+    assert np.array_equal(one.vertices[one.faces], other.vertices[other.faces])
+    assert np.array_equal(stored[again.vertex_map], other.vertices)
+
+
+@pytest.mark.parametrize("kinds", [1, 2])
+def test_colours_that_differ_at_a_seam_are_kept(kinds: int) -> None:
+    colors = np.random.default_rng(0).integers(0, kinds, (36, 3)).astype(np.float32)
+    stored, rows, values = doubled(CUBE[0], CUBE[1], colors)
+    rows[3] = rows[3, ::-1]
+    mesh = Mesh(stored, rows, values)
+    made, done = repair_mesh(mesh, parse_plan("orient"))
+    assert done.after.verdict == "ok"
+    assert audit_arrays(made.vertices, made.faces, attributes=made.attributes)[0].verdict == "ok"
+    old = values[rows]
+    old[done.turned] = old[done.turned][:, [0, 2, 1]]
+    assert np.array_equal(made.vertex_colors[made.faces], old)
+    asset = msb.repair(asset_from_mesh(mesh), "orient").asset
+    assert asset.manifest.buffers["color"].domain == ("vertex" if kinds == 1 else "corner")
+
+
+def test_what_a_repair_took_apart_stays_apart_in_a_file() -> None:
+    points, faces = np.float32(BOOK[0]), np.asarray(BOOK[1], np.int64)
+    mesh = Mesh(points, faces, corner_uvs=np.arange(18, dtype=np.float32).reshape(9, 2), textures=(TEXTURE,))
+    for plan in ("orient,pair", "orient,cut"):
+        made, done = repair_mesh(mesh, parse_plan(plan))
+        assert done.before.counts.nonmanifold_edges == 1
+        held = as_held(made, ".glb")
+        found = audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0].judged.counts
+        assert (found.nonmanifold_edges, found.nonmanifold_vertices) == (0, 0)
+
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
+FACES = np.array([[0, 1, 2], [1, 2, 3]], np.uint32)  # both run along 1-2 in one direction
+RNG = np.random.default_rng(0)
+BASE = {"positions": POINTS, "indices": FACES}
+
+
+def turned() -> Change:
+    change = orient(FACES.astype(np.int32), 4)
+    assert change.turned.tolist() == [False, True]
+    return change
+
+
+def with_cap() -> Change:
+    """Return a change that adds a vertex in the middle of three, and a face with it beside the second."""
+    faces = np.array([[0, 1, 2], [1, 2, 3], [1, 0, 4]])
+    rims = Rims(np.array([0, 3]), np.array([0, 1, 2]))
+    return Change(
+        faces, np.array([0, 1, 2, 3, -1]), np.array([0, 1, -1]), np.zeros(3, bool), rims, np.array([1])
+    )
+
+
+def test_values_of_corners_turn_with_the_face() -> None:
+    color = RNG.random((6, 3), np.float32)
+    done = carry({**BASE, "color": color}, {"color": "corner"}, turned())
+    assert np.array_equal(done["color"], color[[0, 1, 2, 3, 5, 4]])
+    assert done["indices"].dtype == np.uint32
+    assert np.array_equal(done["positions"][done["indices"][1]], POINTS[[1, 3, 2]])
+
+
+@pytest.mark.parametrize("level", [0, 1, 3])
+def test_a_lattice_turns_with_the_face(level: int) -> None:
+    sides = 2**level
+    s, y = np.tril_indices(sides + 1)
+    weights = np.stack([s - y, y, sides - s], axis=1) / sides  # of the three corners
+    value = np.float32([3.0, 5.0, 11.0])
+    # A linear function of the place: after the turn, corners hold the values in their new order.
+    before = np.stack([weights @ value, weights @ value]).astype(np.float32)
+    done = carry({**BASE, "features.opacity": before}, {"features.opacity": "face"}, turned(), level)
+    assert np.array_equal(done["features.opacity"][0], before[0])
+    np.testing.assert_allclose(done["features.opacity"][1], weights @ value[[0, 2, 1]], rtol=1e-6)
+    assert np.array_equal(turned_lattice(sides)[turned_lattice(sides)], np.arange(len(s)))
+
+
+def test_a_new_vertex_has_the_mean_of_its_rim_and_a_new_face_the_values_beside_it() -> None:
+    buffers = {
+        **BASE,
+        "color": np.array([[0, 0, 0], [10, 0, 0], [0, 100, 0], [9, 9, 9]], np.uint8),
+        "opacity": np.array([1, 2, np.inf, 0], np.float32),
+        "sigma": np.array([5, 7], np.float32),
+    }
+    done = carry(buffers, {"color": "vertex", "opacity": "vertex", "sigma": "face"}, with_cap())
+    np.testing.assert_allclose(done["positions"][4], [1 / 3, 1 / 3, 0], rtol=1e-6)
+    assert done["color"][4].tolist() == [3, 33, 0]
+    assert done["opacity"].tolist() == [1, 2, np.inf, 0, 1]  # a mean with infinity says nothing
+    assert done["sigma"].tolist() == [5, 7, 7]
+
+
+@pytest.mark.parametrize(
+    ("name", "domain", "values", "change"),
+    [
+        ("of_the_method", "face", np.zeros((2, 4), np.float32), turned()),
+        ("features.lattice", "face", np.zeros((2, 4, 7), np.float32), turned()),  # no level has 4 samples
+        ("of_the_method", "face", np.zeros((2, 4), np.float32), with_cap()),
+        ("of_the_method", "corner", np.zeros((6, 3), np.float32), with_cap()),
+        ("of_the_method", "vertex", np.zeros(4, np.uint32), with_cap()),
+    ],
+)
+def test_what_cannot_be_carried_is_an_error_that_names_it(
+    name: str, domain: str, values: np.ndarray, change: Change
+) -> None:
+    with pytest.raises(Unsupported, match=name) as found:
+        carry({**BASE, name: values}, {name: domain}, change, 1)
+    assert found.value.code == "UNSUPPORTED_REPAIR"
+
+
+def test_what_does_not_turn_is_carried_whatever_it_means() -> None:
+    strange = np.zeros((2, 4), np.float32)
+    same = unchanged(FACES.astype(np.int32), 4)
+    assert np.array_equal(carry({**BASE, "odd": strange}, {"odd": "face"}, same)["odd"], strange)

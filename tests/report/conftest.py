@@ -1,7 +1,5 @@
 """Results of a whole made-up benchmark, made once."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -10,10 +8,10 @@ from msb.report.build import build_report
 from msb.report.numbers import Numbers
 from msb.report.report import Report
 from msb.report.results import read_results
-from tests.cli.conftest import msb
+from tests.cli.conftest import here, msb
 from tests.report.factory import write_results
 
-__all__ = ["msb"]  # fixture
+__all__ = ["here", "msb"]  # fixtures
 
 
 @pytest.fixture(scope="session")

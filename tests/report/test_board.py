@@ -1,7 +1,5 @@
 """Submissions and their board: nothing private in a file, nothing believed that does not verify."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -30,8 +28,18 @@ from msb.report.collect import collect
 from msb.report.pages import report_files
 from msb.report.results import Loaded, read_results, result_set
 from tests.cli.conftest import Msb
-from tests.report.documents import AUDIT, SAME, TASK, chamfer, repairs, trial, way
-from tests.report.factory import bake, make_result, write_results
+from tests.report.factory import (
+    AUDIT,
+    SAME,
+    TASK,
+    bake,
+    chamfer,
+    make_result,
+    repairs,
+    trial,
+    way,
+    write_results,
+)
 
 Change = Callable[[dict[str, bytes]], Any]
 """What is done to the members of an archive, by their names."""
@@ -206,12 +214,7 @@ def test_board_has_everybody_s_rows_and_the_paper_s(small: Path, tmp_path: Path,
     msb("submit", theirs, "-o", tmp_path / "theirs.zip", "--name", "Theirs", status=0)
     files = [read_submission(tmp_path / f"{name}.zip") for name in ("ours", "theirs")]
     board = build_board(files)
-    table = board.tables["board"]
-    places = [column.title for column in table.columns]
-    rows = [
-        {**dict(zip(places, (cell.text for cell in row.cells), strict=True)), "labels": row.labels}
-        for row in table.rows
-    ]
+    rows = _rows(board)
     mean = [row for row in rows if row["labels"] == ("Tanks and Temples", "Mean", "2DTS")]
     dedicated = [row for row in mean if row["Condition"] == "Dedicated"]
     assert [row["From"] for row in dedicated] == ["Our <b>lab</b>", "Theirs", "the paper"]
@@ -227,10 +230,13 @@ def test_board_has_everybody_s_rows_and_the_paper_s(small: Path, tmp_path: Path,
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
 
 
-def _rows(board: Any) -> list[dict[str, str]]:
+def _rows(board: Any) -> list[dict[str, Any]]:
     table = board.tables["board"]
     names = [column.title for column in table.columns]
-    return [dict(zip(names, (cell.text for cell in row.cells), strict=True)) for row in table.rows]
+    return [
+        {**dict(zip(names, (cell.text for cell in row.cells), strict=True)), "labels": row.labels}
+        for row in table.rows
+    ]
 
 
 @pytest.mark.slow

@@ -3,21 +3,19 @@
 `python -m tests.report.test_golden` writes the file again; read the difference before you commit it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from msb.bench.aggregate import SCENES
 from msb.bench.documents import ChamferDocument
-from msb.bench.records import Cell, WalkDocument
+from msb.bench.records import Cell, Floor, Training, WalkDocument
 from msb.report.build import build_report, paper_report
 from msb.report.report import Report
 from msb.report.results import read_results
 from msb.report.writers import markdown
-from tests.report.documents import WALK, chamfer
-from tests.report.factory import at_rate, bake, measure, quality, write, write_results
+from tests.report.factory import METRICS, WALK, at_rate, bake, chamfer, measure, quality, write, write_results
 
 GOLDEN = Path(__file__).with_name("golden.md")
 GPU: dict[str, Any] = {"device": {"device": {"name": "Another GPU", "platform": "Vulkan"}}}
@@ -48,7 +46,8 @@ def a_scene_is_missing(root: Path) -> tuple[str, ...]:
     there = {**here, "scene": "bonsai"}
     measure(root, "dedicated", 40.0, **there)
     measure(root, "standard", **there, status="failed", quality=None, timing=None)
-    return ("gaps-mipnerf360", "renderer_comparison-mipnerf360")
+    measure(root, "standard", **here, method="diffsoup")
+    return ("gaps-mipnerf360", "renderer_comparison-mipnerf360", "scenes-mipnerf360-standard")
 
 
 def images_and_surfaces(root: Path) -> tuple[str, ...]:
@@ -69,14 +68,14 @@ def images_and_cost(root: Path, kind: str = "gpu") -> tuple[str, ...]:
         timing = {**at_rate(fps), "device_kind": kind}
         memory = {"geometry": 300 << 20 if method == "two_dts" else 200 << 20}
         measure(root, "dedicated", psnr, method=method, timing=timing, memory=memory)
-    return ()
+    return ("scenes-capture-dedicated", "latency-capture")
 
 
 def images_and_cost_on_a_cpu(root: Path) -> tuple[str, ...]:
-    images_and_cost(root, "cpu")
+    tables = images_and_cost(root, "cpu")
     for method, psnr in (("two_dts", 31.0), ("mesh_splatting", 29.0)):
         measure(root, "non_engine", psnr, method=method)
-    return ()
+    return tables
 
 
 def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
@@ -85,6 +84,45 @@ def trained_on_the_test_views(root: Path) -> tuple[str, ...]:
         for condition in ("non_engine", "dedicated", "standard"):
             measure(root, condition, method=method, trained=(text,) if method == "two_dts" else ())
     return ("native_summary", "renderer_comparison-capture", "scenes-capture-standard")
+
+
+def notes(root: Path) -> tuple[str, ...]:
+    """Our reference, other photographs, weights of LPIPS, a threshold, and trainings of seconds."""
+    vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
+    lpips = {"name": "lpips_vgg", "weights": {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}}
+    measured = {"metrics": (*METRICS, lpips)}
+    for method, folder, kind, seconds in (
+        ("two_dts", "images_2", "msb_reference", 1.2),
+        ("triangle_splatting", "images_2", "upstream", 2.4),
+        ("mesh_splatting", "images_4", "upstream", 90.0),
+    ):
+        found: dict[str, Any] = {"method": method, "setup": {"image_folder": folder}, "quality": measured}
+        renderer: dict[str, Any] = {"settings": {"ste_threshold": 0.1}}
+        own = {**renderer, "kind": kind}
+        measure(root, "non_engine", **found, renderer=own, training={"seconds": seconds})
+        for condition in ("dedicated", "standard"):
+            measure(root, condition, **found, renderer=renderer)
+    return ("native_summary", "renderer_comparison-capture")
+
+
+def floors(root: Path) -> tuple[str, ...]:
+    """One triangle takes 30 and 50 MiB on two scenes."""
+    for dataset in ("tanksandtemples", "capture"):
+        for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
+            floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
+            measure(root, "standard", dataset=dataset, scene=scene, floor=floor)
+        measure(root, "dedicated", dataset=dataset, scene="train")
+    return ("memory-capture", "latency-capture", "runtime_resources-tanksandtemples")
+
+
+def of_the_model_alone(root: Path) -> tuple[str, ...]:
+    """Distances and trainings of one method, without images; of another there is nothing."""
+    trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
+    for scene in SCENES["dtu"]:
+        distance = ChamferDocument.of(chamfer(0.75))
+        measure(root, "exported_mesh", dataset="dtu", scene=scene, chamfer=distance, training=trained)
+    measure(root, "exported_mesh", dataset="dtu", scene=SCENES["dtu"][0], method="mesh_splatting")
+    return ("native_summary", "scenes-dtu-non_engine")
 
 
 def walks(root: Path) -> tuple[str, ...]:
@@ -129,6 +167,9 @@ CASES: tuple[Callable[[Path], tuple[str, ...]], ...] = (
     images_and_cost,
     images_and_cost_on_a_cpu,
     trained_on_the_test_views,
+    notes,
+    floors,
+    of_the_model_alone,
     walks,
     engines,
     bakes,

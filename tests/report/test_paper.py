@@ -1,6 +1,4 @@
-"""The paper's own tables come out of our builders as they are printed, cell for cell."""
-
-from __future__ import annotations
+"""The paper's own tables come out of our builders and our table of methods as printed, cell for cell."""
 
 import json
 from functools import cache
@@ -11,7 +9,7 @@ import pytest
 
 from msb.bench.aggregate import METRICS, SCENES, mean_over, scene_groups
 from msb.errors import InputError
-from msb.registry import METHODS
+from msb.registry import METHODS, PASSES, TIERS, Method
 from msb.report.build import paper_report
 from msb.report.layout import number_cell
 from msb.report.metric_format import title
@@ -27,6 +25,7 @@ from msb.report.paper import (
 )
 from msb.report.table import Cell, Table
 from msb.report.tables.reproducibility import SOURCES
+from tests.cli.conftest import Here
 from tests.conftest import ROOT
 
 FOLDER = ROOT / "msb" / "report" / "paper_tables"
@@ -182,15 +181,6 @@ def test_both_results_of_diffsoup_are_kept_apart() -> None:
     assert "18.90" in numbers.number(key).notes[0]
 
 
-def test_numbers_that_are_not_comparable_say_so() -> None:
-    numbers = paper_numbers()
-    memory = numbers.number(Key("mipnerf360", "garden", "two_dts", "standard", "memory"))
-    assert "not comparable" in memory.notes[0]
-    lpips = numbers.number(Key("mipnerf360", MEAN, "three_dgs", "non_engine", "lpips"))
-    assert "not comparable" in lpips.notes[0]
-    assert number_cell("lpips", lpips).footnotes == lpips.notes
-
-
 def test_an_engines_picture_and_lpips_from_elsewhere_are_noted() -> None:
     numbers = paper_numbers()
     dedicated = Key("mipnerf360", MEAN, "two_dts", "dedicated", "psnr")
@@ -199,8 +189,11 @@ def test_an_engines_picture_and_lpips_from_elsewhere_are_noted() -> None:
     lpips = Key("mipnerf360", MEAN, "diffsoup", "non_engine", "lpips", "paper")
     assert numbers.number(lpips).notes == (LPIPS_ELSEWHERE,)
     assert numbers.number(lpips._replace(source="meshsplatbench")).notes == ()
-    missing = numbers.number(lpips._replace(dataset="tanksandtemples"))
-    assert missing.value is None
+    assert numbers.number(lpips._replace(dataset="tanksandtemples")).value is None
+    memory = numbers.number(Key("mipnerf360", "garden", "two_dts", "standard", "memory"))
+    gaussians = numbers.number(Key("mipnerf360", MEAN, "three_dgs", "non_engine", "lpips"))
+    assert all("not comparable" in found.notes[0] for found in (memory, gaussians))
+    assert number_cell("lpips", gaussians).footnotes == gaussians.notes
 
 
 def test_published_numbers_are_read_and_held_to_the_shape(tmp_path: Path) -> None:
@@ -224,3 +217,24 @@ def test_contradictions_stand_under_the_tables_they_are_about() -> None:
     assert contradictions().keys() <= made.keys()
     for label, notes in contradictions().items():
         assert set(notes) <= set(made[label].notes)
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_tier_is_supported_with_passes_or_refused_with_a_reason(method: Method) -> None:
+    for tier in TIERS:
+        assert (tier in method.passes) is method.supports(tier)
+        assert set(method.passes.get(tier, ())) <= set(PASSES)
+    assert all(setting.problem(setting.default) is None for setting in method.settings.values())
+
+
+def test_a_threshold_of_opacity_is_noted_where_there_is_one() -> None:
+    for name, method in METHODS.items():
+        kept = method.retained.get("standard")
+        thresholds = kept is not None and any("ste_threshold" in note for note in kept.notes.values())
+        assert kept is None or thresholds is ("ste_threshold" in method.settings), name
+
+
+def test_the_command_knows_every_method(here: Here) -> None:
+    data = here("methods", "--json", "-").json
+    assert data["methods"]["two_dts"]["paper_name"] == "2dts"
+    assert set(data["methods"]) == set(METHODS)

@@ -1,6 +1,4 @@
-"""The whole report: findings, charts, pictures, verdicts and pages, also of few, odd and hostile results."""
-
-from __future__ import annotations
+"""The whole report and `msb report`: findings, charts, verdicts and pages, also of odd results."""
 
 import json
 import re
@@ -14,16 +12,20 @@ import pytest
 
 from msb.bench.documents import AuditDocument
 from msb.bench.records import Cell as Place_
-from msb.bench.records import read_result
+from msb.bench.records import File, read_result
 from msb.report.build import build_report, paper_report
-from msb.report.numbers import MEAN, Key, Number
+from msb.report.figures import deployment_gap, differences
+from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.pages import report_files
 from msb.report.report import Report
 from msb.report.results import Loaded, Place, read_results, result_set
-from tests.report.documents import AUDIT
+from msb.report.tables.reproducibility import pairs
+from tests.cli.conftest import Msb
 from tests.report.factory import (
+    AUDIT,
     make_result,
     write,
+    write_results,
 )
 from tests.report.test_writers import HOSTILE
 
@@ -50,11 +52,6 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def files(report: Report, small: Path) -> dict[str, bytes]:
     return report_files(report, folder=small / "report")
-
-
-def test_findings_point_at_tables_that_exist(report: Report) -> None:
-    assert report.findings
-    assert {finding.table for finding in report.findings} <= set(report.tables)
 
 
 @pytest.mark.slow
@@ -86,6 +83,7 @@ def test_all_files_are_there(files: dict[str, bytes], report: Report) -> None:
     assert data["schema"] == "msb.report/1"
     assert [table["label"] for table in data["tables"]] == list(report.tables)
     assert len(data["verdicts"]) == 8
+    assert {finding.table for finding in report.findings} <= set(report.tables)
 
 
 def test_markdown_names_files_that_are_there(files: dict[str, bytes]) -> None:
@@ -249,3 +247,175 @@ def test_six_methods_fit_a_page_and_what_does_not_is_shaded(
     assert found[0] == ["Assets", False, True]
     assert any(cut for _, cut, _ in found)
     assert all(shaded for _, _, shaded in found)
+
+
+@pytest.mark.slow
+def test_charts_are_well_formed_and_take_the_colours_of_the_page(report: Report) -> None:
+    charts = [figure for section in report.sections for figure in section.figures]
+    names = {figure.name for figure in charts}
+    assert {"deployment_gap-tanksandtemples", "quality_speed-tanksandtemples"} <= names
+    assert "reproducibility-tanksandtemples" in names
+    identifiers: list[str] = []
+    for figure in charts:
+        root = ET.fromstring(figure.alone)
+        identifiers += [value for node in root.iter() if (value := node.get("id"))]
+        assert "currentColor" in figure.inline
+        assert "#010203" not in figure.inline + figure.alone
+        assert "<script" not in figure.svg
+    assert len(identifiers) == len(set(identifiers))
+
+
+@pytest.mark.slow
+def test_charts_are_the_same_bytes_again(numbers: Numbers) -> None:
+    first, second = (deployment_gap(numbers, "mipnerf360") for _ in range(2))
+    assert first == second
+    assert first.pdf() == second.pdf()
+
+
+def test_models_of_one_protocol_do_not_look_alike() -> None:
+    models = ["two_dts", "ab", "ba", *(f"model {number}" for number in range(6))]  # letters of one sum
+    conditions = ("non_engine", "dedicated", "dedicated/global", "dedicated/none")
+    values = {
+        Key("mine", scene, model, condition, "psnr"): Number(20.0)
+        for scene in ("pebble", "mean")
+        for model in models
+        for condition in conditions
+    }
+    figure = deployment_gap(Numbers(values), "mine")
+    drawn = re.findall(r'<path d="[^"]*" clip-path="[^"]*" style="([^"]*)"', figure.svg)
+    looks = {style for style in drawn if re.search(r"stroke-width: 1\.8\b", style)}
+    assert len(looks) == len(models)  # a colour and a line style each
+    assert [figure.svg.count(f">ab{variant}<") for variant in ("", ", global", ", none")] == [1, 1, 1]
+    ticks = [float(y) for y in re.findall(r'text-anchor: end[^>]* y="([0-9.]+)"', figure.svg)]
+    assert max(ticks) - min(ticks) > 72  # points: 27 names in the legend leave the chart its height
+
+
+@pytest.mark.slow
+def test_latex_gets_charts_as_pdf_without_date_and_type_3_fonts(report: Report) -> None:
+    made = report_files(report, formats=["tex"])
+    charts = [name for name in made if name.startswith("figures/")]
+    assert charts == [f"figures/{one.name}.pdf" for section in report.sections for one in section.figures]
+    for name in charts:
+        assert made[name].startswith(b"%PDF-")
+        assert not re.search(rb"/(CreationDate|Producer|Creator|Type3)\b", made[name])
+        assert b"/TrueType" in made[name] or b"/CIDFontType2" in made[name]
+
+
+def test_the_paper_tells_no_scenes_of_its_means() -> None:
+    means = Numbers({Key("dtu", "mean", "two_dts", "non_engine", "psnr"): Number(20.0)})
+    assert not means.has_other_scenes("dtu")
+
+
+@pytest.mark.slow
+def test_published_scenes_give_bars_per_scene(numbers: Numbers) -> None:
+    scene = Key("tanksandtemples", "train", "two_dts", "non_engine", "psnr", "paper")
+    found = pairs(numbers, Numbers({scene: Number(23.0)}))
+    figure = differences(found, "tanksandtemples")
+    assert "per scene" in figure.caption
+    assert ">train<" in figure.svg
+    assert differences(found, "dtu") is None
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_results(tmp_path_factory.mktemp("run"), datasets=["tanksandtemples"], images=True)
+
+
+@pytest.mark.slow
+def test_report_is_written_whole_and_replaces_itself_but_nothing_put_into_it(msb: Msb, folder: Path) -> None:
+    done = msb("report", folder, status=0)
+    assert done.out.startswith("32 results ")
+    assert done.out.splitlines()[-1] == str(folder / "report" / "index.html")
+    assert (folder / "report" / "tables" / "native_summary.tex").is_file()
+    assert (folder / "report" / "verdict-tanksandtemples-train-two_dts.html").is_file()
+    data = msb("report", "--format", "tex", "--json", "-", folder, status=0).json
+    assert (data["schema"], len(data["verdicts"])) == ("msb.report/1", 8)
+    assert "tables/native_summary.tex" in data["files"]
+    assert not (folder / "report" / "index.html").exists()
+    (folder / "report" / "mine.txt").write_text("a page of notes")
+    msb("report", "-f", "-q", "--format", "csv", folder, status=0)
+    assert (folder / "report" / "mine.txt").exists()
+    msb("report", "-f", "-o", folder, folder).ends(2, "USAGE: ")
+    msb("report", "-f", "-o", folder.parent, folder).ends(2, "OUTPUT_EXISTS: ")
+
+
+@pytest.mark.slow
+def test_one_table_is_printed(msb: Msb, folder: Path) -> None:
+    done = msb("report", "--table", "renderer_comparison-tanksandtemples", folder, status=0)
+    assert done.out.startswith("**Tanks and Temples: ")
+    assert re.search(r"^\| Standard \| .*PSNR ↑ \|", done.out, re.MULTILINE)
+    data = msb("report", "--table", "slowdown", "--json", "-", folder).json
+    assert data["schema"] == "msb.table/1"
+    as_csv = msb("report", "--table", "slowdown", "--format", "csv", folder).out
+    assert as_csv.splitlines()[0].endswith(",Source")
+    assert as_csv.count("\n") == as_csv.rstrip().count("\n") + 1  # a file of its own, if it is sent to one
+    for formats in ("tex,csv", "html"):
+        assert msb("report", "--table", "slowdown", "--format", formats, folder).err.startswith("USAGE: ")
+    msb("report --table nonsense", folder).ends(2, "NAME_UNKNOWN: ")
+    msb("report", "--table", "slowdown", "--view", "train/none.png", folder).ends(2, "USAGE: ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("args", "code"),
+    [
+        (["--paper", "x"], "USAGE"),
+        (["--paper", "--published", "nothere.json"], "USAGE"),
+        (["--paper", "--view", "garden/a.png"], "USAGE"),
+        (["--paper", "--against", "diffsoup"], "USAGE"),
+        (["--paper", "--no-paper"], "USAGE"),
+        ([], "USAGE"),
+        (["--format", "pdf", "--paper"], "USAGE"),
+        (["nowhere"], "FILE_NOT_FOUND"),
+        (["README.md"], "FILE_UNREADABLE"),
+        (["docs"], "RESULTS_EMPTY"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(msb: Msb, args: list[str], code: str) -> None:
+    msb("report", *args).ends(2 if "USAGE" in code else 3, code)
+
+
+@pytest.mark.slow
+def test_topology_is_drawn_of_the_asset_that_was_audited(msb: Msb, demo_asset: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pyvista", reason="extra view is not installed")
+    import msb as library
+
+    about = File(path=str(demo_asset), bytes=demo_asset.stat().st_size)
+    audit = library.audit(library.load(demo_asset)).to_dict()
+    assert audit["verdict"]["level"] == "bad"
+    made = make_result("capture", "desk", "mesh_splatting", "exported_mesh")
+    made = made.model_copy(update={"asset": about})
+    write(tmp_path, made, audit=audit)
+    done = msb("report", "--format", "html", tmp_path, status=0)
+    if "VIEW_NO_DISPLAY" in done.err:
+        pytest.skip("there is nothing to draw with here")
+    page = (tmp_path / "report" / "verdict-capture-desk-mesh_splatting.html").read_text()
+    assert "data:image/png;base64," in page
+    assert audit["verdict"]["sentence"][1:40] in page
+    audit["counts"]["faces"] += 1
+    write(tmp_path, made, audit=audit)
+    done = msb("report", "-f", "--format", "html", tmp_path, status=0)
+    assert done.err.count("\n") == 1
+    page = (tmp_path / "report" / "verdict-capture-desk-mesh_splatting.html").read_text()
+    assert "data:image/png;base64," not in page
+
+
+@pytest.mark.slow
+def test_sorting_works_in_a_browser(report: Report, in_browser: Callable[..., Any]) -> None:
+    page = report_files(report, formats=["html"])["index.html"]
+    # The first button of the summary is pressed.
+    press = """
+    const table = document.querySelector('#native_summary table'), rows = () =>
+      [...table.querySelectorAll('tbody tr:not(.group):not(.paper)')]
+        .map((row) => row.cells[1].dataset.value);
+    const button = table.querySelector('thead button'); button.click(); const down = rows(); button.click();
+    const pairs = [...table.querySelectorAll('tr.paper')].every((row) =>
+      !row.previousElementSibling.classList.contains('paper'));
+    return [down, rows(), pairs];
+    """
+    down, up, pairs = in_browser(page, press)
+    values = list(map(float, down))
+    assert len(values) == 4
+    assert values == sorted(values, reverse=True)
+    assert up == down[::-1]
+    assert pairs

@@ -1,7 +1,5 @@
 """Reading records: what is refused, what may not be mixed, which files a record may name."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Any

@@ -1,22 +1,23 @@
-"""Our own tables: what is bold, what is N/A or -- and why, partial means, the paper's rows under ours."""
-
-from __future__ import annotations
+"""Our own tables and findings, beyond golden.md: what is bold or missing and why, the paper's rows."""
 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.stats import ttest_rel
 
 from msb.bench.aggregate import SCENES
-from msb.bench.documents import AuditDocument, ChamferDocument
-from msb.bench.records import Cell as Place
-from msb.bench.records import Floor, Reason, RendererInfo, Result, Training
-from msb.metrics.vgg import weights_source
+from msb.bench.documents import AuditDocument
+from msb.bench.records import Reason, Setup, Training
+from msb.errors import UsageError
+from msb.report.against import holm
 from msb.report.build import build_report
-from msb.report.collect import NOT_RUN, REFERENCE, SOUP, STE
+from msb.report.collect import SOUP
+from msb.report.findings import Finding, find
 from msb.report.layout import mark_best
-from msb.report.metric_format import text
+from msb.report.metric_format import digits, text
 from msb.report.numbers import MEAN, Key, Number, Numbers
 from msb.report.paper import contradictions, paper_numbers
 from msb.report.report import Report
@@ -28,16 +29,14 @@ from msb.report.tables.asset import asset_tables
 from msb.report.tables.gaps import gaps_table
 from msb.report.tables.measured import DRIVER_NOTE
 from msb.report.tables.reproducibility import reproducibility_statistics
-from tests.report.documents import AUDIT, chamfer
 from tests.report.factory import (
-    METRICS,
-    at_rate,
+    AUDIT,
     make_result,
     measure,
     numbers_of,
     write,
-    write_results,
 )
+from tests.report.test_golden import of_the_model_alone
 
 
 def row_of(table: Table, *labels: str) -> Row:
@@ -80,46 +79,6 @@ def test_ties_at_the_printed_precision_are_all_bold() -> None:
     assert [mark_best(cells, ["x"] * 2, alone=alone)[0].bold for alone in (False, True)] == [False, True]
 
 
-def partial(root: Path) -> Numbers:
-    """Return numbers of which one scene is missing, one failed, and one condition is not supported."""
-    write_results(root, datasets=["mipnerf360"], methods=["two_dts", "diffsoup"])
-    (root / "cells/mipnerf360/garden/two_dts/standard/result.json").unlink()
-    cell = Place(dataset="mipnerf360", scene="room", method="two_dts", condition="standard")
-    reason = Reason(code="OPENCL_BUILD", message="no device")
-    write(root, Result(cell=cell, status="failed", reason=reason, seconds=1.0))
-    return numbers_of(root)
-
-
-def test_partial_means_say_of_how_many_scenes(tmp_path: Path) -> None:
-    numbers = partial(tmp_path)
-    table = measured.renderer_comparison(numbers, "mipnerf360")
-    cell = row_of(table, "Standard", "by OpenCL", "PSNR ↑").cells[0]
-    assert cell.text.endswith(" (7/9)")
-    assert any("bicycle" in note and "garden" not in note for note in cell.notes)
-    assert cell.to_dict()["partial"] is True
-    values = [
-        numbers.value(Key("mipnerf360", s, "two_dts", "standard", "psnr")) for s in SCENES["mipnerf360"]
-    ]
-    known = [value for value in values if value is not None]
-    assert cell.value == pytest.approx(sum(known) / 7, rel=1e-12)
-    indoor = numbers.number(Key("mipnerf360", "indoor_mean", "two_dts", "standard", "psnr"))
-    assert (indoor.present, indoor.expected) == (3, 4)
-
-
-def test_missing_failed_and_unsupported_are_told_apart(tmp_path: Path) -> None:
-    numbers = partial(tmp_path)
-    of = Key("mipnerf360", "garden", "two_dts", "standard", "psnr")
-    assert numbers.number(of) == Number(None, "--", NOT_RUN)
-    failed = numbers.number(of._replace(scene="room"))
-    assert (failed.absent, "OPENCL_BUILD" in str(failed.reason)) == ("--", True)
-    unsupported = numbers.number(of._replace(method="diffsoup"))
-    assert unsupported.absent == "N/A"
-    assert numbers.number(of._replace(method="diffsoup", scene=MEAN)).absent == "N/A"
-    table = measured.per_scene(numbers, "mipnerf360", "standard")
-    assert {cell.text for cell in row_of(table, "garden").cells} == {"--", "N/A"}
-    assert all(cell.reason for cell in row_of(table, "garden").cells)
-
-
 def test_no_cell_is_ever_blank(whole: Report) -> None:
     for table in whole.tables.values():
         assert table.rows
@@ -138,37 +97,6 @@ def test_gaps_between_incomparable_paths_say_why(tmp_path: Path) -> None:
     assert row.cells[0].reason != row.cells[1].reason
 
 
-def test_mean_percentiles_are_means_of_scenes(tmp_path: Path) -> None:
-    # Scenes of [1, 1, 1, 9] and [2, 2, 2, 2] ms: P95 7.8 and 2; of all frames it would be 6.55.
-    for scene, p95 in (("train", 7.8), ("truck", 2.0)):
-        measure(tmp_path, "dedicated", dataset="tanksandtemples", scene=scene, timing={"p95_ms": p95})
-    table = measured.latency(numbers_of(tmp_path), "tanksandtemples")
-    assert row_of(table, "Mean").cells[1].text == "4.9"
-
-
-@pytest.mark.parametrize("kind", ["gpu", "cpu"])
-def test_the_frame_rate_of_a_cpu_is_not_marked_as_the_best(tmp_path: Path, kind: str) -> None:
-    for method in ("two_dts", "mesh_splatting"):
-        timing = {"device_kind": kind, **at_rate(100.0 + len(method))}
-        measure(tmp_path, "dedicated", method=method, timing=timing)
-    numbers = numbers_of(tmp_path)
-    assert any("Made-up GPU" in note for note in measured.latency(numbers, "capture").notes) == (
-        kind == "cpu"
-    )
-    row = measured.per_scene(numbers, "capture", "dedicated").rows[0]
-    bold = {cell.metric for cell in row.cells if cell.bold}
-    assert ("fps" in bold, "psnr" in bold) == (kind == "gpu", True)
-
-
-def test_a_note_says_which_weights_lpips_is_of(tmp_path: Path) -> None:
-    vgg = {"file": "v.npz", "sha256": "ab" * 32, "known": None}
-    weights = {"vgg": vgg, "heads": {"known": "lpips 0.1.4"}}
-    metrics = (*METRICS, {"name": "lpips_vgg", "weights": weights})
-    measure(tmp_path, "non_engine", dataset="tanksandtemples", scene="train", quality={"metrics": metrics})
-    table = measured.native_summary(numbers_of(tmp_path))
-    assert f"LPIPS: {weights_source(weights)}" in table.notes
-
-
 @pytest.mark.parametrize("told", [5 << 30, None])
 def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
     tmp_path: Path, told: int | None
@@ -180,40 +108,10 @@ def test_the_drivers_figure_stands_beside_our_buffers_where_there_is_one(
         assert (table.rows[0].cells[-1].text == "5120", DRIVER_NOTE in table.notes) == (bool(told),) * 2
 
 
-def test_a_single_triangle_has_a_row_below_the_means(tmp_path: Path) -> None:
-    for scene, size in (("train", 30 << 20), ("truck", 50 << 20)):
-        floor = Floor(width=980, height=545, p50_ms=0.5, p95_ms=0.7, memory_bytes=size)
-        measure(tmp_path, "standard", dataset="tanksandtemples", scene=scene, floor=floor)
-    measure(tmp_path, "dedicated", dataset="tanksandtemples", scene="train")
-    numbers = numbers_of(tmp_path)
-    memory, latency = (make(numbers, "tanksandtemples") for make in (measured.memory, measured.latency))
-    assert [cell.text for cell in row_of(memory, "Floor").cells] == ["--", "40"]
-    assert [cell.text for cell in row_of(latency, "Floor").cells] == ["--", "--", "0.5", "0.7"]
-    both = measured.runtime_resources(numbers, "tanksandtemples")
-    shown = [
-        cell.text
-        for column, cell in zip(both.columns, both.rows[-1].cells, strict=True)
-        if "Floor" in column.groups
-    ]
-    assert shown == ["0.5", "0.7", "40"]
-    assert numbers.scenes("tanksandtemples") == ["train", "truck"]
-
-
-def test_what_is_of_the_model_needs_no_images_of_its_own_renderer(tmp_path: Path) -> None:
-    distance = ChamferDocument.of(chamfer(0.75))
-    trained = Training(seconds=1500.0, peak_memory_bytes=None, source="track.json")
-    for scene in SCENES["dtu"]:
-        parts = {"chamfer": distance, "training": trained}
-        write(tmp_path, make_result("dtu", scene, "two_dts", "exported_mesh", **parts))
-    write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "exported_mesh"))
-    alone = build_report(read_results(tmp_path), pictures=False, with_paper=False)
-    summary = alone.tables["native_summary"]
-    assert [row.labels[-1] for row in summary.rows] == ["2DTS"], "the other has no such number"
-    assert {cell.text for cell in summary.rows[0].cells} == {"0.75", "25.0", "--"}
-    scenes = alone.tables["scenes-dtu-non_engine"]
-    assert [column.of["metric"] for column in scenes.columns] == ["chamfer"]
-    # They make no condition of images, neither here nor beside a method that has one.
-    assert alone.numbers.conditions("dtu") == []
+def test_what_is_of_the_model_makes_no_condition_of_images(tmp_path: Path) -> None:
+    """Neither alone nor beside a method that has one."""
+    of_the_model_alone(tmp_path)
+    assert numbers_of(tmp_path).conditions("dtu") == []
     write(tmp_path, make_result("dtu", SCENES["dtu"][0], "mesh_splatting", "non_engine"))
     both = build_report(read_results(tmp_path), pictures=False, with_paper=False)
     assert len(both.tables["native_summary"].rows) == 2
@@ -238,26 +136,6 @@ def test_a_soup_with_a_degenerate_row_is_one_as_in_its_verdict(tmp_path: Path) -
     assert SOUP in numbers_of(tmp_path).number(key).notes
 
 
-def test_our_reference_is_not_passed_off_as_official(tmp_path: Path) -> None:
-    own = RendererInfo(name="reference", version="1", kind="msb_reference")
-    measure(tmp_path, "non_engine", renderer=own)
-    measure(tmp_path, "non_engine", method="diffsoup")
-    first, second = measured.native_summary(numbers_of(tmp_path)).rows
-    assert first.cells[0].notes == (REFERENCE,)
-    assert second.cells[0].notes == ()
-
-
-def test_another_image_folder_is_noted(tmp_path: Path) -> None:
-    for method in ("two_dts", "triangle_splatting", "diffsoup"):
-        folder = "images_4" if method == "diffsoup" else "images_2"
-        measure(tmp_path, "non_engine", method=method, setup={"image_folder": folder})
-    numbers = numbers_of(tmp_path)
-    key = Key("capture", "desk", "diffsoup", "non_engine", "psnr")
-    (note,) = numbers.number(key).notes
-    assert "images_4" in note
-    assert numbers.number(key._replace(method="two_dts")).notes == ()
-
-
 def test_reproducibility_statistics_name_the_worst_pair(numbers: Numbers) -> None:
     paper = paper_numbers()
     scene = Key("mipnerf360", "treehill", "triangle_splatting", "non_engine", "psnr", "paper")
@@ -278,25 +156,6 @@ def test_what_contradicts_the_papers_numbers_stands_where_they_do(whole: Report,
     assert f"in the paper: {known}" in whole.tables["slowdown"].notes
     alone = build_report(read_results(results), pictures=False, with_paper=False)
     assert not any("in the paper" in note for table in alone.tables.values() for note in table.notes)
-
-
-def test_short_trainings_and_small_memory_show_digits_and_the_best_by_them(tmp_path: Path) -> None:
-    for method, seconds in (("two_dts", 1.2), ("mesh_splatting", 2.4), ("diffsoup", 90.0)):
-        training = {"seconds": seconds, "peak_memory_bytes": 1 << 33}
-        measure(tmp_path, "non_engine", method=method, training=training)
-    cells = [row.cells for row in measured.native_summary(numbers_of(tmp_path)).rows]
-    shown = {cell.text: cell.bold for row in cells for cell in row if cell.metric == "train_seconds"}
-    assert shown == {"0.02": True, "0.04": False, "1.5": False}
-
-
-@pytest.mark.parametrize("threshold", [None, 0.1])
-def test_opacity_that_hides_faces_on_standard_is_noted(tmp_path: Path, threshold: float | None) -> None:
-    for condition in ("dedicated", "standard"):
-        measure(tmp_path, condition, 20.0, renderer={"settings": {"ste_threshold": threshold}})
-    numbers = numbers_of(tmp_path)
-    key = Key("capture", "desk", "two_dts", "standard", "psnr")
-    assert (STE in numbers.number(key).notes) == (threshold is not None)
-    assert STE not in numbers.number(key._replace(condition="dedicated")).notes
 
 
 @pytest.mark.parametrize(
@@ -325,10 +184,114 @@ def test_notes_of_all_cells_move_to_the_table() -> None:
     assert table.footnotes() == {"one": "a"}
 
 
-def test_json_holds_full_doubles(numbers: Numbers) -> None:
-    data: dict[str, Any] = measured.renderer_comparison(numbers, "mipnerf360").to_dict()
-    cell = data["rows"][0]["cells"][0]
-    mean = numbers.value(Key("mipnerf360", MEAN, "two_dts", "non_engine", "psnr"))
-    assert cell["value"] == mean
-    assert cell["text"] == f"{mean:.2f}"
-    assert (cell["metric"], cell["unit"]) == ("psnr", "dB")
+def kinds(numbers: Numbers) -> set[str]:
+    return {finding.kind for finding in find(numbers)}
+
+
+@pytest.mark.parametrize("apart", [0.0, 0.004])
+def test_nobody_leads_by_less_than_a_table_shows(tmp_path: Path, apart: float) -> None:
+    for method, psnr, ssim in (("two_dts", 30.0, 0.8), ("mesh_splatting", 30.0 + apart, 0.9)):
+        measure(tmp_path, "non_engine", psnr, ssim, method=method)
+    assert "leaders" not in kinds(numbers_of(tmp_path))
+
+
+def test_speed_and_structure_stay_however_much_there_is_to_say_of_quality(numbers: Numbers) -> None:
+    assert len(numbers.datasets()) == 4
+    many = [Finding("against", f"Number {number}.", "against") for number in range(20)]
+    for first in ([], many):
+        found = [one.kind for one in find(numbers, first)]
+        assert {"slowdown", "structure", "training", "unsupported"} <= set(found)
+        assert len(found) <= 12
+        assert found.count("ranking") <= 1
+    assert (found[0], len(found)) == ("against", 12)
+    assert find(Numbers({})) == []
+
+
+@pytest.mark.parametrize("value", [-0.04, 0.04])
+def test_no_zero_has_a_sign(value: float) -> None:
+    assert text("host_ms", value) == digits(value, 1, sign=True) == "0.0"
+
+
+ROOMS = ("desk", "chair", "room", "hall")
+
+
+def shown(root: Path, method: str, scene: str, psnr: float, **changes: Any) -> list[float]:
+    """Write a record of three views around `psnr`, and return their values."""
+    shifts = np.random.default_rng(len(method + scene) + round(psnr)).normal(0, 0.3, 3)
+    shifts -= shifts.mean()
+    measure(root, "standard", psnr, shifts=tuple(shifts), method=method, scene=scene, **changes)
+    return list(psnr + shifts)
+
+
+def report(root: Path) -> Report:
+    return build_report(read_results(root), pictures=False, against="mesh_splatting")
+
+
+def test_the_difference_is_that_of_a_paired_test_over_scenes(tmp_path: Path) -> None:
+    for number, scene in enumerate(ROOMS):
+        shown(tmp_path, "mesh_splatting", scene, 24.0 + number)
+        shown(tmp_path, "two_dts", scene, 24.5 + 1.1 * number)
+    wanted = ttest_rel([24.5 + 1.1 * n for n in range(4)], [24.0 + n for n in range(4)])
+    ends = wanted.confidence_interval(0.95)
+    made = report(tmp_path)
+    (row, _) = made.tables["against"].rows
+    assert row.labels == ("Standard", "PSNR ↑", "2DTS")
+    better, low, high, p, holm, over = row.cells
+    assert (better.text, low.text, high.text, over.text) == ("+0.65", "+0.44", "+0.86", "4 scenes")
+    assert [low.value, high.value, p.value] == pytest.approx([ends.low, ends.high, wanted.pvalue], rel=1e-9)
+    assert holm.value == p.value, "SSIM is equal everywhere, so there is one test"
+    for value in ("over 4 scenes", "0.65 dB better", "0.44 to 0.86", "p = 0.002"):
+        assert value in made.findings[0].sentence
+    assert better.to_dict()["interval_over"] == "4 scenes"
+    assert better.to_dict()["significant"] is True
+
+
+def test_one_scene_is_compared_by_its_views_and_what_is_worse_is_said_to_be(tmp_path: Path) -> None:
+    theirs = shown(tmp_path, "mesh_splatting", "desk", 24.0)
+    ours = shown(tmp_path, "two_dts", "desk", 21.0)
+    made = report(tmp_path)
+    better, _, _, p, *_ = made.tables["against"].rows[0].cells
+    assert (better.text, p.value) == ("-3.00", pytest.approx(ttest_rel(ours, theirs).pvalue, rel=1e-9))
+    assert "2DTS is 3.00 dB worse" in made.findings[0].sentence
+    assert made.notes
+
+
+def test_only_cells_that_both_have_are_compared_and_others_say_why(tmp_path: Path) -> None:
+    setup = Setup(camera_convention="gs_fov", image_folder="images_8", gt_resized=False, background=(1, 1, 1))
+    for scene in ROOMS[:3]:
+        shown(tmp_path, "mesh_splatting", scene, 24.0)
+        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
+    for scene in ROOMS[1:]:
+        shown(tmp_path, "two_dts", scene, 25.0 + len(scene))
+    rows = {
+        row.labels[2]: row.cells for row in report(tmp_path).tables["against"].rows if "PSNR" in row.labels[1]
+    }
+    assert [rows["2DTS"][0].text, rows["2DTS"][5].text] == ["+5.50 (2/4)", "2 scenes"]
+    assert rows["Triangle-Splatting"][0].value is None
+
+
+def test_another_background_is_a_methods_own_and_noted(tmp_path: Path) -> None:
+    setup = Setup(camera_convention="full_K", image_folder="images_4", gt_resized=False, background=(1, 1, 1))
+    for scene in ROOMS:
+        shown(tmp_path, "mesh_splatting", scene, 24.0)
+        shown(tmp_path, "two_dts", scene, 24.0)
+        shown(tmp_path, "triangle_splatting", scene, 25.0, setup=setup)
+    table = report(tmp_path).tables["against"]
+    cell = next(row.cells[0] for row in table.rows if row.labels[2] == "Triangle-Splatting")
+    assert cell.value == pytest.approx(1.0)
+    assert any("background white" in note for note in cell.notes)
+
+
+def test_nothing_to_compare_is_said(tmp_path: Path) -> None:
+    shown(tmp_path, "mesh_splatting", "desk", 24.0)
+    made = report(tmp_path)
+    assert "against" not in made.tables
+    assert made.notes[0].startswith("against mesh_splatting: ")
+    with pytest.raises(UsageError, match="USAGE"):
+        build_report(read_results(tmp_path), pictures=False, against="two_dts")
+
+
+def test_p_for_all_tests_together_is_holms() -> None:
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([]) == []

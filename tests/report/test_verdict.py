@@ -1,24 +1,34 @@
-"""The verdict on an asset: what it is good for, and by which numbers."""
-
-from __future__ import annotations
+"""The verdict on an asset and its page: what it is good for, what was tried, and what bakes make of it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from msb.bench.folder import Results
+from msb.report.build import build_report
+from msb.report.numbers import Key, condition_order, condition_title
+from msb.report.pages import report_files
+from msb.report.results import read_results
 from msb.report.verdict import Likeness
-from tests.report.factory import VIEWS, measure, note_hashes, verdict_of
+from tests.report.factory import (
+    SAME,
+    TASK,
+    VIEWS,
+    make_result,
+    measure,
+    note_hashes,
+    repairs,
+    trial,
+    verdict_of,
+    way,
+    write,
+)
+from tests.report.test_golden import bakes
 
 PLAIN, SHADED = "A plain mesh in any engine (Standard)", "A model with its own shaders (Dedicated)"
-
-
-def test_a_training_on_the_test_views_is_noted(tmp_path: Path) -> None:
-    measure(tmp_path, "dedicated", trained=("it was trained on the test views",))
-    noted = verdict_of(tmp_path)["Training"]
-    assert noted.mark == "NOTE"
 
 
 @pytest.mark.parametrize(("loss", "mark"), [(-0.2, "YES"), (0.99, "YES"), (1.0, "WITH CARE"), (3.0, "NO")])
@@ -104,3 +114,102 @@ def test_a_likeness_just_below_a_limit_is_not_printed_as_the_limit(
     monkeypatch.setattr("msb.report.verdict.likeness", lambda *_: Likeness(34.96, 3, 3))
     found = verdict_of(tmp_path)[SHADED]
     assert (found.mark, "34.9 dB between" in found.why) == ("WITH CARE", True), found
+
+
+PNG = b"\x89PNG\r\n\x1a\nwhatever"
+IN_PAGE = "data:image/png;base64,iVBORw0KGgp3aGF0ZXZlcg=="
+
+
+def written(root: Path, pictures: dict[str, bytes] | None = None, **parts: Any) -> None:
+    """Write the record of an exported mesh with some of its keys, and pictures beside it."""
+    path = write(root, make_result("capture", "desk", "mesh_splatting", "exported_mesh"), **parts)
+    for name, content in (pictures or {}).items():
+        picture = path.parent / name
+        picture.parent.mkdir()
+        picture.write_bytes(content)
+
+
+def page(root: Path, start: str, end: str = "\0") -> str:
+    """Return the asset's page between two texts."""
+    files = report_files(build_report(read_results(root), pictures=False), formats=("html",))
+    (text,) = (data.decode() for name, data in files.items() if name.startswith("verdict-"))
+    return text.partition(start)[2].partition(end)[0]
+
+
+def tried(root: Path) -> str:
+    return page(root, "What happened when it was tried")
+
+
+def repaired(root: Path) -> str:
+    return page(root, "What would make it usable, and what that costs", "Where the numbers are from")
+
+
+def test_the_page_shows_outcome_reason_and_picture(tmp_path: Path) -> None:
+    written(tmp_path, {"trial/uv.png": PNG}, trial=trial(TASK))
+    assert "&lt;9&gt; charts (1.2 s)" in tried(tmp_path)
+    assert IN_PAGE in tried(tmp_path)
+
+
+@pytest.mark.parametrize(("content", "name"), [(b"GIF89a", "uv.png"), (b"", "../../uv.png")])
+def test_a_picture_that_is_none_is_left_out(tmp_path: Path, content: bytes, name: str) -> None:
+    written(tmp_path, {"trial/uv.png": content}, trial=trial({**TASK, "picture": name}))
+    assert "image/png" not in page(tmp_path, "<html")
+
+
+def test_the_page_names_the_free_way_first_and_then_what_a_better_one_costs(tmp_path: Path) -> None:
+    free = way("orient,pair", verdict_after="limited", edges_cut=7, picture="orient-pair.png")
+    looks = {"standard": {"psnr": 34.56, "same": False, "why": None}, "dedicated": SAME}
+    costly = way("drop", verdict_after="ok", faces_kept=75, looks=looks, trials_passed_after=3)
+    failed = {"strategy": "cut by igl", "plan": ["cut"], "peer": "igl", "why": "PEER_FAILED: it <died>"}
+    found = repairs(way("as stored"), free, costly, failed)
+    written(tmp_path, {"repairs/orient-pair.png": PNG}, repairs=found)
+    text = repaired(tmp_path)
+    first, second = (text.index(f"With {plan} ") for plan in ("orient,pair", "drop"))
+    assert first < text.index("--plan orient,pair</code>") < second
+    for value in ("LIMITED", "75 %", "34.6 dB", "3 of 3 tasks"):
+        assert value in text
+    assert "it &lt;died&gt;" in text
+    assert text.count(IN_PAGE) == 1
+
+
+def test_where_nothing_was_tried_the_page_has_the_commands(tmp_path: Path) -> None:
+    written(tmp_path)
+    assert "<code>msb trial " in page(tmp_path, "<html")
+    assert "<code>msb bake " in page(tmp_path, "<html")
+    assert "<code>msb repair --compare " in repaired(tmp_path)
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    bakes(tmp_path)
+    return tmp_path
+
+
+def test_bakes_stand_after_the_tiers_under_their_own_names() -> None:
+    names = ["exported_mesh", "baked/b", "standard/wgpu", "non_engine", "standard"]
+    order = ["non_engine", "standard", "standard/wgpu", "baked/b", "exported_mesh"]
+    assert sorted(names, key=condition_order) == order
+    assert condition_title("baked/ceiling") == "Baked, ceiling"
+
+
+@pytest.mark.slow
+def test_every_format_and_page_has_the_parts_of_the_loss(root: Path) -> None:
+    files = report_files(build_report(read_results(root)))
+    for suffix in ("md", "tex", "csv", "json"):
+        assert b"anew" in files[f"tables/loss_split-capture.{suffix}"]
+        assert b"as shipped" in files[f"tables/bakes-capture.{suffix}"]
+    assert b"Where the loss is" in files["report.md"]
+    assert b"figures/loss_split-capture.svg" in files["report.md"]
+    assert files["figures/loss_split-capture.pdf"].startswith(b"%PDF")
+    assert b'id="loss_split-capture"' in files["index.html"]
+    (page,) = [text for name, text in files.items() if name.startswith("verdict-")]
+    assert b"anew" in page
+
+
+def test_without_bakes_nothing_of_it_is_said(tmp_path: Path) -> None:
+    for condition in ("dedicated", "standard"):
+        measure(tmp_path, condition, 20.0)
+    report = build_report(read_results(tmp_path))
+    assert not report.numbers.splits
+    assert "bakes" not in [section.name for section in report.sections]
+    assert Key("capture", "desk", "two_dts", "standard", "psnr_16") not in report.numbers.values

@@ -1,7 +1,5 @@
 """Every format from the same table; what a name may hold must not become markup, a formula or a path."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """Small meshes whose answers are known, and tasks without pictures."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

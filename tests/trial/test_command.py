@@ -1,11 +1,7 @@
 """`msb trial`: its JSON, its files and its gates."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
 
-import jsonschema
 import pygltflib
 import pytest
 
@@ -14,45 +10,20 @@ from tests.cli.conftest import Here, mesh_file
 from tests.trial.conftest import box, grid, pages
 
 
-def closed(properties: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of an object that has these properties, all of them and no others."""
-    return {
-        "type": "object",
-        "required": [*properties],
-        "additionalProperties": False,
-        "properties": properties,
-    }
-
-
-TEXT, MAYBE_TEXT = {"type": "string"}, {"type": ["string", "null"]}
-TRIAL_PROPERTIES = {
-    **dict.fromkeys(("task", "title", "says"), TEXT),
-    **dict.fromkeys(("why", "picture"), MAYBE_TEXT),
-    "outcome": {"enum": ["works", "care", "fails", "not_run"]},
-    "seconds": {"type": "number", "minimum": 0},
-    "numbers": {"type": "object"},
-    "libraries": {"type": "object", "additionalProperties": TEXT},
-    "files": {"type": "array", "items": TEXT},
-}
-PROPERTIES = {
-    "schema": {"const": "msb.trial/1"},
-    **dict.fromkeys(("tool_version", "path"), TEXT),
-    "trials": {"type": "array", "items": closed(TRIAL_PROPERTIES)},
-    "mesh": {"type": "object", "required": ["vertices", "faces", "weld", "repair", "sha256"]},
-    "limits": {"type": "object", "required": ["seconds", "memory_gib"]},
-    "cameras": {"type": "object", "required": ["count", "from"]},
-}
-
-
 @pytest.fixture
 def flat(tmp_path: Path) -> Path:
     return mesh_file(tmp_path / "grid.ply", grid().vertices, grid().faces)
 
 
-def test_json_is_what_the_schema_says(here: Here, flat: Path) -> None:
+def test_json_has_the_keys_that_others_rely_on(here: Here, flat: Path) -> None:
     data = here("trial", "--task", "intersections", "--json", "-", flat).json
-    jsonschema.validate(data, closed(PROPERTIES))
+    assert (data["schema"], set(data["limits"])) == ("msb.trial/1", {"seconds", "memory_gib"})
+    assert set(data) == {"schema", "tool_version", "path", "trials", "mesh", "limits", "cameras"}
+    assert {"vertices", "faces", "weld", "repair", "sha256"} <= set(data["mesh"])
+    assert {"count", "from"} <= set(data["cameras"])
     (one,) = data["trials"]
+    texts = {"task", "title", "outcome", "says", "why", "picture"}
+    assert set(one) == texts | {"seconds", "numbers", "libraries", "files"}
     assert (one["task"], one["outcome"]) == ("self_intersections", "works")
     assert (data["path"], data["mesh"]["faces"]) == (str(flat), 72)
 
@@ -102,10 +73,3 @@ def test_results_are_kept_with_their_uvs(here: Here, tmp_path: Path) -> None:
 )
 def test_invalid_arguments_are_rejected_before_anything_is_tried(here: Here, line: str) -> None:
     here("trial", *line.split()).ends(2, "USAGE: ")
-
-
-def test_a_coordinate_that_is_not_finite_is_an_error(here: Here, tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
-    result = here("trial", "--task", "solid", tmp_path / "a.obj")
-    assert result.status == 3
-    assert "vertex 1 is" in result.err

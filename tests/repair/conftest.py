@@ -1,7 +1,0 @@
-"""The command line, in this process and in one of its own."""
-
-from __future__ import annotations
-
-from tests.cli.conftest import here, msb, refused
-
-__all__ = ["here", "msb", "refused"]
