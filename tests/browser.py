@@ -4,8 +4,6 @@ It is told what to do over a pipe, by the debugging protocol of Chromium
 (https://chromedevtools.github.io/devtools-protocol/). Each page has a context, hence storage, of its own.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

@@ -1,7 +1,5 @@
 """What all tests share: where data is, and small meshes whose counts follow from how they are made."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

@@ -4,8 +4,6 @@ A session works on a copy of its own, and what it leaves is kept only if all its
 compiler leaves behind decides no test. PoCL itself tells programs, options and processors apart.
 """
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Wrong arguments of public functions have codes; numbers of NumPy are numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ This is tried on a copy of the tree. ``python -m tests.test_deletable bake`` als
 remain.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """What the documentation shows holds: docstring examples, links, pictures, public names, shipped data."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import re

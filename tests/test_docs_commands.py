@@ -7,8 +7,6 @@ print. A document's commands run one after the other, in one process, in a folde
 documents that need the same extra, together.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

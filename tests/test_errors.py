@@ -1,7 +1,5 @@
 """The error tree: every code has a class, a meaning and a remedy."""
 
-from __future__ import annotations
-
 import pickle  # noqa: TID251 - what worker processes do with an error
 
 import pytest

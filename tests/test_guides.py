@@ -4,8 +4,6 @@ What stands after a command in a ``console`` block is what it prints on standard
 anything. Commands of a document, and its Python, run one after the other in one folder.
 """
 
-from __future__ import annotations
-
 import doctest
 import json
 import os

@@ -1,7 +1,5 @@
 """Who may import whom, and what of others. The tables below are the rule; the code is held to them."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re

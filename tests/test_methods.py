@@ -1,7 +1,5 @@
 """Every folder of a method holds what it must, and what it declares agrees with it: docs/extending.md."""
 
-from __future__ import annotations
-
 from data_stubs.made_models import _WRITERS
 from msb.adapters.exporter import adapters
 from msb.registry import BUILT_IN, METHODS, with_role

@@ -1,7 +1,5 @@
 """What is built: wheel and sdist hold every file of the packages (tests/test_guides.py has it work)."""
 
-from __future__ import annotations
-
 import tarfile
 import zipfile
 from pathlib import Path

@@ -3,8 +3,6 @@
 A warning that a test does not expect fails it: nothing is warned of where all is well.
 """
 
-from __future__ import annotations
-
 import runpy
 import sys
 from collections.abc import Iterator

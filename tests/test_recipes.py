@@ -1,7 +1,5 @@
 """The recipes for training with official code: their dry runs, since nothing here can run them."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import tomllib

@@ -1,7 +1,5 @@
 """What releases and other projects run: workflows, the action and the recipe say what pyproject.toml says."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """The views that judge a model where none are given, and what is said where they show nothing."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path

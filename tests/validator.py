@@ -4,8 +4,6 @@
 test is skipped.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

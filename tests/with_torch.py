@@ -5,8 +5,6 @@ user's cache folder, once for all checkouts, and stand behind the environment's 
 whatever else imports torch where it can, as hypothesis' search for constants does, is slow with it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

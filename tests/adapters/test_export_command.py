@@ -1,7 +1,5 @@
 """`msb export`: settings, forms, exit statuses. Its text is in tests/snapshots."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`msb audit`: exit status, streams, files and JSON. Its text is in tests/snapshots."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

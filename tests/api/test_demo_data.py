@@ -1,7 +1,5 @@
 """`msb demo-data`: the folder with everything that examples name."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

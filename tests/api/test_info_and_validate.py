@@ -1,7 +1,5 @@
 """`msb info` and `msb validate`: JSON, codes and exit statuses. Their text is in tests/snapshots."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """From paths to assets and back: `msb.open`, `msb.load`, `msb.save`, and what else takes a path."""
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import json

@@ -1,7 +1,5 @@
 """Folders that a command writes as a whole: what is replaced, what stays, and what an error leaves."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

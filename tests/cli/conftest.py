@@ -1,7 +1,5 @@
 """The command line as its users meet it: a child process with its exit status and two streams."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

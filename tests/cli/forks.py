@@ -1,7 +1,5 @@
 """`msb` in processes of its own that are forked from one that has imported it: a tenth of a start's time."""
 
-from __future__ import annotations
-
 import atexit
 import json
 import os

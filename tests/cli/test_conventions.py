@@ -1,7 +1,5 @@
 """What holds for all commands: JSON, notes and logs, colour."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

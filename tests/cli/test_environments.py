@@ -3,8 +3,6 @@
 Commands that share an environment run one after the other in one process, which is several times as fast.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

@@ -1,7 +1,5 @@
 """The kit: options from dataclasses, help, wrong usage, and commands of other packages."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

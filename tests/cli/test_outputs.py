@@ -1,7 +1,5 @@
 """Output paths: devices and pipes, inputs, other outputs, existing files, and files that appear meanwhile."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """Options that contradict each other or would change nothing are errors of usage that name the option."""
 
-from __future__ import annotations
-
 import shlex
 
 import pytest

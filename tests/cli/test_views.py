@@ -1,7 +1,5 @@
 """Commands use the cameras of the training, and need a device that exists."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

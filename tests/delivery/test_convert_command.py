@@ -1,7 +1,5 @@
 """`msb convert`: rows, colours, axes, forms, engines and exit statuses. Its text is in tests/snapshots."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`msb.save` has the choices of `msb convert`, and writes the same bytes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The official glTF-Validator sees what tests write: tests/conftest.py asks it of every GLB."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What flickers on a walk ranks orders and samples as the eye does."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Decibels as text."""
 
-from __future__ import annotations
-
 from msb.metrics.likeness import decibels
 
 

@@ -1,7 +1,5 @@
 """`msb scenes`: what it says of good scenes and of bad ones."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

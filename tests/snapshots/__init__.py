@@ -9,8 +9,6 @@ Times, hashes, versions and paths are replaced by words. In the output of comman
 number, because it depends on the machine.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

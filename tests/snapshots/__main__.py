@@ -1,7 +1,5 @@
 """Write the files of all commands again."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

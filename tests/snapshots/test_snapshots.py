@@ -1,7 +1,5 @@
 """Help and usual output are as in the files that `python -m tests.snapshots` writes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Faces that cross, against exact arithmetic on every pair, and against CGAL."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from typing import Any
 

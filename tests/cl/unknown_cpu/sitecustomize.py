@@ -5,8 +5,6 @@ Here the name is overwritten where the wheel keeps it, as soon as somebody asks 
 before are found in PoCL's cache all the same, so it has to be an empty one.
 """
 
-from __future__ import annotations
-
 import ctypes
 import importlib.util
 import sys

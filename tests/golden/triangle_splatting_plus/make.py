@@ -1,7 +1,5 @@
 """Make the golden views of Triangle Splatting+: `python -m tests.golden.triangle_splatting_plus.make`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 
