@@ -29,7 +29,7 @@ from msb.scenes.datasets import read_scene
 from msb.views import choose_views
 from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, planned, protocol, records
 from tests.cli.conftest import Here, Msb
-from tests.conftest import ROOT
+from tests.conftest import ROOT, of_the_whole
 
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 
@@ -353,7 +353,7 @@ def test_wrong_use_is_one_line(msb: Msb, tmp_path: Path, args: list[str], code: 
     msb("run", "-o", tmp_path / "r", *args, cwd=tmp_path).ends(2 if code == "USAGE" else 3, f"{code}: ")
 
 
-@pytest.mark.parametrize("name", ["paper", "demo"])
+@pytest.mark.parametrize("name", ["paper", pytest.param("demo", marks=of_the_whole)])
 def test_an_example_is_a_protocol_on_standard_output(msb: Msb, name: str) -> None:
     result = msb("run", "--example", name, "-q")
     assert (result.status, result.err, result.out.encode()) == (0, "", example(name))

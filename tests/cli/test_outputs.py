@@ -183,7 +183,10 @@ def test_an_existing_file_needs_force_and_a_folder_is_no_file(here: Here, tmp_pa
         here("convert", *force, ASSET, tmp_path).ends(2, "USAGE: ")
 
 
-@pytest.mark.parametrize("line", of_installed("run -o {0} data_stubs/protocol.toml", "scenes {0}"))
+RUN = "run -o {0} --scene data_stubs/scenes/nerf_synthetic/pebble data_stubs/models/pebble/two_dts"
+
+
+@pytest.mark.parametrize("line", of_installed(RUN, "scenes {0}"))
 def test_a_file_is_no_folder(here: Here, tmp_path: Path, line: str) -> None:
     (tmp_path / "file").write_text("mine")
     assert here(line.format(tmp_path / "file")).status == 3
