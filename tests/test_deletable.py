@@ -1,7 +1,7 @@
 """Each capability can be deleted: the rest then imports, lists its commands and passes its tests.
 
-This is tried on a copy of the tree. ``python -m tests.test_deletable bake`` also runs all quick tests that
-remain.
+This is tried on a copy of the tree, with the quick tests of `QUICK`. ``python -m tests.test_deletable bake``
+runs all quick tests that remain.
 """
 
 import os
@@ -37,6 +37,9 @@ import os, sys
 others = [place for place in sys.path if place not in {places!r} and os.path.isdir(place + "/msb_viewers")]
 sys.path[:] = [place for place in sys.path if place not in others]
 """
+
+QUICK = "tests/api", "tests/cli", "tests/delivery", "tests/snapshots", "tests/test_docs.py"
+"""The tests of the Python interface, of the kit of commands, their help, and the documentation."""
 
 
 def copy_without(capability: str, copy: Path) -> None:
@@ -102,6 +105,8 @@ def check(capability: str, copy: Path) -> None:
 @pytest.mark.parametrize("capability", CAPABILITIES)
 def test_the_rest_works_without(capability: str, copy: Path) -> None:
     check(capability, copy)
+    tested = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *QUICK)
+    assert tested.returncode == 0, tested.stdout[-3000:]
 
 
 @pytest.mark.parametrize("capability", CAPABILITIES)
