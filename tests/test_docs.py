@@ -105,6 +105,7 @@ def test_docs_have_a_word_on_every_option_and_metric() -> None:
     assert not [each.title for each in IMAGE_METRICS.values() if f"## {each.title}" not in metrics]
 
 
+@of_the_whole
 def test_every_code_of_an_error_is_in_a_test() -> None:
     """Those of files that are read have tests of their own, which hold each to a bad file."""
     words: set[str] = set()

@@ -1,15 +1,19 @@
 """Decide how a mesh is audited: by NumPy, or by OpenCL kernels if it is large."""
 
+from __future__ import annotations
+
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.cl import Device
 from msb.errors import DeviceError, UsageError
 from msb.topology.analysis import Analysis
 from msb.topology.findings import Findings, find_by_numpy
+
+if TYPE_CHECKING:
+    from msb.cl import Device
 
 FEWEST_FACES = 1 << 16
 """The number of faces from which opening a device costs less than it saves. Smaller meshes never wait for a

@@ -7,19 +7,23 @@ sort (audit_large.cl). The pairs of faces that belong to one component are liste
 number as root (audit_pairs.cl). docs/audit_speed.md says why, with measurements.
 """
 
+from __future__ import annotations
+
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from msb.cl import Device
-from msb.cl.buffers import Buffer
-from msb.cl.programs import Program
 from msb.topology.findings import SAMPLES, Findings
 from msb.topology.tally import Totals, add_up, tally_dtype
+
+if TYPE_CHECKING:
+    from msb.cl import Device
+    from msb.cl.buffers import Buffer
+    from msb.cl.programs import Program
 
 TWO_FACE, CROWDED, RIM = range(3)
 """The kinds of pairs of audit_pairs.cl."""

@@ -85,6 +85,7 @@ def test_an_invalid_place_for_a_folder_is_rejected(here: Here, model: Path) -> N
 
 
 def test_python_writes_the_same_folder(model: Path) -> None:
+    pytest.importorskip("msb.engines", reason="the page needs msb.engines")
     write_cameras(ring(1), model.parent / "cameras.json")
     cameras = msb.read_cameras(model.parent / "cameras.json")
     baked = msb.bake(model, cameras=cameras, geometry="kept")

@@ -142,6 +142,7 @@ def test_a_device_that_is_not_there_blocks_every_cell(tmp_path: Path) -> None:
 def test_an_engine_that_is_not_installed_blocks_its_cells_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pytest.importorskip("msb.engines.webgpu")
     monkeypatch.setattr("msb.engines.webgpu.WgpuRenderer.missing", lambda: "wgpu-py is not installed")
     report = run_protocol(protocol(tmp_path, head='engines = ["wgpu"]'), dry=True)
     (engine,) = report.missing
