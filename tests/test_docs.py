@@ -45,6 +45,7 @@ def anchors(path: Path) -> set[str]:
     return named | set(re.findall(r'<a id="([\w-]+)"', text))
 
 
+@of_the_whole
 def test_links_lead_somewhere() -> None:
     for path in (*ROOT.glob("*.md"), *PAGES):
         text = path.read_text(encoding="utf-8")

@@ -109,6 +109,7 @@ def test_a_soup_with_a_degenerate_row_is_a_soup(here: Here, tmp_path: Path) -> N
 
 
 def test_the_papers_row_stands_beside_ours(here: Here, demo_asset: Path) -> None:
+    pytest.importorskip("msb.report")
     from msb.report import paper_row
 
     rows = [line.split() for line in here("audit", "--paper", demo_asset).out.splitlines()]
@@ -269,6 +270,7 @@ def test_profiles_gate_for_a_purpose(
 
 
 def test_profiles_hold_the_papers_numbers() -> None:
+    pytest.importorskip("msb.report")
     from msb.report import paper_row
 
     gates = {name: [parse_gate(text) for text in texts] for name, texts in PROFILES.items()}
