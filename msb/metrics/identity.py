@@ -1,21 +1,18 @@
 """The definition of a metric, and the identity of its numbers: version, libraries, parameters, weights."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Any, Literal, Protocol
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import NDArray
 
-    from msb.errors import Finding
+from msb.errors import Finding
 
-    Pixels = NDArray[np.float64]
-    """(H, W, 3), in [0, 1]."""
+Pixels = NDArray[np.float64]
+"""(H, W, 3), in [0, 1]."""
 
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 """The steps that prepare both images for any image metric; bytes are taken as they are."""

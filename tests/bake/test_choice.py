@@ -64,6 +64,7 @@ def test_a_surface_is_taken_for_solids_unless_it_is_bad(
     assert set(baked.report.tried) == (set() if surface is None else {"fitted", "surface"})
 
 
+@pytest.mark.slow
 def test_kept_triangles_that_are_no_longer_a_solid_give_way_to_a_surface(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

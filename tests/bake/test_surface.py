@@ -180,6 +180,7 @@ def test_a_flat_square_becomes_a_thin_solid() -> None:
     assert (high - low)[2] < 0.4
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick")
 def test_leaves_without_thickness_stay_whole() -> None:
     # Crossed sheets on a stick; cells are a 48th of them, and the stick is as thin as one.

@@ -106,6 +106,7 @@ def test_lpips(msb: Msb, vgg_file: Path, tmp_path: Path) -> None:
     msb("eval", "--vgg-weights", GT / "r_0.png", PRED, GT).ends(3, "METRIC_WEIGHTS: ")
 
 
+@pytest.mark.slow
 def test_what_all_images_fail_by_is_said_once(msb: Msb, tmp_path: Path) -> None:
     for folder, size in (("pred", (8, 6)), ("gt", (16, 12))):
         (tmp_path / folder).mkdir()

@@ -74,6 +74,7 @@ def test_the_picture_shows_what_is_asked_for(gl: None, book: Path, tmp_path: Pat
     assert (np.abs(pixels - HIGHLIGHT) <= 3).all(axis=2).sum() > 100
 
 
+@pytest.mark.slow
 @needs_pyvista
 @linux
 @pytest.mark.parametrize(("command", "display"), [("view", ""), ("view", ":99"), ("audit --view", "")])

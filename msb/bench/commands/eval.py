@@ -45,8 +45,6 @@ class EvalOptions:
     "      data_stubs/scenes/tanksandtemples/pebble/images/000002.jpg",
     "msb eval --json - data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
     "      data_stubs/scenes/mipnerf360/pebble/images_4",
-    "msb eval --lint data_stubs/scenes/mipnerf360/pebble/images_4 \\\n"
-    "      data_stubs/scenes/mipnerf360/pebble",
     name="eval",
 )
 def evaluate(
