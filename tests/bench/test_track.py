@@ -99,6 +99,27 @@ def test_gpu_memory_is_of_processes_or_else_of_the_device(
     assert (only.name, only.uuid, only.peak_bytes) == ("A GPU", "GPU-1", wanted[0])
 
 
+def test_where_processes_are_not_listed_no_memory_is_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Any) -> Any:
+        raise RuntimeError("no permission")
+
+    driver = nvml({}, 100)
+    driver.nvmlDeviceGetComputeRunningProcesses = refuse
+    monkeypatch.setitem(sys.modules, "pynvml", driver)
+    gpus = Gpus()
+    driver.used = 400
+    gpus.look({ME})
+    assert gpus.result() == (300, "device", None)
+    assert gpus.devices()[0].peak_bytes == 300
+    driver.used = 100
+    gpus = Gpus()
+    driver.nvmlDeviceGetMemoryInfo = refuse
+    gpus.look({ME})
+    assert gpus.result() == (None, None, "NVML: no permission")
+    driver.nvmlDeviceGetMemoryInfo = nvml({}, 100).nvmlDeviceGetMemoryInfo
+    assert gpus.devices()[0].peak_bytes is None
+
+
 def test_the_sum_is_of_all_gpus_or_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first of two GPUs refuses its list of processes, then also to say what it holds."""
     driver = nvml({ME: 7}, 100, 2)

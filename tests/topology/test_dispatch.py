@@ -1,5 +1,6 @@
 """Which way a mesh is audited, and that nobody notices but by the time it takes."""
 
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -87,3 +88,13 @@ def test_a_gpu_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     gpu = SimpleNamespace(record=SimpleNamespace(kind="gpu", style="gpu"), selector="gpu")
     monkeypatch.setattr("msb.cl.devices.choose_device", lambda: gpu)
     assert dispatch._shared_cpu().record.kind == "cpu"
+
+
+def test_several_threads_may_audit_at_once() -> None:
+    expected, results = audit(*MESH).counts, []
+    threads = [threading.Thread(target=lambda: results.append(audit(*MESH).counts)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert results == [expected] * 4
