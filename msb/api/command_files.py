@@ -1,6 +1,5 @@
 """Functions for commands that open input after input, or write a mesh with the files beside it."""
 
-import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from msb.api.inputs import inputs_at, matches
 from msb.asset import Asset
+from msb.base.paths import real_place
 from msb.cli.output import Output, report_error
 from msb.errors import Finding, MsbError, UsageError
 from msb.meshes import Mesh
@@ -116,7 +116,7 @@ def _without_repeats(paths: Iterable[Path]) -> list[Path]:
     """Return the first path of each place. Hard links of a file count as different places."""
     first: dict[str, Path] = {}
     for path in paths:
-        first.setdefault(os.path.realpath(path) if "\0" not in str(path) else str(path), path)
+        first.setdefault(real_place(path), path)
     return list(first.values())
 
 

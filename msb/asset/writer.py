@@ -46,7 +46,7 @@ def write_asset(
     size = sum(spec.byte_length for spec in asset.manifest.buffers.values())
     meter = Meter("writing", size, progress)
     if form == "folder":
-        if overwrite and is_folder(Path(path)):
+        if overwrite:
             check_asset_folder(Path(path))
         with new_folder(path, size=size, overwrite=overwrite) as folder:
             for name, chunks in _members(asset):
@@ -63,7 +63,7 @@ def write_asset(
 
 def check_asset_folder(folder: Path) -> None:
     """Reject an existing folder that holds anything but an asset, whose manifest lists its files."""
-    if not folder_is_taken(folder):
+    if not is_folder(folder) or not folder_is_taken(folder):
         return
     try:
         strays = [each.file for each in load(folder).warnings if each.code == "TRIASSET_FILE_UNDECLARED"]

@@ -11,7 +11,7 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, is_stdout
 from msb.errors import one_line
-from msb.render.options import NO_CAMERAS, Drawing, Source, Views
+from msb.render.options import NO_CAMERAS, Drawing, ImageFolder, Source, Views
 
 if TYPE_CHECKING:
     from msb.bake import Baked
@@ -49,9 +49,7 @@ class BakeFiles:
             metavar="DIR",
         ),
     ] = None
-    image_folder: Annotated[
-        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
-    ] = None
+    image_folder: ImageFolder = None
 
 
 @command(

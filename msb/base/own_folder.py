@@ -18,11 +18,6 @@ LIST = "msb-files.json"
 _SCHEMA = "msb.files/1"
 
 
-def is_own_folder(folder: Path) -> bool:
-    """Return whether `folder` holds the list of an earlier run."""
-    return listed_files(folder) is not None
-
-
 def check_own_folder(folder: Path) -> None:
     """Check that `own_folder` can write a folder. Call it before a long computation, not after.
 
@@ -36,7 +31,7 @@ def check_own_folder(folder: Path) -> None:
     check_place(folder, folder=True)
     if os.path.lexists(folder) and not folder.is_dir():
         raise UsageError("OUTPUT_EXISTS", "it is a file; name a folder", file=folder)
-    if folder.is_dir() and any(folder.iterdir()) and not is_own_folder(folder):
+    if folder.is_dir() and any(folder.iterdir()) and listed_files(folder) is None:
         text = f"it holds files, and no {LIST} of an earlier run; name another folder"
         raise UsageError("OUTPUT_EXISTS", text, file=folder)
 

@@ -22,6 +22,11 @@ def given_path(path: str | os.PathLike[str]) -> Path:
     return Path(path)
 
 
+def real_place(path: Path) -> str:
+    """Return `path` with its links resolved. A path with a NUL, which no file has, stays as it is."""
+    return os.path.realpath(path) if "\0" not in str(path) else str(path)
+
+
 def shell_word(text: str | os.PathLike[str]) -> str:
     """Return the path `text` as one word of a command that sh, cmd.exe and PowerShell all read alike.
 

@@ -19,6 +19,7 @@ from msb.base.atomic import REPLACES, check_place, folder_is_taken, is_stream, n
 from msb.base.files import is_folder
 from msb.base.option import Option
 from msb.base.own_folder import check_own_folder, listed_files
+from msb.base.paths import real_place
 from msb.base.version import __version__
 from msb.errors import EXIT_STATUS, MsbError, OutputError, UsageError, formula_safe, one_line
 
@@ -71,8 +72,7 @@ class Output:
     ] = None
     fail_fast: Annotated[bool, Option("Stop at the first input that fails.")] = False
     _inputs: set[object] = field(default_factory=set, init=False)
-    _outputs: dict[object, str] = field(default_factory=dict, init=False)
-    _files: list[Path] = field(default_factory=list, init=False)
+    _outputs: dict[object, tuple[str, Path]] = field(default_factory=dict, init=False)
     _checked: set[str] = field(default_factory=set, init=False)
     _remedy: ClassVar[str] = "--force replaces it"
 
@@ -241,7 +241,7 @@ class Output:
         """Register the files in a folder, or that match a pattern. Then check all outputs again."""
         for path in paths:
             self.add_input(path)
-        for path in self._files:
+        for _, path in self._outputs.values():
             self._check_apart(path)
 
     def add_output(self, path: Path, label: str) -> None:
@@ -252,8 +252,8 @@ class Output:
         if is_stdout(path) or is_stream(path):
             return
         self._check_apart(path)
-        self._files.append(path)
-        if (other := self._outputs.setdefault(_identity(path), label)) != label:
+        other, _ = self._outputs.setdefault(_identity(path), (label, path))
+        if other != label:
             raise UsageError("USAGE", f"{label} and {other} name the same file", file=path)
 
     def check_free(self, path: Path | None, *, folder: bool = False) -> None:
@@ -362,7 +362,7 @@ def _identity(path: Path) -> object:
     try:
         status = path.stat()
     except (OSError, ValueError):  # the file does not exist, or the name is invalid, which its use reports
-        return os.path.realpath(path) if "\0" not in str(path) else str(path)
+        return real_place(path)
     return status.st_dev, status.st_ino
 
 

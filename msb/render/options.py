@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 Source = Annotated[Path, Argument("A .triasset, checkpoint or mesh file.", metavar="ASSET")]
+ImageFolder = Annotated[
+    str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
+]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
 MOST_PIXELS = 16384

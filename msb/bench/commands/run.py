@@ -16,7 +16,7 @@ from msb.base.paths import shell_word
 from msb.cli.command import Typed, command, require
 from msb.cli.output import Output, echo, say
 from msb.errors import UsageError
-from msb.render.options import Drawing
+from msb.render.options import Drawing, ImageFolder
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -40,9 +40,7 @@ class RunOptions:
         Path | None,
         Option("With --scene: official renderings, or our NumPy renderer.", metavar="DIR|reference"),
     ] = None
-    image_folder: Annotated[
-        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
-    ] = None
+    image_folder: ImageFolder = None
     out: Annotated[
         Path | None,
         Option("Results folder, instead of the protocol's.", ("--out", "-o"), metavar="DIR", output="folder"),

@@ -13,7 +13,7 @@ from msb.base.option import Option
 from msb.cli.command import Typed, command, require
 from msb.cli.output import JsonOutput, Output, echo, file_option
 from msb.errors import UsageError, shorten
-from msb.render.options import Drawing, Source, Tier, Up, Views
+from msb.render.options import Drawing, ImageFolder, Source, Tier, Up, Views
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -46,9 +46,7 @@ class RenderOptions:
             metavar="DIR",
         ),
     ] = None
-    image_folder: Annotated[
-        str | None, Option("With --scene: the photographs' folder, e.g. images_2.", metavar="NAME")
-    ] = None
+    image_folder: ImageFolder = None
     turntable: Annotated[
         str | None,
         Option(
