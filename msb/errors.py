@@ -180,6 +180,7 @@ class DeviceError(MsbError):
 
 EXIT_OK = 0
 EXIT_INTERRUPTED = 130
+# Class of failure -> exit status of the command line, as the help of every command ends with.
 EXIT_STATUS: dict[type[MsbError], int] = {
     GateFailed: 1,
     UsageError: 2,
@@ -194,7 +195,6 @@ EXIT_STATUS: dict[type[MsbError], int] = {
     Unsupported: 4,
     DeviceError: 5,
 }
-"""Class of failure -> exit status of the command line, as the help of every command ends with."""
 
 
 class Code(NamedTuple):

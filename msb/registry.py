@@ -37,14 +37,15 @@ TIERS: tuple[Tier, ...] = ("reference", "dedicated", "standard")
 Order = Literal["tile", "global", "none"]
 ORDERS: tuple[Order, ...] = ("tile", "global", "none")
 Sampling = Literal["official", "engine"]
+# The ways to order and sample primitives on the tiers that show a method's own look; see
+# docs/dedicated.md.
 SAMPLINGS: tuple[Sampling, ...] = ("official", "engine")
-"""The ways to order and sample primitives on the tiers that show a method's own look; see
-docs/dedicated.md."""
 
 SettingValue = bool | int | float | str | None
 SettingSource = Literal["checkpoint", "config", "flag", "default"]
 SETTING_SOURCES: tuple[str, ...] = ("checkpoint", "config", "flag", "default")
 
+# Name that a manifest's `required_passes` may use -> what the pass asks of a renderer.
 PASSES: dict[str, str] = {
     "opaque_unlit": "opaque, z-buffered, two-sided, unlit vertex colours; any engine has it",
     "bake_dc": "clamp(C0 * f_dc + 0.5) turned into vertex colours before drawing",
@@ -56,7 +57,6 @@ PASSES: dict[str, str] = {
     "downsample": "box filter from the supersampled raster to the image",
     "opaque_unlit_texture": "as opaque_unlit, with textures: filtered in linear light, times the colours",
 }
-"""Name that a manifest's `required_passes` may use -> what the pass asks of a renderer."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ class PaperNote:
 
     text: str
     metrics: tuple[str, ...]
+    # The dataset that the remark is on; None means all of them.
     dataset: str | None = None
-    """The dataset that the remark is on; None means all of them."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +210,7 @@ def extracted_mesh(title: str, files: tuple[str, ...], rules: Rules | None) -> M
 
 # The registry: the methods that are installed, and their modules.
 
+# Folders of our methods, in the order of the tables. `mesh` stands for any mesh that came from elsewhere.
 BUILT_IN = (
     "two_dts",
     "triangle_splatting",
@@ -225,7 +226,6 @@ BUILT_IN = (
     "frosting",
     "mesh",
 )
-"""Folders of our methods, in the order of the tables. `mesh` stands for any mesh that came from elsewhere."""
 Role = Literal["adapter", "official", "reference", "look"]
 
 
@@ -233,9 +233,9 @@ def _methods() -> Mapping[str, Method]:
     return {name: method for name, (method, _) in _installed().items()}
 
 
+# Name in manifests -> method: first ours in the order of the tables, then those of installed packages by
+# name.
 METHODS: Mapping[str, Method] = Lazy(_methods)
-"""Name in manifests -> method: first ours in the order of the tables, then those of installed packages by
-name."""
 
 
 @cache

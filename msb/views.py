@@ -29,8 +29,8 @@ from msb.scenes import Camera
 from msb.scenes.around import around, bulk_of, inside, surrounded
 from msb.scenes.sets import given_cameras
 
+# Cameras of a training that are taken, evenly spread.
 MOST = 12
-"""Cameras of a training that are taken, evenly spread."""
 # The size of the pictures that tell a room from a thing.
 _LOOK = (320, 240)
 # Faces that are looked for in them.

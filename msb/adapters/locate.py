@@ -23,24 +23,24 @@ Kind = Literal["torch", "ply", "mesh", "bundle", "other"]
 TORCH_SUFFIXES = (".pt", ".ckpt", ".pth")
 STATE_DICT = "point_cloud_state_dict.pt"
 SPLATS = "point_cloud.ply"
+# File names of the meshes that 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting:
+# render.py).
 FUSED = ("fuse_post.ply", "fuse_unbounded_post.ply", "fuse.ply", "fuse_unbounded.ply")
-"""File names of the meshes that 2DGS writes, the cleaned ones first (hbb1/2d-gaussian-splatting:
-render.py)."""
 
 
 @dataclass(frozen=True)
 class Place:
     """Where a model is: the file that holds it, and the output folder of its training."""
 
+    # If several files hold the model, the one that is read first.
     file: Path
-    """If several files hold the model, the one that is read first."""
+    # Where configs and logs are looked for.
     root: Path
-    """Where configs and logs are looked for."""
+    # How it is read: a "bundle" with the files beside it, "other" by its method's own code.
     kind: Kind
-    """How it is read: a "bundle" with the files beside it, "other" by its method's own code."""
+    # What the user named: the file, the folder, or one above it; of a folder that only holds a checkpoint's
+    # folder, that one.
     given: Path
-    """What the user named: the file, the folder, or one above it; of a folder that only holds a checkpoint's
-    folder, that one."""
 
     @property
     def name(self) -> str:

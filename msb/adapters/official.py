@@ -19,8 +19,8 @@ from msb.registry import lookup, role, with_role
 class Official(Protocol):
     """The members that a method's module `official` has."""
 
+    # The suffixes of the files that the exporter writes; "" stands for a folder.
     SUFFIXES: tuple[str, ...]
-    """The suffixes of the files that the exporter writes; "" stands for a folder."""
 
     def write(self, asset: Asset, path: Path) -> None:
         """Write the asset to `path`, which has one of these suffixes."""

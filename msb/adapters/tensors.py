@@ -11,11 +11,11 @@ from msb.adapters.checkpoint import BFloat16Array
 from msb.asset.drawable import first_bad
 from msb.errors import CheckpointError, Finding, finding, shorten
 
+# A length, or a letter for a length that all tensors with this letter share.
 Axis = int | str
-"""A length, or a letter for a length that all tensors with this letter share."""
 
+# Number K of coefficients per channel beyond the first -> degree L, by K = (L + 1)^2 - 1.
 SH_COEFFICIENTS = {0: 0, 3: 1, 8: 2, 15: 3}
-"""Number K of coefficients per channel beyond the first -> degree L, by K = (L + 1)^2 - 1."""
 
 
 class Tensors:

@@ -11,9 +11,9 @@ from msb.errors import MsbError
 from msb.registry import role
 from msb.scenes import Camera, read_cameras
 
+# What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:
+# scene/__init__.py), and a run beside the assets it makes.
 CAMERAS = "cameras.json"
-"""What official code of the 3DGS family writes into the output folder (graphdeco-inria/gaussian-splatting:
-scene/__init__.py), and a run beside the assets it makes."""
 # Folders at the end of the name that a config gives, with which the scene is looked for elsewhere.
 _DEEPEST = 40
 # Folders above a model from which the scene is looked for, if it is not where the config says.

@@ -15,9 +15,9 @@ from msb.errors import CheckpointError, Finding, InputError, finding, shorten
 from msb.scenes.datasets.catalog import DATASETS
 from msb.scenes.datasets.notes import saw_test_views
 
+# Most bytes that are read. A config has some kilobytes, and a log starts with one; more would only cost
+# time.
 MAX_BYTES = 1 << 16
-"""Most bytes that are read. A config has some kilobytes, and a log starts with one; more would only cost
-time."""
 
 
 def read_cfg_args(root: Path) -> tuple[dict[str, Any], tuple[Path, ...], list[Finding]]:

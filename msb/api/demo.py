@@ -6,6 +6,7 @@ from pathlib import Path
 
 from msb.base.own_folder import own_folder
 
+# The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel.
 CONTENTS = (
     "checkpoint",
     "models",
@@ -15,7 +16,6 @@ CONTENTS = (
     "splat_like.triasset",
     "views.json",
 )
-"""The data in `data_stubs`, beside the scripts that make it; pyproject.toml puts the same into a wheel."""
 PROTOCOL, RESULTS = "protocol.toml", "results"
 _IN_WHEEL = Path(__file__).parents[1] / "demo_data"
 _IN_CHECKOUT = Path(__file__).parents[2] / "data_stubs"

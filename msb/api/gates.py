@@ -31,6 +31,7 @@ _PATTERN = re.compile(r"\s*(?:(?:counts|metrics)\.)?([a-z_]+)\s*(>=|<=|==|!=|>|<
 FailingLevel = Literal["limited", "bad"]
 _FAILING: dict[FailingLevel, tuple[Level, ...]] = {"limited": ("limited", "bad"), "bad": ("bad",)}
 Profile = Literal["game", "print", "research"]
+# Purpose of a mesh -> conditions under which it is not fit. The limits are ours, but for `research`.
 PROFILES: dict[Profile, tuple[str, ...]] = {
     # What runs in an engine: real-time simplification, subdivision and UV unwrapping walk from face to face
     # and copy vertices where they cannot; one element in a hundred is mended by hand or by a tool.
@@ -63,7 +64,6 @@ PROFILES: dict[Profile, tuple[str, ...]] = {
         "lcc_area_ratio<0.69",
     ),
 }
-"""Purpose of a mesh -> conditions under which it is not fit. The limits are ours, but for `research`."""
 
 
 @dataclass(frozen=True)

@@ -33,11 +33,11 @@ from msb.base.version import __version__
 from msb.errors import AssetError
 from msb.registry import TIERS, lookup
 
+# Number of rows looked at together when a whole buffer is read. This bounds memory and costs no speed.
 CHUNK_ROWS = 1 << 20
-"""Number of rows looked at together when a whole buffer is read. This bounds memory and costs no speed."""
 
+# Number of bytes hashed or written at a time.
 CHUNK_BYTES = 1 << 24
-"""Number of bytes hashed or written at a time."""
 
 _ORDER = ("positions", "indices", "color", "f_dc", "f_rest", "opacity", "sigma")
 _DTYPE_NAMES = {dtype: name for name, dtype in DTYPES.items()}

@@ -18,8 +18,8 @@ Json = dict[str, Any]
 # Windows opens a device when asked for one of these, whatever the extension.
 _RESERVED = {"con", "prn", "aux", "nul", *(f"{port}{i}" for port in ("com", "lpt") for i in range(10))}
 
+# Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c, or in column c K + k - 1.
 F_REST_ORDERS = ("coefficient_major", "channel_major")
-"""Coefficient k = 1..K of channel c = 0..2 is in column 3 (k - 1) + c, or in column c K + k - 1."""
 # name -> (dtypes, width of the second axis or None for a flat buffer, domains)
 _STANDARD: dict[str, tuple[tuple[str, ...], tuple[int, ...] | None, tuple[str, ...]]] = {
     "positions": (("float32",), (3,), ("vertex",)),

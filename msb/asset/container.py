@@ -39,8 +39,8 @@ _BUFFER_FILE = re.compile(r"buffers/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}\.bin\Z")
 class _Packed(Policy):
     """What a packed asset may hold; `file` is named in errors."""
 
+    # manifest.json and the 64 buffers a manifest can declare.
     max_members = 65
-    """manifest.json and the 64 buffers a manifest can declare."""
 
     def __init__(self, file: object) -> None:
         self.file = file

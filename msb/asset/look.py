@@ -16,10 +16,10 @@ from msb.asset.drawable import required_buffer
 from msb.asset.sh import SH_C0
 from msb.asset.texture import Textured, linear_to_srgb, sample, srgb_to_linear, textures_of
 
+# The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles.
 GREY = 0.8
-"""The colour, in all three channels, of a mesh that brings none, where light falls on it at right angles."""
+# The part of the light on it that comes from everywhere.
 AMBIENT = 0.35
-"""The part of the light on it that comes from everywhere."""
 # Where the rest comes from: above, a little from the front and right; along (right, up, front).
 _LIGHT = (0.36, 0.8, 0.48)
 # Axis -> the two others, in the order of a right-handed frame.

@@ -11,27 +11,27 @@ import numpy as np
 from msb.registry import TIERS, SettingSource, SettingValue
 
 FORMAT = "triasset"
+# The newest version that is known; `PLAIN_VERSION` is written where there is no texture.
 VERSION = "1.1"
-"""The newest version that is known; `PLAIN_VERSION` is written where there is no texture."""
 PLAIN_VERSION = "1.0"
 MAJOR = 1
 MINOR = 1
 ASSET_SUFFIX = ".triasset"
 MANIFEST_NAME = "manifest.json"
+# Every buffer starts on a multiple of this many bytes: a cache line, and the most that GPUs ask of host
+# pointers.
 ALIGNMENT = 64
-"""Every buffer starts on a multiple of this many bytes: a cache line, and the most that GPUs ask of host
-pointers."""
 
 Topology = Literal["triangle_soup", "indexed_mesh"]
 Domain = Literal["vertex", "face", "corner", "global"]
 Parameters = dict[str, Any]
 
+# Manifest dtype -> NumPy dtype, always little-endian.
 DTYPES: dict[str, np.dtype[Any]] = {
     "float32": np.dtype("<f4"),
     "uint32": np.dtype("<u4"),
     "uint8": np.dtype("u1"),
 }
-"""Manifest dtype -> NumPy dtype, always little-endian."""
 
 
 @dataclass(frozen=True)

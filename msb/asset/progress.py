@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+# A function called as ``progress(stage, done, total)``, in bytes. It is called often, so it must be
+# cheap.
 Progress = Callable[[str, int, int], None]
-"""A function called as ``progress(stage, done, total)``, in bytes. It is called often, so it must be
-cheap."""
 
 
 class Meter:

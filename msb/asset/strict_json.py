@@ -12,13 +12,13 @@ from msb.asset.manifest import MANIFEST_NAME
 from msb.base.bounded_parsing import json_nesting
 from msb.errors import AssetError, MsbError, shorten
 
+# Most bytes of a document. A manifest of 64 buffers has about 20 kB; one MiB leaves room and bounds the
+# work.
 MAX_BYTES = 1 << 20
-"""Most bytes of a document. A manifest of 64 buffers has about 20 kB; one MiB leaves room and bounds the
-work."""
+# Deepest nesting. The format nests 4 deep; extensions may nest further.
 MAX_DEPTH = 16
-"""Deepest nesting. The format nests 4 deep; extensions may nest further."""
+# Most digits of an integer. 2^64 has 20 digits; no field of the format needs more.
 MAX_DIGITS = 20
-"""Most digits of an integer. 2^64 has 20 digits; no field of the format needs more."""
 _SURROGATE = re.compile(r"[\ud800-\udfff]")
 
 

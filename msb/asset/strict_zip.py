@@ -22,14 +22,14 @@ LOCATOR = struct.Struct("<4sIQI")
 # Layouts of the record behind a member's data: the usual one, and that of ZIP64.
 _DESCRIPTORS = (struct.Struct("<4sI2I"), struct.Struct("<4sI2Q"))
 
+# These stand in place of a value that is in the ZIP64 record.
 FULL16, FULL32 = 0xFFFF, 0xFFFFFFFF
-"""These stand in place of a value that is in the ZIP64 record."""
+# Flags of encrypted data, strong encryption and a masked header.
 ENCRYPTED = 0x0001 | 0x0040 | 0x2000
-"""Flags of encrypted data, strong encryption and a masked header."""
+# Flag: sizes and CRC follow the data.
 DESCRIPTOR = 0x0008
-"""Flag: sizes and CRC follow the data."""
+# Flag: the name is UTF-8.
 UTF8 = 0x0800
-"""Flag: the name is UTF-8."""
 EXTRA_ZIP64 = 0x0001
 # Info-ZIP's Unicode path: some readers take the member's name from here.
 _EXTRA_NAME = 0x7075
@@ -51,9 +51,9 @@ class Policy:
     """What one kind of archive may hold. The checks here allow everything."""
 
     max_members: int
+    # Sizes and checksum may stand behind the data, and a local header repeat the central ZIP64 record, as
+    # torch writes both.
     descriptors = False
-    """Sizes and checksum may stand behind the data, and a local header repeat the central ZIP64 record, as
-    torch writes both."""
 
     def refuse(self, code: str, message: str, at: int) -> NoReturn:  # pragma: no cover
         """Raise the error about byte `at`. `code` is without the prefix of the kind: FORM."""

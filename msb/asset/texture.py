@@ -17,18 +17,18 @@ from msb.errors import AssetError
 
 Filter = Literal["linear", "nearest"]
 Wrap = Literal["repeat", "clamp", "mirror"]
+# `appearance.kind` of an asset with textures.
 KIND = "texture"
-"""`appearance.kind` of an asset with textures."""
+# The pass of the standard tier that draws them.
 PASS = "opaque_unlit_texture"
-"""The pass of the standard tier that draws them."""
+# How much below the cut-off alpha is still drawn: what interpolating equal alphas may round away.
 ROUNDING = 1e-6
-"""How much below the cut-off alpha is still drawn: what interpolating equal alphas may round away."""
 NAME = re.compile(r"texture\.(0|[1-9][0-9]?)")
+# The most texels along a side of a texture.
 MAX_SIDE = 16_384
-"""The most texels along a side of a texture."""
+# The most textures of an asset, whose 64 buffers also hold positions, indices, colours, coordinates and
+# `face_texture`.
 MAX_TEXTURES = 59
-"""The most textures of an asset, whose 64 buffers also hold positions, indices, colours, coordinates and
-`face_texture`."""
 # Texels of a mip level that are made together.
 _ROWS = 1 << 22
 
@@ -66,12 +66,12 @@ class Sampler:
         return cls(**{key: appearance[key] for key in cls.__dataclass_fields__})
 
 
+# Key of a sampler -> the words it takes.
 CHOICES: dict[str, tuple[str, ...]] = {
     "filter": get_args(Filter),
     "wrap_u": get_args(Wrap),
     "wrap_v": get_args(Wrap),
 }
-"""Key of a sampler -> the words it takes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +155,8 @@ def linear_to_srgb(values: NDArray[Any]) -> NDArray[Any]:
     return made.astype(values.dtype)
 
 
+# The linear light of each byte of sRGB.
 LINEAR = srgb_to_linear(np.arange(256) / 255).astype(np.float32)
-"""The linear light of each byte of sRGB."""
 LINEAR.flags.writeable = False
 
 

@@ -19,13 +19,13 @@ from msb.asset.reader import map_buffers, read_manifest
 from msb.asset.texture import is_textured, texture_images
 from msb.errors import AssetError, Finding, InputError, error_finding, finding, one_line
 
+# Coordinates up to this magnitude have cross products that fit into float32 (3.4e38).
 MAGNITUDE_LIMIT = 1e18
-"""Coordinates up to this magnitude have cross products that fit into float32 (3.4e38)."""
+# This many findings are printed.
 SHOWN = 50
-"""This many findings are printed."""
+# Tolerance of bounds, relative to the size of the box, because another writer may have rounded them to
+# float32.
 BOUNDS_TOLERANCE = 1e-5
-"""Tolerance of bounds, relative to the size of the box, because another writer may have rounded them to
-float32."""
 
 
 @dataclass(frozen=True)

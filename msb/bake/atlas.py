@@ -35,14 +35,14 @@ _AT_ONCE = 8192  # faces per call of xatlas, whose time grows with the square of
 class _Cells(NamedTuple):
     """Rectangles of a texture and which faces lie in them, in blocks: texels of the last level kept apart."""
 
+    # (C, 2) width and height.
     sides: NDArray[np.int64]
-    """(C, 2) width and height."""
+    # (F, 2) of each face; 0: it is a point in the middle of a texel.
     legs: NDArray[np.int64]
-    """(F, 2) of each face; 0: it is a point in the middle of a texel."""
+    # (F,) the cell of each face.
     of: NDArray[np.int64]
-    """(F,) the cell of each face."""
+    # (F,) of each face among those of its cell.
     number: NDArray[np.int64]
-    """(F,) of each face among those of its cell."""
 
 
 def soup_atlas(corners: NDArray[Any], pixels: NDArray[np.float64], size: int) -> NDArray[np.float32]:

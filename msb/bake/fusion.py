@@ -33,10 +33,10 @@ THICK = 1.0
 DOUBT = 0.05
 _DRAWS = 5  # steps that draw the surface in
 _GROUP = 64
+# The number of views that vote at a time, and of floats in the record of each.
 _AT_ONCE, _RECORD = 8, 19
-"""The number of views that vote at a time, and of floats in the record of each."""
+# The value of a cell that no view votes on.
 UNKNOWN = 2.0
-"""The value of a cell that no view votes on."""
 # Of so many pixels that show something one is a point of what is seen.
 _EVERY = 7
 _BLACK = (0.0, 0.0, 0.0)

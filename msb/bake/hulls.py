@@ -9,8 +9,8 @@ from msb.topology.hulls import hull_directions
 
 Reals = NDArray[np.float64]
 Faces = NDArray[np.int64]
+# Points (V, 3) and the faces (F, 3) on them.
 Part = tuple[Reals, Faces]
-"""Points (V, 3) and the faces (F, 3) on them."""
 
 PATCH_CORNERS = 32  # most corners of the hull of a patch, and about its number of faces
 _THIN = 1e-3  # thickness of a box, or of the hull of a flat patch, relative to the diagonal

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from msb.scenes import Camera
 from msb.scenes.colors import Color
 
+# From a camera to what it should see: (H, W, 3) RGB in the asset's colour space, or that in whole numbers of
+# `STEPS`.
 Draw = Callable[["Camera"], NDArray[np.float32] | NDArray[np.uint16]]
-"""From a camera to what it should see: (H, W, 3) RGB in the asset's colour space, or that in whole numbers of
-`STEPS`."""
 STEPS = 65535  # images are stored with 16 bits a channel, 50 times finer than what is measured
 _MANY = 32  # from this many views on, one half-pixel shift per image suffices
 

@@ -30,12 +30,12 @@ _KEPT = 1 << 28
 class Seen(NamedTuple):
     """What drawings say of each face, summed over them."""
 
+    # (F, 15), `SUMS`.
     sums: NDArray[np.float32]
-    """(F, 15), `SUMS`."""
+    # (F,) the most pixels that one view shows of it.
     most: NDArray[np.uint32]
-    """(F,) the most pixels that one view shows of it."""
+    # (F, 3, 3) how the squared error rises as a corner moves, per unit of the scene.
     slopes: NDArray[np.float32]
-    """(F, 3, 3) how the squared error rises as a corner moves, per unit of the scene."""
 
 
 class Pupil(StandardRenderer):

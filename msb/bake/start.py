@@ -23,8 +23,8 @@ from msb.meshes.assets import mesh_from_asset, with_vertex_colors
 from msb.meshes.charts import with_sampled_colors
 from msb.meshes.mesh import Mesh
 
+# Is told the stage, how much of it is done, of how much; says whether to end with the best so far.
 Watch = Callable[[str, int, int], bool]
-"""Is told the stage, how much of it is done, of how much; says whether to end with the best so far."""
 # Shares of its covered pixels that a face must own, tried in this order. Faces below are dropped, as
 # those behind may be better. The validation views decide where to stop.
 LIMITS = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)

@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
     Reals = NDArray[np.float64]
 
+# What it costs, in pixels, that the changes of two texels differ: it fills what no picture shows.
 SMOOTHNESS = 0.5
-"""What it costs, in pixels, that the changes of two texels differ: it fills what no picture shows."""
+# Of conjugate gradients.
 STEPS = 15
-"""Of conjugate gradients."""
 # A residual up to this counts as 0.
 _NOTHING = 1e-12
 _GROUP = 64
+# Texels that a work-item sums over, and such work-items of a group.
 _RUN, _RUNS = 64, 8
-"""Texels that a work-item sums over, and such work-items of a group."""
 
 
 class Pyramid(OnDevice):

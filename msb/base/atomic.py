@@ -215,11 +215,11 @@ def is_stream(path: str | os.PathLike[str]) -> bool:
     return not stat.S_ISDIR(mode) and (not stat.S_ISREG(mode) or _descriptor(path) is not None)
 
 
+# What a write fails with where the place is at fault: no room, or no way to write there.
 DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-"""What a write fails with where the place is at fault: no room, or no way to write there."""
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
+# What replaces a file that is there, for who calls a function; commands name their own option instead.
 REPLACES = "overwrite=True replaces it"
-"""What replaces a file that is there, for who calls a function; commands name their own option instead."""
 _LEFTOVER = re.compile(r"\..{1,50}\.[0-9a-f]{12}\.part", re.DOTALL)
 
 

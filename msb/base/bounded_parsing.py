@@ -8,8 +8,8 @@ import re
 import tomllib
 from typing import Any
 
+# Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too.
 MAX_TOML_DEPTH = 32
-"""Protocols nest 3 deep and settings 2; a pyproject.toml holds other tools' tables too."""
 _TOO_DEEP = f"nested too deeply ({MAX_TOML_DEPTH} levels are allowed)"
 # A string may have no end. Its quantifier is possessive, so that a string of any length takes no memory.
 _JSON_TOKEN = re.compile(r'"(?:[^"\\]++|\\.)*+"?|[\[{\]}]', re.DOTALL)

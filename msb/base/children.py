@@ -30,8 +30,8 @@ from msb.base.npz import write_npy
 from msb.errors import shorten
 
 Arrays = Mapping[str, NDArray[Any]]
+# A function of a module: it takes a word and named arrays, and returns JSON data and named arrays.
 Work = Callable[[str, Arrays], tuple[Any, Arrays]]
-"""A function of a module: it takes a word and named arrays, and returns JSON data and named arrays."""
 _POLL = 0.02
 _REPLY, _ERRORS = "reply.json", "errors"
 _MOST_REPLY, _MOST_ERRORS = 1 << 26, 1 << 16

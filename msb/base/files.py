@@ -11,11 +11,11 @@ from pathlib import Path
 from msb.base.paths import given_path
 from msb.errors import InputError, shorten
 
+# Flags of `os.open`. They do not block, because a file that was replaced by a pipe a moment ago must not be
+# waited for.
 READ_ONLY = (
     os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 )
-"""Flags of `os.open`. They do not block, because a file that was replaced by a pipe a moment ago must not be
-waited for."""
 _CHUNK = 1 << 22
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from msb.base.atomic import check_place, new_folder
 from msb.errors import UsageError, shorten
 
+# Name of the list, which lies in the folder itself.
 LIST = "msb-files.json"
-"""Name of the list, which lies in the folder itself."""
 _SCHEMA = "msb.files/1"
 
 

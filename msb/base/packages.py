@@ -11,8 +11,8 @@ from typing import Any, TypeVar
 
 from msb.errors import MsbError, shorten
 
+# The pattern of the name of a method or a metric, in files and in the entry-point groups.
 NAME = r"^[a-z][a-z0-9_]{0,63}$"
-"""The pattern of the name of a method or a metric, in files and in the entry-point groups."""
 Part = TypeVar("Part")
 
 

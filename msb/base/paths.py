@@ -8,8 +8,8 @@ from pathlib import Path
 
 from msb.errors import InputError, UsageError, shorten
 
+# The types that may be given as a path.
 PATH_TYPES = (str, os.PathLike)
-"""The types that may be given as a path."""
 
 
 def given_path(path: str | os.PathLike[str]) -> Path:

@@ -98,8 +98,8 @@ _STRUCTURE: dict[str, tuple[str, Better | None]] = {
     "lcc_area_ratio": ("LCC area", "higher"),
     "components": ("Components", "lower"),
 }
+# The metrics of a mesh.
 AUDITED = tuple(_STRUCTURE)
-"""The metrics of a mesh."""
 _OTHERS: dict[str, Metric] = {
     "fps": Metric("FPS", "1/s", 0, "higher", _fps),
     "p50_ms": Metric("P50", "ms", 1, "lower", _at("timing.p50_ms")),
@@ -137,16 +137,17 @@ def _metrics() -> Mapping[str, Metric]:
     return images | _OTHERS
 
 
+# All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes.
+#
+# `spread_ms` is P95 less P50, `host_ms` the part of a frame's wall-clock time outside of the device's work,
+# and `unsteady` how far the rates of the timing's rounds are apart. `flicker` and `holes` are the walk's.
 METRICS: Mapping[str, Metric] = Lazy(_metrics)
-"""All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes.
 
-`spread_ms` is P95 less P50, `host_ms` the part of a frame's wall-clock time outside of the device's work,
-and `unsteady` how far the rates of the timing's rounds are apart. `flicker` and `holes` are the walk's."""
-
+# Dataset -> the scenes over which the dataset's mean is taken.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
-"""Dataset -> the scenes over which the dataset's mean is taken."""
+# Dataset -> its name in tables, in their order.
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
-"""Dataset -> its name in tables, in their order."""
+# Condition, or bakes of the model -> the heading, in the order of tables.
 CONDITION_TITLES: dict[str, str] = {
     "non_engine": "Non-Engine",
     "dedicated": "Dedicated",
@@ -154,7 +155,6 @@ CONDITION_TITLES: dict[str, str] = {
     BAKED: "Baked",
     "exported_mesh": "Exported mesh",
 }
-"""Condition, or bakes of the model -> the heading, in the order of tables."""
 
 
 @dataclass(frozen=True)

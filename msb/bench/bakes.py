@@ -34,19 +34,19 @@ class BakeTask:
 
     root: Path
     run: str
+    # Dataset, scene and model, as tables name it.
     names: tuple[str, str, str]
-    """Dataset, scene and model, as tables name it."""
     model: Model
     label: str
+    # Those of `bake_options`.
     options: Mapping[str, Any]
-    """Those of `bake_options`."""
+    # Values that replace the model's settings where it teaches.
     settings: Mapping[str, Any]
-    """Values that replace the model's settings where it teaches."""
     scene: SceneAt
+    # The state of the test views when the run was planned.
     views: Views
-    """The state of the test views when the run was planned."""
+    # A hash of all that decides the bake.
     key: str
-    """A hash of all that decides the bake."""
     device: str | None = None
 
     @property

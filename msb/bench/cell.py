@@ -24,8 +24,9 @@ from msb.bench.records import Reason, Result
 from msb.bench.walk import measure_walk
 from msb.errors import MsbError, shorten
 
+# The code of a failure that is a bug of ours.
 INTERNAL = "INTERNAL"
-"""The code of a failure that is a bug of ours."""
+# Part -> the function that computes it, which returns keys of `Result` and their values.
 MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "quality": measure_quality,
     "audit": measure_audit,
@@ -37,7 +38,6 @@ MEASURES: dict[Part, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_own_timing,
     "timing": measure_timing,
 }
-"""Part -> the function that computes it, which returns keys of `Result` and their values."""
 # The keys of `Result` that a part fills, where they are others than its name.
 _KEYS: dict[Part, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),

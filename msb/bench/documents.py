@@ -17,13 +17,13 @@ from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from msb.topology.verdict import Level
 
+# The strategy of the mesh itself, which comes first.
 STORED = "as stored"
-"""The strategy of the mesh itself, which comes first."""
 Decibels = Annotated[float, Field(ge=0, le=most_psnr(MAX_PIXELS))]
 _MOST_SHARE = 1 + 1e-9  # sums of areas are rounded
 Share = Annotated[float, Field(ge=0, le=_MOST_SHARE)]
+# Result of a trial, as in documents of the schema msb.trial/1.
 Outcome = Literal["works", "care", "fails", "not_run"]
-"""Result of a trial, as in documents of the schema msb.trial/1."""
 
 
 class Document(Record):

@@ -18,10 +18,10 @@ from msb.bench.records import Cell, Result, read_result
 from msb.errors import InputError, MsbError, OutputError, UsageError
 
 RESULT = "result.json"
+# The folders beside a record with the pictures of its trials and of repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-"""The folders beside a record with the pictures of its trials and of repairs."""
+# The film beside a record of the worst second of its walk.
 WALK_FILM = "walk.mp4"
-"""The film beside a record of the worst second of its walk."""
 _LOCK = ".lock"
 _RUN = ".run.json"
 _MAX_RUN = 1 << 16

@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     Conditions = Mapping[str, Result]
 
 GapName = Literal["adapt", "port", "deploy"]
+# Gap -> the condition it starts from, and the condition it leads to.
 PAIRS: dict[GapName, tuple[str, str]] = {
     "adapt": ("non_engine", "dedicated"),
     "port": ("dedicated", "standard"),
     "deploy": ("non_engine", "standard"),
 }
-"""Gap -> the condition it starts from, and the condition it leads to."""
 
 # Keys of a device's record that do not tell which it is: `blends` says in what numbers it blends.
 _NO_DEVICE = OF_THE_MOMENT | {"blends"}
@@ -41,21 +41,21 @@ _OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 class Gap:
     """One gap, in the metric's unit, over `scenes` of the `expected` ones."""
 
+    # The absolute gap; None if there is a `reason`.
     value: float | None
-    """The absolute gap; None if there is a `reason`."""
+    # Positive where the second condition is worse.
     signed: float | None = None
-    """Positive where the second condition is worse."""
+    # What `incomparable` says.
     reason: str | None = None
-    """What `incomparable` says."""
+    # For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`.
     mean_abs_scene_gap: float | None = None
-    """For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`."""
     scenes: int = 1
     expected: int = 1
+    # The two means that the gap is between, over exactly those scenes. A mean over all scenes that a
+    # condition has is over other scenes where some are missing.
     ends: tuple[float, float] | None = None
-    """The two means that the gap is between, over exactly those scenes. A mean over all scenes that a
-    condition has is over other scenes where some are missing."""
+    # That of `signed`, from the losses view by view; None between bare values.
     interval: Interval | None = None
-    """That of `signed`, from the losses view by view; None between bare values."""
 
     @property
     def partial(self) -> bool:
@@ -71,11 +71,11 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
+    # Whether Dedicated lies between the other two, or equals one of them to the digits that are printed;
+    # None where a gap is missing, or where the gaps are not over the same scenes.
     monotone: bool | None
-    """Whether Dedicated lies between the other two, or equals one of them to the digits that are printed;
-    None where a gap is missing, or where the gaps are not over the same scenes."""
+    # adapt + port - deploy, which counts as 0 where monotone, else 2 min(adapt, port).
     triangle_excess: float | None
-    """adapt + port - deploy, which counts as 0 where monotone, else 2 min(adapt, port)."""
 
     def __getitem__(self, name: GapName) -> Gap:
         gap: Gap = getattr(self, name)
@@ -86,8 +86,8 @@ class Gaps:
 class Ratio:
     """The ratio of two rates: that of the means over the same scenes, and that in each scene."""
 
+    # None if there is a `reason`, as in `Gap`.
     value: float | None
-    """None if there is a `reason`, as in `Gap`."""
     reason: str | None = None
     per_scene: Mapping[str, float] = field(default_factory=dict)
     expected: int = 1

@@ -17,9 +17,9 @@ from msb.metrics.images import PSNR_CAP
 from msb.metrics.registry import IMAGE_METRICS
 
 LEVEL = 0.05
+# Where a scene has more times as many views as another, and scenes have no effect of their own, too little
+# is significant: 4.2 % of pure noise at 3 times, 1 % at 100 times.
 MOST_UNEQUAL = 3
-"""Where a scene has more times as many views as another, and scenes have no effect of their own, too little
-is significant: 4.2 % of pure noise at 3 times, 1 % at 100 times."""
 NO_VIEWS = "no values of single views"
 # Values that differ by a smaller share of their mean differ by rounding.
 _SAME = 1e-9
@@ -30,10 +30,10 @@ class Interval:
     """The 95 % interval of a mean, and what may be said of it; `reason` explains what is None."""
 
     ends: tuple[float, float] | None
+    # What was drawn at random: "9 scenes" or "20 views of one scene".
     over: str
-    """What was drawn at random: "9 scenes" or "20 views of one scene"."""
+    # That of the test whether the mean is 0.
     p: float | None = None
-    """That of the test whether the mean is 0."""
     reason: str | None = None
 
     def to_dict(self) -> dict[str, Any]:

@@ -16,10 +16,10 @@ from msb.scenes.datasets import SceneAt
 Part = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
+# Parts without which a cell has failed; any other missing part leaves a reason.
 MAIN: tuple[Part, ...] = ("quality", "audit")
-"""Parts without which a cell has failed; any other missing part leaves a reason."""
+# The inputs that decide a part: name -> hash or version.
 Inputs = dict[str, str]
-"""The inputs that decide a part: name -> hash or version."""
 
 
 @dataclass(frozen=True)
@@ -30,20 +30,20 @@ class Job:
     run: str
     cell: Cell
     scene: SceneAt
+    # The scene's state when the run was planned.
     views: Views
-    """The scene's state when the run was planned."""
+    # The parts to compute, each with the inputs to record. Other parts of a record stay while they hold.
     parts: Mapping[Part, Inputs]
-    """The parts to compute, each with the inputs to record. Other parts of a record stay while they hold."""
+    # The present inputs of each part that the cell should have, whether it is computed now or not.
     wanted: Mapping[Part, Inputs] = field(default_factory=dict)
-    """The present inputs of each part that the cell should have, whether it is computed now or not."""
+    # None where there are official renderings only.
     model: Model | None = None
-    """None where there are official renderings only."""
+    # Values that replace the asset's settings.
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Values that replace the asset's settings."""
+    # The order and sampling of a variant.
     options: Mapping[str, str] = field(default_factory=dict)
-    """The order and sampling of a variant."""
+    # The folder of official renderings; None means our reference renderer.
     renders: Path | None = None
-    """The folder of official renderings; None means our reference renderer."""
     training: Path | None = None
     mesh: Path | None = None
     renderer_timing: Path | None = None
@@ -55,8 +55,8 @@ class Job:
     chamfer_seed: int = 0
     trial: TrialTable | None = None
     walk: WalkTable | None = None
+    # What the model's training did otherwise, as `trained_otherwise` says it.
     trained: tuple[str, ...] = ()
-    """What the model's training did otherwise, as `trained_otherwise` says it."""
 
     @property
     def name(self) -> str:

@@ -33,12 +33,12 @@ class Missing:
     """Something that cells need and that is not there or cannot be used."""
 
     code: str
+    # Which file, what is wrong with it, what it is for, and how many cells need it.
     message: str
-    """Which file, what is wrong with it, what it is for, and how many cells need it."""
+    # How many cells need it; 0 if that is not known before it is there.
     cells: int
-    """How many cells need it; 0 if that is not known before it is there."""
+    # Whether these cells cannot be computed; else they only lack a part.
     blocks: bool
-    """Whether these cells cannot be computed; else they only lack a part."""
 
 
 class _Need(NamedTuple):

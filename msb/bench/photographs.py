@@ -22,8 +22,8 @@ from msb.render.images import image_names, write_image
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneAt
 
+# The file in every folder of ground truth that says what it was made from, and the SHA-256 of each file.
 HASHES = "hashes.json"
-"""The file in every folder of ground truth that says what it was made from, and the SHA-256 of each file."""
 SCHEMA = "msb.ground_truth/1"
 _MAX_BYTES = 64 << 20
 
@@ -32,13 +32,13 @@ _MAX_BYTES = 64 << 20
 class Views:
     """The state of a scene's test views: everything that decides a comparison, as hashes."""
 
+    # Of names, sizes, intrinsics and poses.
     cameras: str
-    """Of names, sizes, intrinsics and poses."""
+    # Of files, sizes, masks and background; it names the folder with the ground truth.
     photographs: str
-    """Of files, sizes, masks and background; it names the folder with the ground truth."""
     setup: Setup
+    # The names of the images without suffix, which renderings and ground truth have, too.
     names: tuple[str, ...]
-    """The names of the images without suffix, which renderings and ground truth have, too."""
 
 
 def views_of(scene: Scene) -> Views:

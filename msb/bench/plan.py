@@ -38,8 +38,8 @@ class Pair:
     dataset: DatasetTable
     method: MethodTable
     scene: str
+    # The scene's folder.
     path: Path
-    """The scene's folder."""
     model: Path | None
 
     def task(self, root: Path, run: str) -> ModelTask | None:
@@ -55,16 +55,16 @@ class Planned:
     """One cell, and what is to be done about it."""
 
     cell: Cell
+    # The parts to be computed; None if there is nothing to do, or nothing can be done.
     job: Job | None
-    """The parts to be computed; None if there is nothing to do, or nothing can be done."""
+    # The reason to compute each part, or to "bake": "new", "failed before", "asked for", what changed, or
+    # what is wrong with its record or a rendering.
     why: Mapping[str, str] = field(default_factory=dict)
-    """The reason to compute each part, or to "bake": "new", "failed before", "asked for", what changed, or
-    what is wrong with its record or a rendering."""
+    # "done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
-    """"done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`."""
     reason: Reason | None = None
+    # What must be made before the parts can be told; None where that is there, or nothing is to be made.
     bake: BakeTask | None = None
-    """What must be made before the parts can be told; None where that is there, or nothing is to be made."""
 
 
 def pairs_of(

@@ -32,11 +32,11 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
+    # Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
+    # that the most demanding camera needs, however fast the machine is.
     memory: Mapping[str, int]
-    """Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
-    that the most demanding camera needs, however fast the machine is."""
+    # Use -> its group (`Renderer.memory_groups`).
     memory_groups: Mapping[str, str]
-    """Use -> its group (`Renderer.memory_groups`)."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the profile as JSON data."""

@@ -10,9 +10,9 @@ class Left(NamedTuple):
     """An estimate of the time that is left."""
 
     seconds: float
+    # Whether more than this is to be expected: some of what is left is of a kind of which nothing has been
+    # finished, or takes longer than what was.
     at_least: bool
-    """Whether more than this is to be expected: some of what is left is of a kind of which nothing has been
-    finished, or takes longer than what was."""
 
 
 class Stage:

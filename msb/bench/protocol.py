@@ -38,11 +38,11 @@ class ProtocolFile:
     """A protocol and the file it came from. Paths in it are relative to that file's folder."""
 
     path: Path
+    # The content of the file, which is kept with the results.
     text: bytes
-    """The content of the file, which is kept with the results."""
     protocol: Protocol
+    # The results folder to use instead of the one that the file names.
     results_instead: Path | None = None
-    """The results folder to use instead of the one that the file names."""
 
     @property
     def results(self) -> Path:

@@ -12,17 +12,17 @@ from msb.bench.timing import Timing
 from msb.registry import Order, Sampling
 
 AUTO = "auto"
+# The word that stands for our NumPy renderer in the place of a folder of official renderings.
 REFERENCE = "reference"
-"""The word that stands for our NumPy renderer in the place of a folder of official renderings."""
 PLACES = ("dataset", "scene", "method")
+# A placeholder in a path; doubled braces stand for single ones.
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-"""A placeholder in a path; doubled braces stand for single ones."""
 # A name that becomes the name of a folder below the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
+# A path relative to the protocol file, in which {dataset}, {scene} and {method} are placeholders.
 Template = Annotated[str, Field(min_length=1)]
-"""A path relative to the protocol file, in which {dataset}, {scene} and {method} are placeholders."""
 Unit = Annotated[float, Field(ge=0, le=1)]
 Color = tuple[Unit, Unit, Unit]
 Setting = bool | int | float | str
@@ -31,63 +31,63 @@ Setting = bool | int | float | str
 class SceneOptions(Record):
     """Options of a scene, set by its dataset; where a method sets one too, the method counts."""
 
+    # The folder below the scene, such as "images_4"; the dataset's folder if not given.
     image_folder: Annotated[str, Field(min_length=1)] | None = None
-    """The folder below the scene, such as "images_4"; the dataset's folder if not given."""
+    # With the meaning of ``-r`` in the 3DGS family.
     resolution: int | None = None
-    """With the meaning of ``-r`` in the 3DGS family."""
     background: Color | None = None
+    # That of the method's training; by default "full_K" for DiffSoup, "gs_fov" for all others.
     camera_convention: Literal["gs_fov", "full_K"] | None = None
-    """That of the method's training; by default "full_K" for DiffSoup, "gs_fov" for all others."""
 
 
 class DatasetTable(SceneOptions):
     """``[[datasets]]``: scenes of one dataset in one folder."""
 
+    # "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other for a capture of your own.
     name: FolderName
-    """"mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other for a capture of your own."""
+    # The folder that holds the scenes' folders.
     path: Annotated[str, Field(min_length=1)]
-    """The folder that holds the scenes' folders."""
+    # All scenes in the folder, if not given.
     scenes: tuple[FolderName, ...] = ()
-    """All scenes in the folder, if not given."""
 
 
 class MethodTable(SceneOptions):
     """``[[methods]]``: where one method's models are, and what belongs to them."""
 
+    # A name that `msb methods` lists, or "auto", which takes the method found from the model.
     name: str = AUTO
-    """A name that `msb methods` lists, or "auto", which takes the method found from the model."""
+    # Names the model's columns and folders, and tells it from others of its method; no method's name.
     label: FolderName | None = None
-    """Names the model's columns and folders, and tells it from others of its method; no method's name."""
+    # The checkpoint, .triasset or mesh of each scene. Without it there are official renderings only.
     model: Template | None = None
-    """The checkpoint, .triasset or mesh of each scene. Without it there are official renderings only."""
+    # Those that the method is evaluated on; all, if not given.
     datasets: tuple[FolderName, ...] = ()
-    """Those that the method is evaluated on; all, if not given."""
+    # Values that replace settings, as ``--set`` takes them.
     settings: dict[str, Setting] = Field(default_factory=dict)
-    """Values that replace settings, as ``--set`` takes them."""
+    # Those of the protocol, if not given.
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
-    """Those of the protocol, if not given."""
+    # The folder of official renderings, or "reference". Without it there is no such cell.
     non_engine: Template | None = None
-    """The folder of official renderings, or "reference". Without it there is no such cell."""
+    # The file that says how fast the method's own renderer is (`msb.renderer_timing/1`).
     non_engine_timing: Template | None = None
-    """The file that says how fast the method's own renderer is (`msb.renderer_timing/1`)."""
+    # The file that `msb track` wrote.
     training: Template | None = None
-    """The file that `msb track` wrote."""
+    # The mesh whose Chamfer distance is measured; the asset's own triangles if not given.
     mesh: Template | None = None
-    """The mesh whose Chamfer distance is measured; the asset's own triangles if not given."""
 
 
 class VariantTable(Record):
     """``[[variants]]``: a condition of its own, drawn on the dedicated tier, but not as officially."""
 
+    # Names the condition. It is no condition's, no engine's and no other variant's name.
     label: FolderName
-    """Names the condition. It is no condition's, no engine's and no other variant's name."""
+    # As ``--order`` of `msb render` takes it; official if not given.
     order: Order | None = None
-    """As ``--order`` of `msb render` takes it; official if not given."""
     sampling: Sampling | None = None
+    # A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given.
     renderer: Annotated[str, Field(min_length=1)] | None = None
-    """A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given."""
+    # Overrides, as ``--set`` takes them, on top of the method's.
     settings: dict[str, Setting] = Field(default_factory=dict)
-    """Overrides, as ``--set`` takes them, on top of the method's."""
 
     @property
     def options(self) -> dict[str, str]:
@@ -102,10 +102,10 @@ class BakeTable(Record):
     The other keys are `BAKE_KEYS`, options of `msb bake` (`protocol_model`). Only training views supervise.
     """
 
+    # Names the condition. It is no condition's, no engine's, no variant's and no other bake's name.
     label: FolderName
-    """Names the condition. It is no condition's, no engine's, no variant's and no other bake's name."""
+    # Those whose models are baked; all, if not given.
     datasets: tuple[FolderName, ...] = ()
-    """Those whose models are baked; all, if not given."""
 
     @property
     def options(self) -> dict[str, Any]:
@@ -113,9 +113,9 @@ class BakeTable(Record):
         return self.model_dump(exclude={"label", "datasets"}, exclude_none=True)
 
 
+# The options of a bake that a protocol may set. Without `teacher`, a method with a native rendering
+# supervises by it, and a plain mesh by photographs.
 BAKE_KEYS = ("geometry", "color", "teacher", "faces", "texture", "seconds", "seed")
-"""The options of a bake that a protocol may set. Without `teacher`, a method with a native rendering
-supervises by it, and a plain mesh by photographs."""
 
 
 class MetricsTable(Record):
@@ -156,27 +156,27 @@ class WalkTable(Record):
     `size` is the longer side of the frames in pixels.
     """
 
+    # Names of conditions, engines, variants and bakes; all that we or an engine draw, if not given.
     conditions: tuple[FolderName, ...] = ()
-    """Names of conditions, engines, variants and bakes; all that we or an engine draw, if not given."""
 
+    # 24 of them lead from one stop to the next; 240 go round a capture of ten test views or more.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
-    """24 of them lead from one stop to the next; 240 go round a capture of ten test views or more."""
+    # How far the stops lie from the cameras, as a share of the capture's radius.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
-    """How far the stops lie from the cameras, as a share of the capture's radius."""
     size: Annotated[int, Field(ge=16, le=16_384)] = 640
 
 
 class TrialTable(Record):
     """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library."""
 
+    # Names of tasks as `msb trial --task` takes them; all, if not given.
     tasks: tuple[str, ...] = ()
-    """Names of tasks as `msb trial --task` takes them; all, if not given."""
+    # Whether ways to repair the mesh are compared, as `msb repair --compare` does, and tried by the `tasks`
+    # given, else by those of that command.
     compare: bool = False
-    """Whether ways to repair the mesh are compared, as `msb repair --compare` does, and tried by the `tasks`
-    given, else by those of that command."""
     seconds: Annotated[float, Field(gt=0)] = 60.0
+    # GiB.
     memory: Annotated[float, Field(gt=0)] = 4.0
-    """GiB."""
 
 
 class Protocol(Record):

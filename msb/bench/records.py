@@ -31,22 +31,22 @@ from msb.metrics.vgg import MOST_LPIPS, is_weights_record
 from msb.registry import Tier
 
 SCHEMA: Literal["msb.result/2"] = "msb.result/2"
+# Most bytes of a record; it holds about 400 an image, and no dataset has 100,000 test views.
 MAX_BYTES = 64 << 20
-"""Most bytes of a record; it holds about 400 an image, and no dataset has 100,000 test views."""
 _MAX_TIMING = 1 << 16
 
 Condition = Literal["non_engine", "dedicated", "standard", "exported_mesh"]
+# The conditions: the method's own renderer, our two tiers, and the mesh itself, which is audited.
 CONDITIONS: tuple[Condition, ...] = ("non_engine", "dedicated", "standard", "exported_mesh")
-"""The conditions: the method's own renderer, our two tiers, and the mesh itself, which is audited."""
+# Condition that has images -> the tier they are of, in the order in which quality is lost.
 TIER_OF: Mapping[str, Tier] = MappingProxyType(
     {"non_engine": "reference", "dedicated": "dedicated", "standard": "standard"}
 )
-"""Condition that has images -> the tier they are of, in the order in which quality is lost."""
 
+# The conditions that can be walked through: those of which we, an engine or a bake draw any view.
 WALKED: tuple[Condition, ...] = ("dedicated", "standard")
-"""The conditions that can be walked through: those of which we, an engine or a bake draw any view."""
+# What the keys of conditions begin with in which a bake of the model is drawn.
 BAKED = "baked"
-"""What the keys of conditions begin with in which a bake of the model is drawn."""
 
 # A tolerance for means: more than rounding does to one, less than what two numbers of a table differ by.
 _ROUNDING = {"rel_tol": 1e-9, "abs_tol": 1e-9}
@@ -69,21 +69,21 @@ class Reason(Record):
 class Cell(Record):
     """The identity of a result."""
 
+    # "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures.
     dataset: Name
-    """"mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other name for other captures."""
     scene: Name
+    # As `msb.registry` names it.
     method: Name
-    """As `msb.registry` names it."""
+    # Tells the model from others of its method in one protocol, and names its columns.
     label: Name | None = None
-    """Tells the model from others of its method in one protocol, and names its columns."""
     condition: Condition
+    # The label of a variant of the dedicated tier: another order, sampling, renderer or settings.
     variant: Name | None = None
-    """The label of a variant of the dedicated tier: another order, sampling, renderer or settings."""
+    # The label of a bake: the standard tier draws a plain asset that was made of the model.
     bake: Name | None = None
-    """The label of a bake: the standard tier draws a plain asset that was made of the model."""
+    # A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
+    # tier, or what draws a variant.
     renderer: Name | None = None
-    """A renderer other than the condition's own, by its name in `msb.renderers`: an engine on the standard
-    tier, or what draws a variant."""
 
     @property
     def model_name(self) -> str:
@@ -121,14 +121,14 @@ class File(Record):
 class Setup(Record):
     """What must be equal before two results may be compared."""
 
+    # The principal point: in the image's centre, as the 3DGS family trains, or as it is recorded.
     camera_convention: Literal["gs_fov", "full_K"]
-    """The principal point: in the image's centre, as the 3DGS family trains, or as it is recorded."""
+    # The folder below the scene, such as "images_4".
     image_folder: str
-    """The folder below the scene, such as "images_4"."""
+    # Whether we resized the photographs because they are not shipped in this size.
     gt_resized: bool
-    """Whether we resized the photographs because they are not shipped in this size."""
+    # The colour behind the model, and behind a masked photograph.
     background: tuple[float, float, float]
-    """The colour behind the model, and behind a masked photograph."""
     mask_source: Literal["png_alpha", "mask_folder"] | None = None
     render_masked_by_gt_alpha: bool = False
 
@@ -155,25 +155,25 @@ class ImageQuality(_Measured):
     width: Annotated[int, Field(gt=0)]
     height: Annotated[int, Field(gt=0)]
     psnr_infinite: bool = False
+    # The rendering's file, relative to the record.
     file: str
-    """The rendering's file, relative to the record."""
+    # That of the file as it was compared.
     sha256: Sha256
-    """That of the file as it was compared."""
+    # The ground truth's file as it was compared, relative to the record.
     gt: str
-    """The ground truth's file as it was compared, relative to the record."""
 
 
 class Quality(_Measured):
     """Unweighted means over the test images, and every image; `psnr_inf_count` counts infinite PSNRs."""
 
+    # Why metrics that need VGG weights are missing.
     lpips_reason: str | None
-    """Why metrics that need VGG weights are missing."""
     psnr_inf_count: Count
     images: tuple[ImageQuality, ...]
+    # The full identity of every metric (`msb.metrics.identity`).
     metrics: tuple[dict[str, Any], ...]
-    """The full identity of every metric (`msb.metrics.identity`)."""
+    # Metric of a package -> the reason why it has no value.
     missing: dict[Name, str] = Field(default_factory=dict)
-    """Metric of a package -> the reason why it has no value."""
 
     @property
     def views(self) -> frozenset[tuple[str, int, int]]:
@@ -196,23 +196,23 @@ class Timing(Record):
     """Milliseconds of a pass that wrote and read back nothing; percentiles are over all timed frames."""
 
     frames: Annotated[int, Field(gt=0)]
+    # Wall-clock seconds of all `frames`.
     seconds: Amount
-    """Wall-clock seconds of all `frames`."""
     fps: _Divisor
+    # Device time from the start of a frame's first command to the end of its last one.
     p50_ms: Amount
-    """Device time from the start of a frame's first command to the end of its last one."""
     p95_ms: Amount
     mean_ms: Amount
     busy_p50_ms: Amount
     busy_p95_ms: Amount
+    # From when the first command was queued; None if the renderer cannot tell.
     queued_p50_ms: Amount | None
-    """From when the first command was queued; None if the renderer cannot tell."""
     queued_p95_ms: Amount | None
+    # The rates of up to five rounds of consecutive frames, far apart on a machine with other work.
     round_fps: tuple[Amount, ...]
-    """The rates of up to five rounds of consecutive frames, far apart on a machine with other work."""
     stages_ms: dict[str, Amount]
+    # "Device ms" are GPU ms only where this is "gpu".
     device_kind: Literal["gpu", "cpu", "other"]
-    """ "Device ms" are GPU ms only where this is "gpu"."""
 
     @model_validator(mode="after")
     def _agrees(self) -> Self:
@@ -234,14 +234,14 @@ class Memory(Record):
 
     geometry: Count
     appearance: Count
+    # Order, tile lists, and intermediate results of a frame.
     scratch: Count
-    """Order, tile lists, and intermediate results of a frame."""
+    # Colour and depth.
     targets: Count
-    """Colour and depth."""
+    # The same bytes by the renderer's own names of uses.
     uses: dict[str, Count]
-    """The same bytes by the renderer's own names of uses."""
+    # All that the process held on NVIDIA's GPUs then, by NVML; `driver_reason` says why if it is None.
     driver_bytes: Count | None = None
-    """All that the process held on NVIDIA's GPUs then, by NVML; `driver_reason` says why if it is None."""
     driver_reason: str | None = None
 
     @property
@@ -265,14 +265,14 @@ class RendererTiming(Record):
 
     schema_: Literal["msb.renderer_timing/1"] = Field(default="msb.renderer_timing/1", alias="schema")
     frames: Annotated[int, Field(gt=0)]
+    # The wall-clock time of all frames.
     seconds: _Divisor
-    """The wall-clock time of all frames."""
+    # What rendered them: "NVIDIA RTX 4090".
     device: Name
-    """What rendered them: "NVIDIA RTX 4090"."""
+    # What was timed, in words: "render() of 300 test views after a warm-up, nothing written".
     timed: Name
-    """What was timed, in words: "render() of 300 test views after a warm-up, nothing written"."""
+    # Whether loading and writing are included, so that nothing else may be held against this time.
     whole_command: bool = False
-    """Whether loading and writing are included, so that nothing else may be held against this time."""
     peak_gpu_memory_bytes: Count | None = None
 
     @property
@@ -287,16 +287,16 @@ class WalkDocument(Record):
     frames: Count
     width: Count
     height: Count
+    # Root mean square in levels of 255 of `msb.metrics.steadiness.unexplained_change` over all frames.
     flicker: Amount
-    """Root mean square in levels of 255 of `msb.metrics.steadiness.unexplained_change` over all frames."""
+    # The same over the worst second.
     flicker_worst: Amount
-    """The same over the worst second."""
+    # The number of its first frame; the walk begins with 0.
     worst_frame: Count
-    """The number of its first frame; the walk begins with 0."""
+    # Pixels of `msb.metrics.steadiness.holes` as a share of those that show the model or are such.
     holes: Share
-    """Pixels of `msb.metrics.steadiness.holes` as a share of those that show the model or are such."""
+    # The file of the worst second, beside the record; None without the extra `video`.
     film: str | None
-    """The file of the worst second, beside the record; None without the extra `video`."""
     seconds: Amount
 
 
@@ -330,40 +330,40 @@ class Result(Record):
     cell: Cell
     status: Status
     reason: Reason | None = None
+    # The time that the cell took.
     seconds: Amount
-    """The time that the cell took."""
     setup: Setup | None = None
     checkpoint: File | None = None
     asset: File | None = None
+    # The asset that a bake was made of; that of the bake is `asset`.
     source: File | None = None
-    """The asset that a bake was made of; that of the bake is `asset`."""
+    # The folder of official renderings, in the condition non_engine only.
     renders: File | None = None
-    """The folder of official renderings, in the condition non_engine only."""
     renderer: RendererInfo | None = None
     device: dict[str, Any] | None = None
     quality: Quality | None = None
     timing: Timing | None = None
     memory: Memory | None = None
     floor: Floor | None = None
+    # For DTU only.
     chamfer: ChamferDocument | None = None
-    """For DTU only."""
+    # Of an exported mesh and of a bake, as is `trial`.
     audit: AuditDocument | None = None
-    """Of an exported mesh and of a bake, as is `trial`."""
     bake: BakeDocument | None = None
+    # Pictures lie in "trial" beside the record.
     trial: TrialDocument | None = None
-    """Pictures lie in "trial" beside the record."""
+    # Of an exported mesh only; pictures lie in "repairs".
     repairs: RepairDocument | None = None
-    """Of an exported mesh only; pictures lie in "repairs"."""
+    # Of conditions that our renderers or engines draw, if the protocol has a walk.
     walk: WalkDocument | None = None
-    """Of conditions that our renderers or engines draw, if the protocol has a walk."""
     training: Training | None = None
     trained: tuple[Name, ...] = ()  # sentences on its split, background or size, where they are others
+    # Of the method's own renderer, measured elsewhere; condition non_engine only.
     renderer_timing: RendererTiming | None = None
-    """Of the method's own renderer, measured elsewhere; condition non_engine only."""
+    # Part ("timing", "walk", "trial", "repairs", "chamfer", "training") -> the reason why it is missing.
     reasons: dict[Name, Reason] = Field(default_factory=dict)
-    """Part ("timing", "walk", "trial", "repairs", "chamfer", "training") -> the reason why it is missing."""
+    # Part -> its inputs, name -> hash or version; one that changed is computed again.
     inputs: dict[Name, dict[Name, str]] = Field(default_factory=dict)
-    """Part -> its inputs, name -> hash or version; one that changed is computed again."""
 
     @property
     def model_asset(self) -> File | None:

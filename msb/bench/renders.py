@@ -19,8 +19,8 @@ from msb.scenes import Camera
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
 
+# A file as ``sha256sum`` writes it. If it exists, it must list every image with its present hash.
 SUMS = "SHA256SUMS"
-"""A file as ``sha256sum`` writes it. If it exists, it must list every image with its present hash."""
 # Most bytes of that file: a hundred thousand lines.
 _MAX_SUMS = 16 << 20
 _NAMED = 4
@@ -30,13 +30,13 @@ _NAMED = 4
 class Renders:
     """A folder of official renderings."""
 
+    # The file of each camera, in the cameras' order.
     files: tuple[Path, ...]
-    """The file of each camera, in the cameras' order."""
+    # "name" if images have the names of the photographs; "number" if they are called 00000, 00001, ... in
+    # the order of the test views, as the 3DGS family writes them.
     matched_by: Literal["name", "number"]
-    """"name" if images have the names of the photographs; "number" if they are called 00000, 00001, ... in
-    the order of the test views, as the 3DGS family writes them."""
+    # Its `sha256` is that of the images' list of hashes.
     folder: File
-    """Its `sha256` is that of the images' list of hashes."""
 
 
 def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:

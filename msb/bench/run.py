@@ -57,12 +57,12 @@ class Row:
     """The outcome of one cell in this run."""
 
     planned: Planned
+    # The record as it is now; None in a dry run if there is no record.
     result: Result | None
-    """The record as it is now; None in a dry run if there is no record."""
+    # The time that this run spent on the cell.
     seconds: float
-    """The time that this run spent on the cell."""
+    # "cell", or a part -> the reason why it is missing.
     reasons: Mapping[str, Reason]
-    """"cell", or a part -> the reason why it is missing."""
 
 
 @dataclass(frozen=True)

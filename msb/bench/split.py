@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from msb.bench.gaps import Conditions
 
 StepName = Literal["colors", "faces", "blending"]
+# What is lost from ceiling to Standard, from the best bake to the ceiling, from Dedicated to that bake.
 STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
-"""What is lost from ceiling to Standard, from the best bake to the ceiling, from Dedicated to that bake."""
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,8 @@ from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA: Literal["msb.submission/1"] = "msb.submission/1"
 ABOUT = "submission.json"
+# Published in place of a text that a record must have and that may be private.
 WITHHELD = "withheld"
-"""Published in place of a text that a record must have and that may be private."""
 MOST_PICTURES = 200
 _MOST_RECORDS = 20_000
 _MAX_FILE = 1 << 30
@@ -161,13 +161,13 @@ class About(Record):
     """The list in a submission: who sent it, of what, and the SHA-256 of every member."""
 
     schema_: Literal["msb.submission/1"] = Field(default=SCHEMA, alias="schema")
+    # What the submitter wants to be called.
     name: Annotated[str, Field(min_length=1, max_length=60)]
-    """What the submitter wants to be called."""
     tool_version: Name
+    # That of the list of hashes of the package's files, where the submission was made.
     code_sha256: Sha256
-    """That of the list of hashes of the package's files, where the submission was made."""
+    # Evaluate the models again, with the names of scenes and models in the place of their paths.
     commands: tuple[str, ...]
-    """Evaluate the models again, with the names of scenes and models in the place of their paths."""
     files: dict[Name, Sha256]
     pictures: Annotated[tuple[Shown, ...], Field(max_length=MOST_PICTURES)]
 
@@ -180,8 +180,8 @@ class Submission:
     sha256: str
     about: About
     records: tuple[Result, ...]
+    # Name of a member -> a JPEG.
     pictures: Mapping[str, bytes]
-    """Name of a member -> a JPEG."""
 
 
 def write_submission(name: str, records: Sequence[Result], pictures: Sequence[tuple[Shown, bytes]]) -> bytes:

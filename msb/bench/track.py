@@ -38,22 +38,22 @@ class Track(Record):
     started: str
     ended: str
     seconds: Amount
+    # The command's exit status, or 128 + n if signal n ended it.
     exit_status: int
-    """The command's exit status, or 128 + n if signal n ended it."""
+    # The most bytes that all GPUs together held at one look.
     peak_gpu_memory_bytes: Count | None
-    """The most bytes that all GPUs together held at one look."""
+    # "processes": the memory that NVML reports for the command's processes. "device": the memory that the
+    # whole device held beyond what it held before, if NVML cannot tell processes apart on every GPU; other
+    # programs on the device falsify this number.
     gpu_source: Literal["processes", "device"] | None
-    """"processes": the memory that NVML reports for the command's processes. "device": the memory that the
-    whole device held beyond what it held before, if NVML cannot tell processes apart on every GPU; other
-    programs on the device falsify this number."""
+    # The reason why there is no number.
     gpu_reason: str | None
-    """The reason why there is no number."""
     gpus: tuple[Gpu, ...]
+    # The most bytes of RAM that the command and its descendants held at one look: the sum of their resident
+    # sets.
     peak_host_memory_bytes: Count | None
-    """The most bytes of RAM that the command and its descendants held at one look: the sum of their resident
-    sets."""
+    # Seconds between two looks; a shorter peak can be missed.
     interval_seconds: Amount
-    """Seconds between two looks; a shorter peak can be missed."""
     machine: dict[str, Any]
     tool_version: str
 

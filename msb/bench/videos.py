@@ -43,11 +43,11 @@ _SMALLEST = 240
 class VideoTask:
     """The order to make one film of a method on a scene."""
 
+    # Those of the conditions shown, in the order shown.
     jobs: tuple[Job, ...]
-    """Those of the conditions shown, in the order shown."""
     options: VideosTable
+    # The hash of all inputs that decide the film.
     inputs: str
-    """The hash of all inputs that decide the film."""
 
     @property
     def name(self) -> str:
@@ -95,8 +95,8 @@ class GridTask:
 
     root: Path
     run: str
+    # Dataset and scene.
     names: tuple[str, str]
-    """Dataset and scene."""
     models: tuple[str, ...]
     options: VideosTable
     inputs: str

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 Shape = int | tuple[int, ...]
 
+# The group of all uses without a group of their own: results that are computed in passing.
 SCRATCH = "scratch"
-"""The group of all uses without a group of their own: results that are computed in passing."""
 # Alignment in bytes: a cache line. Kernels use types of at most 32 bytes (float8), because types of 64 bytes
 # crash on PoCL's wheel.
 _SAFE_ALIGNMENT = 64

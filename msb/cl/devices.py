@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
+# The kinds of devices that a selector can name instead of a platform.
 KINDS = ("cpu", "gpu")
-"""The kinds of devices that a selector can name instead of a platform."""
 
 
 class Choice(NamedTuple):
@@ -30,8 +30,8 @@ class Choice(NamedTuple):
 
     record: DeviceRecord
     selector: str | None
+    # The source of the selector: "argument", an environment variable, or "default".
     source: str
-    """The source of the selector: "argument", an environment variable, or "default"."""
 
 
 class Tried(NamedTuple):
@@ -39,8 +39,8 @@ class Tried(NamedTuple):
 
     record: DeviceRecord
     trial: Trial
+    # What to do if the device does not build kernels, or None.
     advice: str | None
-    """What to do if the device does not build kernels, or None."""
 
 
 def list_devices() -> list[DeviceRecord]:

@@ -9,8 +9,8 @@ from importlib import resources
 import numpy as np
 
 Define = int | float | bool | str
+# The package whose files any kernel may include.
 OWN = "msb.cl.kernels"
-"""The package whose files any kernel may include."""
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"(?P<name>[A-Za-z0-9_]+\.cl)"[ \t]*(?://.*)?$')
 _LINE = re.compile(r'^#line (?P<line>\d+) "(?P<name>[^"]+)"$')

@@ -25,8 +25,8 @@ from typing import Any
 from msb.base.extras import install
 from msb.errors import DeviceError, shorten
 
+# The environment variable that names the folder of entries; if the user set it, it stays.
 VENDOR_VARIABLE = "OCL_ICD_VENDORS"
-"""The environment variable that names the folder of entries; if the user set it, it stays."""
 INTEL_PACKAGE = "intel-opencl-rt"
 INTEL_LIBRARY = "libintelocl.so"
 # What the Intel library links to, each after what it links to itself; intel-cmplr-lib-rt brings all but TBB.

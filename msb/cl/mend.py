@@ -25,15 +25,15 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+# The environment variable that switches this off with the value 0.
 MEND_VARIABLE = "MSB_MEND_POCL"
-"""The environment variable that switches this off with the value 0."""
+# A processor with AVX2 and FMA. A name with AVX-512 gains nothing: the speed is the same within a tenth.
 NAME = b"haswell"
-"""A processor with AVX2 and FMA. A name with AVX-512 gains nothing: the speed is the same within a tenth."""
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
 _WHEEL_VERSION = "3.0"
+# The wheel's version, as its driver reports it.
 DRIVER = "3.0-rc2"
-"""The wheel's version, as its driver reports it."""
 # The file's name holds a hash of its content, which `auditwheel` put there.
 _LIBRARY = "libpocl-21062cec.so"
 # The byte of the device's structure at which the pointer to the name lies, in this build of the library.

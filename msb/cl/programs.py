@@ -46,8 +46,8 @@ _COMPLAINT = re.compile(r"^\s*(?:fatal )?error:\s*(?P<text>.+)$", re.IGNORECASE)
 _WRAPPING = re.compile(r"clBuildProgram failed|BUILD_PROGRAM_FAILURE|^Build on |^\(options:")
 # What NVIDIA's compiler calls the source; it does not heed ``#line``.
 _NAMELESS = "<kernel>"
+# The message of clang if PoCL's LLVM is older than the processor.
 UNKNOWN_CPU = "unknown target CPU"
-"""The message of clang if PoCL's LLVM is older than the processor."""
 
 # A build that fails without a complaint about the source is tried again: PoCL processes that meet on an empty
 # cache and build the same program at the same moment disturb each other (1 of 200 starts, 8 at once).

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from msb.cl.kernel_text import Define
     from msb.cl.programs import Program
 
+# Most elements of a scan or sort: places are 32-bit numbers.
 MOST = 2**31
-"""Most elements of a scan or sort: places are 32-bit numbers."""
 # Number of elements below which a second work-item costs more than it saves.
 _SMALLEST_CHUNK = 4096
 # Chunks per compute unit; with several, a unit that is held up does not hold up all.

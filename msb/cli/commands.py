@@ -20,6 +20,7 @@ class Place(NamedTuple):
     help: str
 
 
+# Heading -> command -> its place. The folder of a command can be missing, if its capability was removed.
 BUILT_IN: dict[str, dict[str, Place]] = {
     "Look at a mesh": {
         "audit": Place("msb.api.commands.audit", "Count a mesh's faults and say what it can be used for."),
@@ -56,7 +57,6 @@ BUILT_IN: dict[str, dict[str, Place]] = {
         "completion": Place("msb.cli.completion", "Print the script for completion at the Tab key."),
     },
 }
-"""Heading -> command -> its place. The folder of a command can be missing, if its capability was removed."""
 _OTHERS = "From other packages"
 _NAME = r"^[a-z][a-z0-9-]{0,39}$"
 

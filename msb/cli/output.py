@@ -35,8 +35,8 @@ _LEAST_WIDTH = 80
 _PLAIN = str.maketrans({"↑": "(up)", "↓": "(down)"})
 
 
+# A text of a table, or a text and its style.
 Cell = str | tuple[str, str]
-"""A text of a table, or a text and its style."""
 
 
 def file_option(text: str, *flags: str, endings: tuple[str, ...] = ()) -> Option:
@@ -343,13 +343,13 @@ class Output:
                 file.write(data)
 
 
+# Options of a command that writes no JSON.
 PlainOutput = Annotated[Output, ("force", "quiet", "verbose")]
-"""Options of a command that writes no JSON."""
 JsonOutput = Annotated[Output, ("json_file", "force", "quiet", "verbose")]
+# Options of a command that takes several inputs.
 ManyOutput = Annotated[Output, ("json_file", "fail_fast", "force", "quiet", "verbose")]
-"""Options of a command that takes several inputs."""
+# Options of a command that writes a document per input.
 LinesOutput = Annotated[Output, ("json_file", "json_lines", "fail_fast", "force", "quiet", "verbose")]
-"""Options of a command that writes a document per input."""
 
 
 def is_stdout(path: Path | None) -> bool:

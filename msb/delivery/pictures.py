@@ -16,11 +16,11 @@ from msb.meshes import Mesh
 from msb.meshes.formats import FORMATS, Style, Web
 from msb.scenes import Camera
 
+# dB to the asset that a file for the web keeps, in pictures of four samples a pixel each way.
 LEAST = 50.0
-"""dB to the asset that a file for the web keeps, in pictures of four samples a pixel each way."""
 _SAMPLES = 4
+# Quarters of a bit of positions, of which the fewest are taken that keep so much.
 _COARSEST, _FINEST = 40, 88
-"""Quarters of a bit of positions, of which the fewest are taken that keep so much."""
 # Levels that a byte of linear light may be off by before it gets a second one.
 _LEVELS = (None, 4.0, 2.0, 1.0, 0.5)
 
@@ -32,8 +32,8 @@ class Pictures:
     mesh: Mesh
     cameras: list[Camera]
     said: str
+    # Samples a pixel each way -> the pictures of `mesh`.
     _own: dict[int, list[NDArray[np.float32]]] = field(default_factory=dict, repr=False)
-    """Samples a pixel each way -> the pictures of `mesh`."""
 
     @classmethod
     def of(cls, mesh: Mesh, asset: Asset | None) -> Pictures:

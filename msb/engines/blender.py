@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from msb.render import Frame
     from msb.scenes import Camera
 
+# The environment variable with the Python of an environment that has bpy, if that is not ours.
 VARIABLE = "MSB_BLENDER"
-"""The environment variable with the Python of an environment that has bpy, if that is not ours."""
+# Limits of Blender: the least and most pixels each way, and the largest ratio of a pixel's sides.
 _MIN_SIDE, _MAX_SIDE, _MAX_ASPECT = 4, 65536, 200.0
-"""Limits of Blender: the least and most pixels each way, and the largest ratio of a pixel's sides."""
 # Width of the sensor in millimetres; only its ratio to the focal length counts, which must be at least 1 mm.
 _SENSOR = 100.0
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])

@@ -25,8 +25,8 @@ from typing import IO, Any, NamedTuple
 from msb.base.children import apart
 from msb.errors import DeviceError, shorten
 
+# The environment variable that names the browser to use.
 VARIABLE = "MSB_BROWSER"
-"""The environment variable that names the browser to use."""
 _NAMES = (
     "chromium",
     "chromium-browser",

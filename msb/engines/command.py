@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from msb.registry import Tier
     from msb.scenes import Camera
 
+# Views by which a page is measured, evenly spread over the cameras.
 TEST_VIEWS = 4
-"""Views by which a page is measured, evenly spread over the cameras."""
+# The most pixels of a side of a test view that we draw ourselves.
 TEST_SIDE = 640
-"""The most pixels of a side of a test view that we draw ourselves."""
+# Cameras, evenly spread, over which --faces sums what each face contributes.
 WEIGHING_VIEWS = 16
-"""Cameras, evenly spread, over which --faces sums what each face contributes."""
 _RENDERS = (".png", ".npy")
 
 

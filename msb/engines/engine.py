@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
     Color = tuple[float, float, float]
 
+# The depth of the near plane of the standard tier; there is no far plane.
 NEAR = 0.01
-"""The depth of the near plane of the standard tier; there is no far plane."""
+# The stage of an engine that cannot say how long its device took: how long we waited for it.
 WALL_CLOCK = "draw (wall clock)"
-"""The stage of an engine that cannot say how long its device took: how long we waited for it."""
+# The stage of an engine whose device keeps time.
 DRAW = "draw"
-"""The stage of an engine whose device keeps time."""
 
 _GROUPS = {
     **dict.fromkeys(("positions", "indices"), "geometry"),
@@ -52,8 +52,8 @@ class Engine(ABC):
     name: ClassVar[str]
     tiers: ClassVar[tuple[str, ...]] = ("standard",)
     version: str
+    # The `platform` and `name` of what draws, for reports.
     device_info: Mapping[str, str]
-    """The `platform` and `name` of what draws, for reports."""
 
     def __init__(
         self,
@@ -151,13 +151,13 @@ class EngineMesh:
 
     positions: NDArray[np.float32]
     indices: NDArray[np.uint32]
+    # Of vertices, (V, 3) uint8, or float32 in [0, 1]; a fourth channel is left out, as in our renderer.
+    # Beside textures it is there, as alpha, and colours are multiplied with them in linear light.
     colors: NDArray[Any]
-    """Of vertices, (V, 3) uint8, or float32 in [0, 1]; a fourth channel is left out, as in our renderer.
-    Beside textures it is there, as alpha, and colours are multiplied with them in linear light."""
+    # The asset's numbers of the faces; None if they are 0, 1, 2, ...
     numbers: NDArray[np.uint32] | None
-    """The asset's numbers of the faces; None if they are 0, 1, 2, ..."""
+    # The textures of these faces, if there are any.
     textured: Textured | None = None
-    """The textures of these faces, if there are any."""
 
     def encoded(self, suffix: str) -> bytes:
         """Return the file that `msb convert` writes of the asset, in the format of `suffix`; colours of

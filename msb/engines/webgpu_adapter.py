@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from msb.errors import DeviceError, shorten
 
+# Advice if there is nothing to draw with.
 INSTALL = (
     "apt-get install mesa-vulkan-drivers brings Vulkan in software"
     if sys.platform == "linux"
     else "it needs a driver for Vulkan, Metal or Direct3D 12"
 )
-"""Advice if there is nothing to draw with."""
 _KINDS = ("DiscreteGPU", "IntegratedGPU", "Unknown", "CPU")
 # Backends of wgpu that are used. On OpenGL, which may be all there is, it makes no 32-bit targets.
 _BACKENDS = ("Vulkan", "Metal", "D3D12")

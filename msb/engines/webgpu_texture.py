@@ -16,12 +16,13 @@ from msb.engines.webgpu_adapter import Gpu
 from msb.errors import DeviceError
 
 _WRAPS = {"repeat": "repeat", "clamp": "clamp-to-edge", "mirror": "mirror-repeat"}
+# Buffer -> bytes and format of what a corner has in it.
 ATTRIBUTES = {
     "positions": (12, "float32x3"),
     "texture coordinates": (8, "float32x2"),
     "tints": (16, "float32x4"),
 }
-"""Buffer -> bytes and format of what a corner has in it."""
+# After the camera and `Seen`; CUTOFF is the alpha below which there is nothing.
 SHADER = """
 @group(1) @binding(0) var texels: texture_2d<f32>;
 @group(1) @binding(1) var reading: sampler;
@@ -52,7 +53,6 @@ struct Between {
     return Seen(vec4<f32>(color, 1.0) IDS_VALUE);
 }
 """
-"""After the camera and `Seen`; CUTOFF is the alpha below which there is nothing."""
 
 
 class Skin:

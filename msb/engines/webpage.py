@@ -20,8 +20,8 @@ from msb.asset.look import AMBIENT, GREY, light_toward
 from msb.base.atomic import new_file
 from msb.scenes import Camera
 
+# Number of faces from which a page with the asset in it is more than most browsers hold.
 LARGE = 3_000_000
-"""Number of faces from which a page with the asset in it is more than most browsers hold."""
 _SCRIPTS = ("camera.js", "page.js", "hands.js", "files.js", "start.js")
 # What only a file of its own begins with, and what a module has to import and export.
 _OF_A_MODULE = re.compile(r"""^("use strict";\n|import .*\n|export )""", re.MULTILINE)

@@ -13,8 +13,8 @@ from msb.meshes.source import Source
 
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _EMBEDDED = re.compile(r"data:[^,]{0,200},", re.IGNORECASE)
+# Path of a file, and how many bytes of it were asked for -> what was read.
 Files = dict[tuple[Path, int | None], bytes]
-"""Path of a file, and how many bytes of it were asked for -> what was read."""
 
 
 def read_uri(source: Source, uri: str, pointer: str, most: int | None, files: Files) -> bytes:

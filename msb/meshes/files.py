@@ -18,8 +18,8 @@ from msb.meshes.writing import check_writable
 for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORMATS, *usd.FORMATS):
     FORMATS.update(dict.fromkeys(_format.suffixes, _format))
 
+# The suffixes of the files `read_mesh` knows, in lower case.
 MESH_SUFFIXES = FORMATS.keys()
-"""The suffixes of the files `read_mesh` knows, in lower case."""
 # Things that are named which a file holds and no reader keeps: it may name any number of them.
 _MOST_LEFT_OUT = 16
 

@@ -115,8 +115,8 @@ class Format:
     up: str | None = None
 
 
+# Suffix, in lower case -> format. `msb.meshes.files` fills it.
 FORMATS: dict[str, Format] = {}
-"""Suffix, in lower case -> format. `msb.meshes.files` fills it."""
 
 
 def written_suffixes() -> list[str]:

@@ -23,10 +23,10 @@ from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
+# Quarters of a bit beyond which neither a mantissa nor a float would hold whole numbers of steps.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-"""Quarters of a bit beyond which neither a mantissa nor a float would hold whole numbers of steps."""
+# Bits between the step of a face at the usual distance and the finest and coarsest of others.
 _FINER, _COARSER = -3, 5
-"""Bits between the step of a face at the usual distance and the finest and coarsest of others."""
 # Bits that a step is coarser where the distance is twice as far.
 _STEEP = 1.5
 # Texture coordinates are kept to 2 ** -4 of a texel or better.

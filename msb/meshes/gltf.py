@@ -19,34 +19,34 @@ from msb.meshes.source import Source
 
 HEADER = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")
+# Component types of glTF 2.0 -> NumPy types.
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""Component types of glTF 2.0 -> NumPy types."""
 
+# Accessor types -> components an element; matrices hold no geometry.
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-"""Accessor types -> components an element; matrices hold no geometry."""
 
+# Most bytes of the JSON: 16 MiB, which hold a scene of some 100,000 nodes and take at most some 400 MB when
+# parsed.
 MAX_JSON_BYTES = 1 << 24
-"""Most bytes of the JSON: 16 MiB, which hold a scene of some 100,000 nodes and take at most some 400 MB when
-parsed."""
 
+# Deepest nesting of the JSON. glTF itself nests about ten deep; extras may add some levels.
 MAX_JSON_DEPTH = 64
-"""Deepest nesting of the JSON. glTF itself nests about ten deep; extras may add some levels."""
 
 _DATA_URI = re.compile(rb'"(data:[^"\\]{256,})"')
 
+# Most bytes of a buffer beside the file.
 MAX_BUFFER = 1 << 40
-"""Most bytes of a buffer beside the file."""
 
 IDENTITY = np.eye(4)
 
+# Most nodes of a scene. Real scenes have some thousand; a million take a few seconds.
 MAX_NODES = 1 << 20
-"""Most nodes of a scene. Real scenes have some thousand; a million take a few seconds."""
 
 MAX_BYTES_PER_BYTE = 64
+# The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
+#
+# One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit.
 MAX_EXTRA_BYTES = 1 << 28
-"""The memory that a file's arrays may take: 64 bytes per byte of file, and 256 MiB.
-
-One byte of indices gives at most 24 bytes, so only nodes and primitives that share arrays reach the limit."""
 
 _NESTING = np.zeros(256, dtype=np.int8)
 _NESTING[list(b"[{")] = 1

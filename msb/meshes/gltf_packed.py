@@ -24,8 +24,8 @@ _FILTERS = ("NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR")
 # How the names of attributes begin that are read.
 _READ = ("POSITION", "COLOR_0", "TEXCOORD_")
 _SECONDS = 300
+# Memory of the process: a GiB, and 16 times what the arrays take.
 _GIB, _GIB_EACH = 1.0, 16.0
-"""Memory of the process: a GiB, and 16 times what the arrays take."""
 Job = dict[str, Any]
 
 

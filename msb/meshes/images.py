@@ -17,13 +17,13 @@ from msb.errors import MeshFileError
 if TYPE_CHECKING:
     from PIL import Image
 
+# Most bytes of one image as it is stored.
 MAX_FILE = 1 << 30
-"""Most bytes of one image as it is stored."""
 MAX_BYTES_PER_BYTE = 1 << 10
 MAX_EXTRA_BYTES = 1 << 28
+# The memory that the texels of a mesh may take: 1024 bytes per byte of its images (as much as deflate and
+# JPEG can stand for) and 256 MiB, in total at most 4 GiB.
 MAX_BYTES = 1 << 32
-"""The memory that the texels of a mesh may take: 1024 bytes per byte of its images (as much as deflate and
-JPEG can stand for) and 256 MiB, in total at most 4 GiB."""
 # Of a progressive JPEG, each of which is a pass over all texels. Programs write ten.
 _MOST_SCANS = 100
 

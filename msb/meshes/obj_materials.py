@@ -34,8 +34,8 @@ _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
+# The name of an image as the file has it, or a colour in bytes of sRGB.
 Texture = str | tuple[int, ...]
-"""The name of an image as the file has it, or a colour in bytes of sRGB."""
 LeftOut = dict[str, None]
 
 

@@ -18,15 +18,15 @@ _NAMES = {
     "f4": "float float32",
     "f8": "double float64",
 }
+# Both styles of type names -> NumPy type without byte order.
 TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
-"""Both styles of type names -> NumPy type without byte order."""
 
+# Format names -> NumPy byte order; text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-"""Format names -> NumPy byte order; text has none."""
 
+# Most bytes of a header. Real headers have some thousand; the limit bounds the work on one that never
+# ends.
 MAX_HEADER_BYTES = 1 << 20
-"""Most bytes of a header. Real headers have some thousand; the limit bounds the work on one that never
-ends."""
 
 _COUNT = re.compile(r"\d{1,18}")
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from msb.errors import MeshFileError, shorten
 from msb.meshes.source import Source
 
+# Bytes of text split into words at a time. The word tables take up to 30 times as much, about 130 MB.
 BLOCK_BYTES = 1 << 22
-"""Bytes of text split into words at a time. The word tables take up to 30 times as much, about 130 MB."""
 
+# Numbers are parsed as float64, which holds every integer up to this one exactly.
 EXACT_INTEGER = 2**53
-"""Numbers are parsed as float64, which holds every integer up to this one exactly."""
 
 _IS_SPACE = np.isin(np.arange(256), list(b" \t\n\r\v\f"))
 _IS_FRACTION = np.isin(np.arange(256), list(b".eEnN"))

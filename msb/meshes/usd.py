@@ -34,8 +34,8 @@ from msb.meshes.writing import as_float32, check_indices
 Kind = Literal["usda", "usdc", "usdz"]
 _SECONDS = 600.0
 _PACKAGE = b"PK\x03\x04"
+# What usd-core may take: so many bytes per byte of the file, and so many GiB.
 _MEMORY_PER_BYTE, _EXTRA_MEMORY = 64, 2.0
-"""What usd-core may take: so many bytes per byte of the file, and so many GiB."""
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 
 

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
+# Number of rows formatted and written at a time, so that a writer needs little memory beside the mesh.
 ROWS_AT_A_TIME = 1 << 16
-"""Number of rows formatted and written at a time, so that a writer needs little memory beside the mesh."""
 
 
 def check_writable(mesh: Mesh) -> None:

@@ -12,13 +12,13 @@ from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
+# The spacing of the samples and the radius of the thinning, in mm.
 DENSITY = 0.2
-"""The spacing of the samples and the radius of the thinning, in mm."""
+# The distance in mm below the box at which points still count; above the box it is twice as far, as in
+# upstream.
 PATCH = 60.0
-"""The distance in mm below the box at which points still count; above the box it is twice as far, as in
-upstream."""
+# The distance in mm from which distances are dropped from the means, not clipped.
 MAX_DISTANCE = 20.0
-"""The distance in mm from which distances are dropped from the means, not clipped."""
 # Number of points looked up at a time.
 _QUERIES = 1 << 20
 

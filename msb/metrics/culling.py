@@ -9,20 +9,20 @@ from numpy.typing import ArrayLike, NDArray
 from msb.errors import MetricError
 from msb.metrics.sampling import mesh_arrays
 
+# Pixels at 1600 x 1200 by which masks are widened.
 DILATION = 24
-"""Pixels at 1600 x 1200 by which masks are widened."""
 
 
 @dataclass(frozen=True, eq=False)
 class CulledMesh:
     """The part of a mesh that culling leaves."""
 
+    # (V', 3), in DTU's millimetres. Kept vertices that no face uses stay, because they are samples.
     vertices: NDArray[np.float64]
-    """(V', 3), in DTU's millimetres. Kept vertices that no face uses stay, because they are samples."""
+    # (F', 3), those whose three vertices were kept, in the old order.
     faces: NDArray[np.int64]
-    """(F', 3), those whose three vertices were kept, in the old order."""
+    # (V,), whether each of the old vertices was kept.
     kept: NDArray[np.bool_]
-    """(V,), whether each of the old vertices was kept."""
 
 
 def cull_dtu(

@@ -25,16 +25,16 @@ _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 class DtuScan:
     """The data that one scan is evaluated against; lengths are in millimetres."""
 
+    # (N, 3), of the laser scan.
     points: NDArray[np.float64]
-    """(N, 3), of the laser scan."""
+    # (X, Y, Z), voxels in which a surface could be seen.
     observed: NDArray[np.bool_]
-    """(X, Y, Z), voxels in which a surface could be seen."""
+    # (2, 3), opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
     box: NDArray[np.float32]
-    """(2, 3), opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k)."""
+    # The side of a voxel.
     resolution: float
-    """The side of a voxel."""
+    # (4,), points with plane . (x, y, z, 1) > 0 are above the table.
     plane: NDArray[np.float64]
-    """(4,), points with plane . (x, y, z, 1) > 0 are above the table."""
 
 
 def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from msb.errors import Finding
 
+# (H, W, 3), in [0, 1].
 Pixels = NDArray[np.float64]
-"""(H, W, 3), in [0, 1]."""
 
+# The steps that prepare both images for any image metric; bytes are taken as they are.
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
-"""The steps that prepare both images for any image metric; bytes are taken as they are."""
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,17 @@ def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
 class Definition:
     """The definition of a metric, whatever it is computed from."""
 
+    # The name in identities.
     name: str
-    """The name in identities."""
     better: Literal["higher", "lower"]
+    # "dB", "mm" or "1".
     unit: str
-    """"dB", "mm" or "1"."""
+    # Everything the definition leaves open.
     parameters: Mapping[str, Any]
-    """Everything the definition leaves open."""
+    # The packages whose arithmetic decides the number.
     libraries: tuple[str, ...]
-    """The packages whose arithmetic decides the number."""
+    # Raised when the same input would give another number.
     version: int = 1
-    """Raised when the same input would give another number."""
 
     def identity(
         self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None
@@ -73,8 +73,8 @@ class Definition:
 class Network(Protocol):
     """A metric with its weights loaded."""
 
+    # The record of the weights for the identity.
     weights: dict[str, Any]
-    """The record of the weights for the identity."""
     warnings: tuple[Finding, ...]
 
     def __call__(self, pred: Pixels, gt: Pixels, /) -> float: ...

@@ -11,9 +11,9 @@ from msb.base.extras import need_extra
 from msb.errors import MetricError
 from msb.metrics.identity import ImageMetric
 
+# The value in dB for which an infinite PSNR counts in a mean; the number of such images is reported beside
+# it.
 PSNR_CAP = 100.0
-"""The value in dB for which an infinite PSNR counts in a mean; the number of such images is reported beside
-it."""
 # The radius of the 11 x 11 window in pixels.
 _WINDOW_RADIUS = 5
 

@@ -2,10 +2,10 @@
 
 import math
 
+# From here on the eye finds a difference only by flipping between the two.
 ALIKE = 35.0
-"""From here on the eye finds a difference only by flipping between the two."""
+# Below this the difference is obvious side by side.
 NEARLY = 25.0
-"""Below this the difference is obvious side by side."""
 
 
 def decibels(value: float) -> str:

@@ -31,8 +31,8 @@ class Variable:
     """An array that was found but not read."""
 
     name: str
+    # As stored, not checked.
     shape: tuple[int, ...]
-    """As stored, not checked."""
     _body: memoryview
     _compressed: bool
     _order: str

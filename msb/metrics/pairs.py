@@ -18,8 +18,8 @@ _PLANES = tuple(f"{kind}{suffix}" for kind in ("_depth", "_ids") for suffix in (
 class ImagePair(NamedTuple):
     """Two files to compare."""
 
+    # The path below the folder, with forward slashes and without suffix, in Unicode's composed form.
     name: str
-    """The path below the folder, with forward slashes and without suffix, in Unicode's composed form."""
     pred: Path
     gt: Path
 

@@ -22,8 +22,8 @@ from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import image_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
 
+# Least side of an image in pixels; halved four times it leaves one pixel.
 MIN_SIDE = 16
-"""Least side of an image in pixels; halved four times it leaves one pixel."""
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
 # Convolutions that come after a 2 x 2 maximum.

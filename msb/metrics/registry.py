@@ -24,12 +24,13 @@ if TYPE_CHECKING:
 
     from msb.metrics.identity import Definition, Identity, Pixels
 
+# Module here and name of every image metric, in the order of the tables.
 BUILT_IN = (
     "images.PSNR",
     "images.SSIM",
     "perceptual.LPIPS",
 )
-"""Module here and name of every image metric, in the order of the tables."""
+# The other keys beside those of image metrics, in records, tables and files; no metric may have one.
 RESERVED = frozenset(
     "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
     "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
@@ -38,7 +39,6 @@ RESERVED = frozenset(
     "boundary_edge_ratio nonmanifold_edge_ratio nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio "
     "components".split()
 )
-"""The other keys beside those of image metrics, in records, tables and files; no metric may have one."""
 # The types of what a package's metric declares.
 _FIELDS: dict[str, Any] = {
     "title": str,
@@ -99,16 +99,16 @@ class _Theirs:
         return number
 
 
+# Key in records, tables and JSON -> metric: ours in the order of the tables, then those of packages.
 IMAGE_METRICS: Mapping[str, ImageMetric] = Lazy(_installed)
-"""Key in records, tables and JSON -> metric: ours in the order of the tables, then those of packages."""
 
 
 def _by_name() -> dict[str, Definition]:
     return {each.name: each for each in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
+# Name of every metric -> whether "higher" or "lower" is better.
 METRICS: Mapping[str, str] = Lazy(lambda: {name: each.better for name, each in _by_name().items()})
-"""Name of every metric -> whether "higher" or "lower" is better."""
 
 
 def identity(

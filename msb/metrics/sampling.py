@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
+# Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried.
 MAX_SAMPLES = 1 << 28
-"""Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried."""
 # Number of candidates tried at a time.
 _CANDIDATES = 1 << 20
 _FIRST_WINDOW = 64

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float32]
     Mask = NDArray[np.bool_]
 
+# Standard deviation in pixels of the Gaussian that pictures are smoothed by before they are compared: the
+# cubic spline between their pixels is then exact to a fraction of a level.
 BLUR = 1.5
-"""Standard deviation in pixels of the Gaussian that pictures are smoothed by before they are compared: the
-cubic spline between their pixels is then exact to a fraction of a level."""
+# Pixels within which another surface may show in a smoothed pixel.
 REACH = 3
-"""Pixels within which another surface may show in a smoothed pixel."""
+# A surface is the same one in two frames if its depths differ by no more than this share.
 SAME = 0.02
-"""A surface is the same one in two frames if its depths differ by no more than this share."""
 # Within `REACH`, depths of a surface away from any border differ by no more than this share.
 _FLAT = 0.05
 

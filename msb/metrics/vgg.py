@@ -17,24 +17,24 @@ from msb.errors import MetricError
 
 _NUMBERS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
 _CHANNELS = (3, *2 * (64,), *2 * (128,), *3 * (256,), *6 * (512,))
+# (N, in, out): the number and the channels of each 3 x 3 convolution features.N of torchvision's VGG16.
 LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
-"""(N, in, out): the number and the channels of each 3 x 3 convolution features.N of torchvision's VGG16."""
+# Convolution whose rectified output is compared -> its channels: relu1_2, 2_2, 3_3, 4_3, 5_3.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
-"""Convolution whose rectified output is compared -> its channels: relu1_2, 2_2, 3_3, 4_3, 5_3."""
 VGG_FILE = "vgg16-397923af.pth"
+# The published weights, torchvision's, and the SHA-256 of their file, with which its name agrees.
 VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
-"""The published weights, torchvision's, and the SHA-256 of their file, with which its name agrees."""
+# The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4.
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
-"""The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4."""
 # The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ...
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
+# No LPIPS is above it: features are not negative and of length 1, so each differs by 1 at most.
 MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
-"""No LPIPS is above it: features are not negative and of length 1, so each differs by 1 at most."""
 # Most bytes before the numbers of a .npy.
 _MAX_HEAD = 1 << 10
 
+# Key (features.N.weight or .bias) -> float32 array.
 Weights = dict[str, Any]
-"""Key (features.N.weight or .bias) -> float32 array."""
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:

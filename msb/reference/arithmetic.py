@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Floating-point numbers, float32 or float64; a function's results have the dtype of its arguments.
 Reals = NDArray[Any]
-"""Floating-point numbers, float32 or float64; a function's results have the dtype of its arguments."""
 
 
 def dot(a: Reals, b: Reals) -> Reals:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from msb.reference.arithmetic import Reals
 from msb.reference.tiles import Integers, Tile
 
+# Compositing of a sample stops here.
 MIN_TRANSMITTANCE = 1e-4
-"""Compositing of a sample stops here."""
 # Faces of a tile that are evaluated at once: arrays of 64 x 256 samples stay in the cache.
 _TOGETHER = 64
 

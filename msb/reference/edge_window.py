@@ -26,14 +26,14 @@ from msb.reference.engine import EngineTriangles, project_engine
 from msb.reference.tiles import Integers, Modes
 
 NEAR, FAR = 0.01, 100.0
+# A face whose centroid is not farther than this along z is dropped.
 NEAREST = 0.2
-"""A face whose centroid is not farther than this along z is dropped."""
+# A face is dropped where the cosine between its normal and the view is below this.
 GRAZING = 0.001
-"""A face is dropped where the cosine between its normal and the view is below this."""
 MIN_LENGTH = 1e-4
 MIN_OPACITY = 0.01
+# In samples.
 MAX_RADIUS = 1600
-"""In samples."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +44,22 @@ class Windows:
     as (K, 1) at P samples as (P,), or N faces at a sample each, all (N,).
     """
 
+    # By distance, grazing view or size; opacity and tiles are the methods' own matter.
     dropped: NDArray[np.bool_]
-    """By distance, grazing view or size; opacity and tiles are the methods' own matter."""
+    # Camera z of the centroid: the sort key.
     depth: Reals
-    """Camera z of the centroid: the sort key."""
+    # (F, 3), unit, in camera space, towards the camera; shorter for faces below 5e-5 square units.
     normal: Reals
-    """(F, 3), unit, in camera space, towards the camera; shorter for faces below 5e-5 square units."""
+    # (F, 3, 2)
     corners: Reals
-    """(F, 3, 2)"""
+    # (F, 3, 2), of the edges from corner k to k + 1, outwards, unit length.
     edge_normal: Reals
-    """(F, 3, 2), of the edges from corner k to k + 1, outwards, unit length."""
+    # (F, 3); a point q is n . q + offset outside of an edge.
     edge_offset: Reals
-    """(F, 3); a point q is n . q + offset outside of an edge."""
+    # (F, 3), that distance of the incentre, negative; the same for the three edges but for rounding.
     inradius: Reals
-    """(F, 3), that distance of the incentre, negative; the same for the three edges but for rounding."""
+    # The largest distance from a corner to the projected centroid.
     radius: Reals
-    """The largest distance from a corner to the projected centroid."""
 
     def phi(self, faces: Integers, x: Reals, y: Reals) -> Reals:
         """Return the distance of samples to the nearest edge of faces over the inradius; NaN outside."""

@@ -18,12 +18,12 @@ from msb.reference.arithmetic import Reals, centroid, cross, dot, norm, transfor
 from msb.reference.camera_matrices import SplattingCamera
 from msb.reference.tiles import TILE, Integers, Rectangles
 
+# Camera depth of the near plane: that of the standard tier.
 NEAR = 0.01
-"""Camera depth of the near plane: that of the standard tier."""
+# Samples by which a triangle's box is wider than its corners, so that rounding cuts nothing.
 SLACK = 0.1
-"""Samples by which a triangle's box is wider than its corners, so that rounding cuts nothing."""
+# What rounds a box's first sample up, as in splat_common.cl: a sample just before the box is in it.
 ALMOST_ONE = 0.999
-"""What rounds a box's first sample up, as in splat_common.cl: a sample just before the box is in it."""
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     Reals = NDArray[np.float64]
 
 NEAR = float(np.float32(0.01))
+# Steps per pixel of the grid that projected corners are snapped to.
 UNITS = 4096
-"""Steps per pixel of the grid that projected corners are snapped to."""
+# Units from the image's corner; what is farther out is clipped, so that products fit into 64 bits.
 GUARD = 0.75 * 2**29
-"""Units from the image's corner; what is farther out is clipped, so that products fit into 64 bits."""
 
 
 class Pixels(NamedTuple):

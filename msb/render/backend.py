@@ -22,41 +22,41 @@ if TYPE_CHECKING:
 
     Factory = Callable[..., "Backend"]
 
+# Tier -> our renderer of it.
 BUILT_IN = {
     "standard": "msb.render.standard.renderer:StandardRenderer",
     "dedicated": "msb.render.dedicated:dedicated_renderer",
     "reference": "msb.reference:ReferenceRenderer",
 }
-"""Tier -> our renderer of it."""
+# The tiers whose renderer needs an OpenCL device.
 ON_OPENCL = ("standard", "dedicated")
-"""The tiers whose renderer needs an OpenCL device."""
+# Name -> the renderer that drives a foreign engine.
 ENGINES = {
     "wgpu": "msb.engines.webgpu:WgpuRenderer",
     "threejs": "msb.engines.threejs:ThreeJsRenderer",
     "blender_cycles": "msb.engines.blender:CyclesRenderer",
     "blender_workbench": "msb.engines.blender:WorkbenchRenderer",
 }
-"""Name -> the renderer that drives a foreign engine."""
 
+# The use of device memory: the mesh, its colours, intermediate results of a frame, or its images.
 Group = Literal["geometry", "appearance", "scratch", "targets"]
-"""The use of device memory: the mesh, its colours, intermediate results of a frame, or its images."""
 
+# The number of the frame after which a renderer no longer reorganises what it keeps.
+#
+# From that frame on its memory depends on which cameras it has drawn, not on the number of frames.
 SETTLED_AT = 3
-"""The number of the frame after which a renderer no longer reorganises what it keeps.
-
-From that frame on its memory depends on which cameras it has drawn, not on the number of frames."""
 
 
 @dataclass(frozen=True)
 class Drawn:
     """The time that a frame took on the device, in milliseconds."""
 
+    # Stage -> the time for which its commands ran. Their sum is the time for which the device was busy.
     stages: Mapping[str, float]
-    """Stage -> the time for which its commands ran. Their sum is the time for which the device was busy."""
+    # From the start of the first command to the end of the last one.
     span: float
-    """From the start of the first command to the end of the last one."""
+    # From when the first command was queued to the end of the last one; None if unknown.
     since_queued: float | None = None
-    """From when the first command was queued to the end of the last one; None if unknown."""
 
 
 class Backend(Protocol):

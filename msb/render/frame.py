@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from msb.errors import UsageError, shorten
 
+# Parts that a frame may hold besides image, alpha, depth and visible. They may cost time.
 EXTRAS = ("normal", "depth_median", "face_id", "raw")
-"""Parts that a frame may hold besides image, alpha, depth and visible. They may cost time."""
 
 
 def chosen_extras(outputs: str | Iterable[str]) -> frozenset[str]:

@@ -8,9 +8,9 @@ from typing import Any
 from msb.base.version import __version__
 from msb.registry import METHODS, package_of
 
+# Keys of an OpenCL device's record that do not tell which device it is. PoCL looks up in every process how
+# much memory a CPU has; where that varies, as in some virtual machines, two processes get two figures.
 OF_THE_MOMENT = frozenset({"global_memory", "max_allocation"})
-"""Keys of an OpenCL device's record that do not tell which device it is. PoCL looks up in every process how
-much memory a CPU has; where that varies, as in some virtual machines, two processes get two figures."""
 
 
 def machine(

@@ -22,8 +22,8 @@ ImageFolder = Annotated[
 ]
 Up = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 NO_CAMERAS = "needs --cameras PATH"
+# The largest width or height of an image, in pixels: a limit of OpenGL.
 MOST_PIXELS = 16384
-"""The largest width or height of an image, in pixels: a limit of OpenGL."""
 Tier = Literal["reference", "dedicated", "standard"]
 
 

@@ -305,8 +305,8 @@ _NAMES = (
 _WORDS = ("Strategy", "Verdict", "Tasks")  # columns that are aligned to the left
 # Columns that a narrow terminal leaves out, in this order.
 _LEAST_WANTED = ("MB", "Added", "Bound.", "Seconds", "Cut")
+# What --task takes for no task at all.
 NO_TASK = "none"
-"""What --task takes for no task at all."""
 
 
 def compare_strategies(

@@ -11,6 +11,7 @@ from msb.base.limits import Limits
 from msb.errors import UsageError, shorten
 from msb.topology.weld import Weld, parse_weld
 
+# Step -> what it does, in the order of docs/repair.md.
 STEPS: dict[str, str] = {
     "orient": "turn faces so that the winding is consistent",
     "pair": "at edges of more than two faces join the flattest pairs, and cut the rest",
@@ -20,19 +21,18 @@ STEPS: dict[str, str] = {
     "debris": "remove small components",
     "close": "close small holes",
 }
-"""Step -> what it does, in the order of docs/repair.md."""
+# The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
-"""The plan that changes nothing visible."""
 Peer = Literal["igl", "pymeshlab"]
+# Peer -> the steps that it can do in our stead.
 BY_PEER: dict[str, tuple[str, ...]] = {"igl": ("cut",), "pymeshlab": ("drop",)}
-"""Peer -> the steps that it can do in our stead."""
+# Step -> the options that may stand after it in a plan: ``debris:20:0.001``.
 NUMBERS = {
     "pair": ("pair_color",),
     "weld": ("weld",),
     "debris": ("debris_faces", "debris_share"),
     "close": ("close_edges", "close_share"),
 }
-"""Step -> the options that may stand after it in a plan: ``debris:20:0.001``."""
 _WHOLE = ("debris_faces", "close_edges")
 
 

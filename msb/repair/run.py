@@ -106,8 +106,8 @@ class _Work:
     buffers: Buffers
     domains: Mapping[str, Domain]
     level: int | None
+    # What has happened since `buffers` were carried. Nothing in it is new.
     pending: Change
-    """What has happened since `buffers` were carried. Nothing in it is new."""
     vertex_map: NDArray[Any]
     face_map: NDArray[Any]
     turned: NDArray[np.bool_]

@@ -39,8 +39,8 @@ _MESH = "exported_mesh"
 _METRICS = ("fps", "p50_ms", "p95_ms", "memory", "asset_size", "nonmanifold_edge_ratio", "components")
 # Hex digits of a hash in the table; the list of files has all of them.
 _SHORT = 12
+# Hex digits of a hash that tell apart who chose the same name: more where that is somebody's name, too.
 _FEWEST, _ALL = 6, 64
-"""Hex digits of a hash that tell apart who chose the same name: more where that is somebody's name, too."""
 _MOST_SIDE = 4096
 _BLANK = frozenset("\u115f\u1160\u2800")
 # Letters that show nothing, and the categories of others that do, or that are but marks on letters.
@@ -51,8 +51,8 @@ _UNSEEN = frozenset(("Cc", "Cf", "Cn", "Cs", "Me", "Mn"))
 class Board(Report):
     """A report whose one table has rows of many submissions, and a page of its own."""
 
+    # Name on the board, which tells apart those who chose the same, and submission.
     submissions: tuple[tuple[str, Submission], ...] = ()
-    """Name on the board, which tells apart those who chose the same, and submission."""
 
     page = "board.html"
 

@@ -33,8 +33,8 @@ ONE_SCENE = (
     "as far as neighbouring views are alike"
 )
 NOTHING_AGAINST = "against {}: no other method was measured under the same condition on the same scene"
+# The paper sets the scenes of these datasets side by side, and of others below each other.
 FEW_SCENES = ("tanksandtemples",)
-"""The paper sets the scenes of these datasets side by side, and of others below each other."""
 # Label of a table of the paper -> the function that makes ours, and its dataset if it is of one.
 _PAPER: dict[str, tuple[Callable[..., Table], str]] = {
     "native_summary": (measured.native_summary, ""),

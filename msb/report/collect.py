@@ -35,12 +35,12 @@ from msb.report.results import Place, ResultSet
 from msb.report.table import NOT_SUPPORTED, NOT_THERE
 
 _RATES = ("fps", "p50_ms", "p95_ms", "spread_ms", "busy_p50_ms", "host_ms", "unsteady")
+# Metrics of a walk off the path.
 WALK = ("flicker", "flicker_worst", "holes")
-"""Metrics of a walk off the path."""
 # Metrics of a condition with images, besides those of `QUALITY`.
 _IMAGES = (*_RATES, *WALK, "memory", "driver_memory", "asset_size")
+# Metrics of exported meshes and of bakes, and of bakes alone.
 _OF_MESH, _OF_BAKE = ("faces", "tasks"), ("psnr_16", "bake_seconds")
-"""Metrics of exported meshes and of bakes, and of bakes alone."""
 # Metric -> the part of `Result.reasons` that says why it is not there.
 _PARTS = {
     **dict.fromkeys((*_RATES, "memory", "driver_memory"), "timing"),

@@ -48,12 +48,12 @@ _LINES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8
 _HATCHES = ("", "//", "xx", "..")
 _CONDITION_MARKERS = {"non_engine": "*", "dedicated": "s", "standard": "^"}
 _VARIANT_MARKERS = ("D", "P", "X", "v")
+# Placeholders of the colours of text and page, which depend on where the figure is shown.
 _INK, _PAPER = "#010203", "#fdfcfb"
-"""Placeholders of the colours of text and page, which depend on where the figure is shown."""
 # Width and height of a chart in inches; a phone shows it about this wide.
 _SIZE = (4.6, 3.3)
+# Rows of a legend for which the height leaves room, and the inches that each further one adds.
 _ROWS, _ROW = 4, 0.19
-"""Rows of a legend for which the height leaves room, and the inches that each further one adds."""
 # A chart of fewer bars leaves room for so many: one bar would fill it.
 _FEWEST_BARS = 3
 

@@ -21,18 +21,18 @@ from msb.report.table import NOT_THERE
 
 MEAN = "mean"
 FLOOR = "floor_mean"
+# Names that stand for means over scenes -> the headings of their rows; a floor is of one triangle alone.
 MEANS = {"indoor_mean": "Indoor mean", "outdoor_mean": "Outdoor mean", MEAN: "Mean", FLOOR: "Floor"}
-"""Names that stand for means over scenes -> the headings of their rows; a floor is of one triangle alone."""
 
+# The conditions that hold images, in the order in which quality is lost.
 DRAWN_CONDITIONS = tuple(TIER_OF)
-"""The conditions that hold images, in the order in which quality is lost."""
 
+# The metrics of images; looked into no earlier than needed, since packages bring some.
 QUALITY = IMAGE_METRICS
-"""The metrics of images; looked into no earlier than needed, since packages bring some."""
+# Metrics of the trained model, shown with the Non-Engine results, whichever record holds them.
 OF_ASSET = ("train_memory", "train_seconds", "chamfer")
-"""Metrics of the trained model, shown with the Non-Engine results, whichever record holds them."""
+# Begins the note on a rate that says as much of what else the machine did: it is not marked as the best.
 ON_CPU = "measured on a CPU device"
-"""Begins the note on a rate that says as much of what else the machine did: it is not marked as the best."""
 
 
 class Key(NamedTuple):

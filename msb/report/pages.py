@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from msb.report.verdict import Verdict
 
 FORMATS: tuple[Format, ...] = ("md", "tex", "csv", "json", "html")
+# A film of at most this many bytes becomes part of the page.
 SMALL_VIDEO = 4 << 20
-"""A film of at most this many bytes becomes part of the page."""
 
 
 def report_files(

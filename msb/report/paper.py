@@ -28,6 +28,7 @@ from msb.report.numbers import (
 )
 from msb.report.table import NOT_THERE
 
+# The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.registry`.
 PAPER_TABLES = (
     "native_summary",
     "native_comprehensive_results",
@@ -39,7 +40,6 @@ PAPER_TABLES = (
     "mesh_connectivity",
     "reproducibility_comparison",
 )
-"""The tables of numbers, by the paper's labels. The two feature matrices are printed from `msb.registry`."""
 
 OUR_METHODS = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
 # The paper's name of a metric -> ours, of the audit or `msb.bench.aggregate.METRICS`, if it is another.
@@ -67,8 +67,8 @@ LPIPS_ELSEWHERE = (
 )
 
 
+# What a number may be from: the keys of `msb.report.tables.reproducibility.SOURCES`.
 Source = Literal["", "paper", "public", "meshsplatbench"]
-"""What a number may be from: the keys of `msb.report.tables.reproducibility.SOURCES`."""
 
 
 class _Cell(BaseModel):

@@ -61,8 +61,8 @@ class View:
     image: str
     why: str
     gt: Picture | None
+    # Method -> its renderings.
     shots: Mapping[str, tuple[Shot, ...]]
-    """Method -> its renderings."""
 
     @property
     def pictures(self) -> list[Picture]:

@@ -31,8 +31,8 @@ class Loaded:
     result: Result
     path: Path
     root: Path
+    # What tells the model from one of the same name in another folder.
     folder: str = ""
-    """What tells the model from one of the same name in another folder."""
 
     @property
     def place(self) -> Place:

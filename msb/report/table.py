@@ -11,8 +11,8 @@ from msb.bench.intervals import Interval
 from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA = "msb.table/1"
+# N/A stands for an unsupported condition, -- for a metric that does not apply or was not reported.
 NOT_SUPPORTED, NOT_THERE = "N/A", "--"
-"""N/A stands for an unsupported condition, -- for a metric that does not apply or was not reported."""
 
 
 @dataclass(frozen=True)

@@ -65,12 +65,12 @@ class Repairs:
     """The ways to repair a mesh."""
 
     table: Table
+    # What follows for the owner of the mesh, in sentences.
     says: tuple[str, ...]
-    """What follows for the owner of the mesh, in sentences."""
+    # The plan to name to `msb repair`: that of the first sentence.
     plan: str | None
-    """The plan to name to `msb repair`: that of the first sentence."""
+    # Strategy and picture, of strategies that cut, removed or added something.
     pictures: tuple[tuple[str, str], ...]
-    """Strategy and picture, of strategies that cut, removed or added something."""
 
 
 def repairs(loaded: Loaded | None) -> Repairs | None:

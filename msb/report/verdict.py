@@ -20,8 +20,8 @@ from msb.report.tried import TriedTask, tried_tasks
 
 Mark = Literal["YES", "WITH CARE", "NO", "UNKNOWN", "NOTE"]
 
+# PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs.
 SHOWS_NOTHING = 15.0
-"""PSNR in dB: an own renderer's pictures below it have next to nothing in common with the photographs."""
 # The least PSNR in dB between two renderings, its mark, and how it is said.
 _ALIKE: tuple[tuple[float, Mark, str], ...] = (
     (ALIKE, "YES", "Looks as in"),
@@ -34,8 +34,8 @@ _LOSSES: tuple[tuple[float, Mark, str], ...] = (
     (3.0, "WITH CARE", "Visibly worse than in"),
     (math.inf, "NO", "Looks different from"),
 )
+# The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second.
 SMOOTH_MS, USABLE_MS = 1000 / 60, 1000 / 30
-"""The P95 of a frame, in milliseconds, that still gives 60 or 30 frames a second."""
 # Views of which two renderings are compared, evenly spread: a whole benchmark is not to take minutes.
 _MOST = 8
 _LEVELS: dict[str, Mark] = {"ok": "YES", "limited": "WITH CARE", "bad": "NO"}

@@ -111,13 +111,13 @@ def json_table(table: Table) -> str:
     return json.dumps(table.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
 
 
+# Suffix -> writer of one table.
 WRITERS: dict[Printed, Callable[[Table], str]] = {
     "md": markdown,
     "tex": latex,
     "csv": csv_table,
     "json": json_table,
 }
-"""Suffix -> writer of one table."""
 
 
 def markdown_text(text: str) -> str:

@@ -25,8 +25,8 @@ _SAMPLES = 200_000
 _SURROUNDED = 2.5
 # A turntable's distance, relative to that at which the bounding sphere fills the image.
 _MARGIN = 1.05
+# Degrees of a turntable's cameras above the horizon.
 ELEVATION = 20.0
-"""Degrees of a turntable's cameras above the horizon."""
 
 
 def around(
@@ -74,12 +74,12 @@ def _check_reach(asset: Asset, distance: float) -> None:
 class Bulk(NamedTuple):
     """Where most faces of an asset are, float64, of a sample of them: a few far ones do not count."""
 
+    # (n, 3, 3), those of far faces included.
     corners: NDArray[np.float64]
-    """(n, 3, 3), those of far faces included."""
     low: NDArray[np.float64]
     middle: NDArray[np.float64]
+    # (3,) the bounds and the median of the middles of faces.
     high: NDArray[np.float64]
-    """(3,) the bounds and the median of the middles of faces."""
 
 
 def bulk_of(asset: Asset) -> Bulk:

@@ -12,13 +12,13 @@ from msb.errors import SceneError, shorten
 Split = Literal["train", "val", "test"]
 SPLITS: tuple[str, ...] = get_args(Split)
 
+# Most pixels along a side, which JPEG and textures of any graphics card can hold.
 MAX_SIDE = 65535
-"""Most pixels along a side, which JPEG and textures of any graphics card can hold."""
+# Most pixels of an image: as float32 RGB they take 3 GiB.
 MAX_PIXELS = 1 << 28
-"""Most pixels of an image: as float32 RGB they take 3 GiB."""
+# Least and greatest focal length in pixels; beyond them a float32 renderer has a field of view of 180 or 0
+# degrees.
 MIN_FOCAL, MAX_FOCAL = 1e-9, 1e9
-"""Least and greatest focal length in pixels; beyond them a float32 renderer has a field of view of 180 or 0
-degrees."""
 MAX_NAME = 1024
 
 

@@ -16,8 +16,8 @@ from msb.errors import shorten
 from msb.scenes.colmap_models import MODELS, Lens, Shot, model_parameters
 from msb.scenes.source import Source
 
+# Most bytes of a line. An image of 100,000 2D points has a line of about 5 MB.
 MAX_LINE = 1 << 24
-"""Most bytes of a line. An image of 100,000 2D points has a line of about 5 MB."""
 # Number of bytes of text that are split into lines at a time.
 _BLOCK = 1 << 20
 _MOST_WORDS = 4 + max(model.parameters for model in MODELS.values())

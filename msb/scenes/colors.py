@@ -8,8 +8,8 @@ import numpy as np
 
 from msb.errors import UsageError, shorten
 
+# Red, green and blue, in the colour space of the picture that the colour lies behind.
 Color = tuple[float, float, float]
-"""Red, green and blue, in the colour space of the picture that the colour lies behind."""
 WHITE: Color = (1.0, 1.0, 1.0)
 BLACK: Color = (0.0, 0.0, 0.0)
 NAMED = {"black": BLACK, "white": WHITE}

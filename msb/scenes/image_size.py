@@ -16,8 +16,8 @@ from msb.scenes.source import Source
 if TYPE_CHECKING:
     from PIL import Image
 
+# Suffixes of photographs, in lower case.
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
-"""Suffixes of photographs, in lower case."""
 # Most bytes in which a header is looked for: colour profiles, thumbnails and depth maps take a few MiB.
 _MOST_BYTES = 1 << 23
 

@@ -16,9 +16,9 @@ from msb.asset.strict_json import parse_strict_json
 from msb.errors import SceneError
 from msb.scenes.source import Source
 
+# Most bytes of a file: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
+# captures have some thousand cameras.
 MAX_BYTES = 1 << 24
-"""Most bytes of a file: 16 MiB hold about 30,000 cameras and are parsed in seconds. The largest public
-captures have some thousand cameras."""
 
 
 def read_json(source: Source) -> Node:

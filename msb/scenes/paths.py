@@ -18,8 +18,8 @@ from msb.scenes.poses import (
     vector3,
 )
 
+# Most frames of a path: ten hours at 29 frames a second. A larger number is a typing error.
 MAX_FRAMES = 1 << 20
-"""Most frames of a path: ten hours at 29 frames a second. A larger number is a typing error."""
 
 
 def turntable(

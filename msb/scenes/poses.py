@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from msb.base.matrices import inverse
 from msb.errors import SceneError, shorten
 
+# Largest entry of R R^T - I: float32 poses that were inverted a few times stay well below it.
 MAX_ROTATION_ERROR = 1e-4
-"""Largest entry of R R^T - I: float32 poses that were inverted a few times stay well below it."""
 
+# Largest coordinate; squares of larger distances do not fit float32, in which images are rendered.
 MAX_COORDINATE = 1e18
-"""Largest coordinate; squares of larger distances do not fit float32, in which images are rendered."""
 
 _OPENGL_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 _OPENGL_AXES.setflags(write=False)

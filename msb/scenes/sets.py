@@ -8,8 +8,8 @@ from msb.errors import UsageError, shorten
 from msb.scenes.camera import Camera
 from msb.scenes.source import Source
 
+# Every HOLD-th view is a test view: `llffhold` of `graphdeco-inria/gaussian-splatting`.
 HOLD = 8
-"""Every HOLD-th view is a test view: `llffhold` of `graphdeco-inria/gaussian-splatting`."""
 
 
 def given_cameras(cameras: Iterable[Camera]) -> list[Camera]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from msb.scenes.camera import Camera
 from msb.scenes.paths import interpolated
 
+# Frames from one stop to the next: a second of film.
 PACE = 24
-"""Frames from one stop to the next: a second of film."""
 _STOPS = 10
 # Of a gap between cameras: where several are alike, the last bit does not choose.
 _DIGITS = 6

@@ -7,10 +7,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MeshError, shorten
 
+# Most vertices of a mesh: a pair of vertex indices must fit into 64 bits.
 MAX_VERTICES = 2**32 - 1
-"""Most vertices of a mesh: a pair of vertex indices must fit into 64 bits."""
+# Most faces of a mesh: corners are numbered 3 f + k, and scipy labels connected components by int32.
 MAX_FACES = (2**31 - 1) // 3
-"""Most faces of a mesh: corners are numbered 3 f + k, and scipy labels connected components by int32."""
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -15,9 +15,9 @@ from msb.topology.findings import Findings, find_by_numpy
 if TYPE_CHECKING:
     from msb.cl import Device
 
+# The number of faces from which opening a device costs less than it saves. Smaller meshes never wait for a
+# compiler.
 FEWEST_FACES = 1 << 16
-"""The number of faces from which opening a device costs less than it saves. Smaller meshes never wait for a
-compiler."""
 
 
 def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:

@@ -91,8 +91,8 @@ def _read() -> dict[str, Explanation]:
     return {name: Explanation(name, **{"symbol": "", **filled(entry)}) for name, entry in data.items()}
 
 
+# Name in the JSON -> explanation; the paper's columns first.
 EXPLANATIONS: dict[str, Explanation] = _read()
-"""Name in the JSON -> explanation; the paper's columns first."""
 
 
 def explain(name: str) -> Explanation:

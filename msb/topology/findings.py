@@ -12,10 +12,10 @@ from msb.topology.faces import added_areas
 if TYPE_CHECKING:
     from msb.topology.analysis import Analysis
 
+# Number of offending elements shown of each kind: enough to go and look, few enough to read.
 SAMPLES = 3
-"""Number of offending elements shown of each kind: enough to go and look, few enough to read."""
+# Key of the counts -> number and vertices of the first few elements behind it, ascending.
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
-"""Key of the counts -> number and vertices of the first few elements behind it, ascending."""
 
 
 @dataclass(frozen=True)

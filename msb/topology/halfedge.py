@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
 
+# Stands for "there is none" in arrays of element numbers.
 NONE = -1
-"""Stands for "there is none" in arrays of element numbers."""
 
 
 @dataclass(frozen=True)

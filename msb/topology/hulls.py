@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+# Most corners of a hull. It then has at most 252 faces, and physics engines take 255 of either.
 HULL_CORNERS = 128
-"""Most corners of a hull. It then has at most 252 faces, and physics engines take 255 of either."""
 
 
 def hull_directions(count: int) -> NDArray[np.float64]:

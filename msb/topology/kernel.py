@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from msb.cl.buffers import Buffer
     from msb.cl.programs import Program
 
+# The kinds of pairs of audit_pairs.cl.
 TWO_FACE, CROWDED, RIM = range(3)
-"""The kinds of pairs of audit_pairs.cl."""
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,13 @@ from msb.topology.weld import coincident_vertices, weld_vertices
 if TYPE_CHECKING:
     from msb.topology.findings import Counts, Findings
 
+# What a file doubles vertices for: "uv" (V, 2) and "color" (V, n), or by corner "corner_uv" (3F, 2) and
+# "corner_color" (3F, n), and "face_texture" (F,) of faces.
 Attributes = Mapping[str, NDArray[Any]]
-"""What a file doubles vertices for: "uv" (V, 2) and "color" (V, n), or by corner "corner_uv" (3F, 2) and
-"corner_color" (3F, n), and "face_texture" (F,) of faces."""
 SeamKind = Literal["texture", "color"]
 
+# Welding and auditing again takes as long as the audit: larger meshes are not welded unasked.
 MOST_FACES = 200_000
-"""Welding and auditing again takes as long as the audit: larger meshes are not welded unasked."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """How the audit's ratios and counts of components are printed, on the terminal and in reports."""
 
+# Decimals of a ratio or mean, as in the paper's table of mesh diagnostics.
 DECIMALS = 2
-"""Decimals of a ratio or mean, as in the paper's table of mesh diagnostics."""
 # Smaller counts are printed in full, because "0.00 M" would say nothing.
 _MILLIONS_FROM = 1e5
 

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from msb.topology.findings import SAMPLES, Counts, Findings, First, first_of
 
 EDGE_KINDS = ("nonmanifold_edges", "boundary_edges", "inconsistent_winding_edges")
+# Keys of the counts of vertices, in the order of audit_types.cl.
 VERTEX_KINDS = (
     "nonmanifold_vertices",
     "multifan_vertices",
     "nonmanifold_edge_endpoints",
     "unreferenced_vertices",
 )
-"""Keys of the counts of vertices, in the order of audit_types.cl."""
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:

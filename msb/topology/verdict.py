@@ -11,16 +11,16 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
+# Uses that refuse or crack what is no manifold surface. UV unwrapping and collision, which the paper names
+# too ("Mesh Structural Results": Local structure), cut and join by themselves: docs/trial.md has trials.
 SOLID_TOOLS = "subdivision, booleans or printing"
-"""Uses that refuse or crack what is no manifold surface. UV unwrapping and collision, which the paper names
-too ("Mesh Structural Results": Local structure), cut and join by themselves: docs/trial.md has trials."""
+# Share of non-manifold edges up to which tools that cut a mesh there get away with it.
 MANY = 0.01
-"""Share of non-manifold edges up to which tools that cut a mesh there get away with it."""
+# Pieces of fewer faces, where there are more than a few, are no surface to unwrap or subdivide.
 SMALL_PIECE, FEW_PIECES = 10, 10
-"""Pieces of fewer faces, where there are more than a few, are no surface to unwrap or subdivide."""
 
+# What is said of a mesh that is open only where vertices are doubled, but for no UV or colour.
 MERGED = "closed once coincident vertices are merged"
-"""What is said of a mesh that is open only where vertices are doubled, but for no UV or colour."""
 
 
 @dataclass(frozen=True)

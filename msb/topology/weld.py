@@ -11,8 +11,8 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
+# Most pairs within the weld distance: 1 GiB of indices. Real welds have about one pair per vertex.
 MAX_PAIRS = 1 << 26
-"""Most pairs within the weld distance: 1 GiB of indices. Real welds have about one pair per vertex."""
 
 
 def parse_weld(text: str | float) -> Weld:

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 # Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports.
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
 
+# Name -> task.
 TASKS: dict[str, Task] = {
     task.name: task for name in _MODULES for task in import_module(f"msb.trial.tasks.{name}").TASKS
 }
-"""Name -> task."""
 
 
 def chosen_tasks(names: Iterable[str] | str) -> list[Task]:

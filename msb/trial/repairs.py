@@ -42,8 +42,9 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
+# The row of the asset itself.
 STORED = "as stored"
-"""The row of the asset itself."""
+# Name of the row -> plan, and the peer that does the step in our stead.
 STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
@@ -54,9 +55,8 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "cut by igl": (("cut",), "igl"),
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
-"""Name of the row -> plan, and the peer that does the step in our stead."""
+# The tasks that are tried on what each strategy makes, if nothing else is said: those that take seconds.
 TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
-"""The tasks that are tried on what each strategy makes, if nothing else is said: those that take seconds."""
 
 
 @dataclass(frozen=True)

@@ -170,12 +170,12 @@ def _srgb(linear: Image) -> Image:
     return np.where(linear <= 0.0031308, 12.92 * linear, curve).astype(np.float32)
 
 
+# What an opaque mesh cannot have, whatever the engine: name of the cause -> the model without it.
 BAKED: dict[str, Callable[[Asset], _Change]] = {
     "view_dependence": _constant,
     "opacity": _opaque,
     "soft_edges": _hard,
 }
-"""What an opaque mesh cannot have, whatever the engine: name of the cause -> the model without it."""
 
 
 @dataclass(frozen=True)
@@ -189,6 +189,7 @@ class Known:
     remedy: str
 
 
+# Every cause, in the order in which they are shown.
 CAUSES = (
     Known(
         "view_dependence",
@@ -256,4 +257,3 @@ CAUSES = (
         "Sort faces by depth in each frame.",
     ),
 )
-"""Every cause, in the order in which they are shown."""

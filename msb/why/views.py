@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     Image = NDArray[np.float32]
 
 
+# dB from which on images differ by rounding alone.
 EQUAL = 90.0
-"""dB from which on images differ by rounding alone."""
 
 
 class DoesNotApplyError(Exception):
@@ -43,12 +43,12 @@ class DoesNotApplyError(Exception):
 class _Plain(NamedTuple):
     """What the standard tier shows of an asset."""
 
+    # As `msb render` draws it.
     frames: list[Frame]
-    """As `msb render` draws it."""
+    # Without back faces.
     culled: list[Frame]
-    """Without back faces."""
+    # With as many samples a pixel each way as the method takes itself; four if its renderer is this one.
     several: list[Image]
-    """With as many samples a pixel each way as the method takes itself; four if its renderer is this one."""
 
 
 class Views:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from msb_viewers.model import ViewModel
 
 FOV_Y = math.radians(30)
+# Angles of the first view, in radians: it shows three sides of a thing, none of them edge-on.
 AZIMUTH, ELEVATION = math.radians(35), math.radians(20)
-"""Angles of the first view, in radians: it shows three sides of a thing, none of them edge-on."""
 _MARGIN = 1.04
 # Distance from an element, in radii of the faces around it, which then fill about half of the window.
 _NEIGHBOURHOOD = 4.5

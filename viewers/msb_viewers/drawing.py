@@ -49,8 +49,8 @@ _FOLDED = {
 }
 # Wrap -> VTK's number of it (`vtkTexture.ClampToEdge`, `Repeat`, `MirroredRepeat`).
 _WRAPS = {"clamp": 0, "repeat": 1, "mirror": 2}
+# Shift of marks towards the viewer, in units of depth resolution: they lie on their surface.
 _POINT_OFFSET, _LINE_OFFSET = -16.0, -8.0
-"""Shift of marks towards the viewer, in units of depth resolution: they lie on their surface."""
 
 
 def quiet() -> None:

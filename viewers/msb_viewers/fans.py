@@ -47,8 +47,8 @@ class Neighbourhood:
     fan_count: int
     group_count: int
     on_crowded_edge: bool
+    # (3, 3) rows: right, up and towards the eye, for the view in which the fans lie side by side.
     frame: NDArray[np.float64]
-    """(3, 3) rows: right, up and towards the eye, for the view in which the fans lie side by side."""
 
     @property
     def verdict(self) -> str:

@@ -17,8 +17,8 @@ from msb_viewers.palette import BACKGROUND, HIGHLIGHT, NEUTRAL, SIZE_CLASSES, si
 from msb_viewers.state import ViewState
 from msb_viewers.template import filled
 
+# With more faces a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads.
 LARGE = 2_000_000
-"""With more faces a browser needs gigabytes: 3 corners of 16 bytes each, twice while it loads."""
 
 
 def write_page(

@@ -7,8 +7,8 @@ under the common kinds of colour blindness. No two kinds differ by colour alone.
 from dataclasses import dataclass
 from typing import Literal
 
+# Red, green and blue, sRGB bytes.
 Color = tuple[int, int, int]
-"""Red, green and blue, sRGB bytes."""
 Marker = Literal["disc", "diamond", "cross", "square", "ring"]
 Line = Literal["solid", "dashed"]
 
@@ -24,12 +24,12 @@ VERMILLION: Color = (213, 94, 0)
 PURPLE: Color = (204, 121, 167)
 
 BACKGROUND: Color = (246, 246, 244)
+# The colour of a mesh without colours, and of the largest component.
 NEUTRAL: Color = (205, 205, 205)
-"""The colour of a mesh without colours, and of the largest component."""
+# The colour of the ring around the chosen element; no layer's colour is near it.
 HIGHLIGHT: Color = (200, 0, 110)
-"""The colour of the ring around the chosen element; no layer's colour is near it."""
+# The colours of the fans of a vertex; each fan also carries its number.
 FAN_COLORS = (SKY, ORANGE, GREEN, PURPLE, YELLOW, VERMILLION, BLUE)
-"""The colours of the fans of a vertex; each fan also carries its number."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class Style:
     size: float = 0.0
 
 
+# Layers in the legend's order.
 STYLES: dict[str, Style] = {
     style.kind: style
     for style in (
@@ -82,10 +83,10 @@ STYLES: dict[str, Style] = {
         ),
     )
 }
-"""Layers in the legend's order."""
 
 DELETED: Color = (217, 26, 26)
 ADDED: Color = (26, 166, 60)
+# The layers of a mesh and what a repair made of it, instead.
 REPAIR_STYLES: dict[str, Style] = {
     style.kind: style
     for style in (
@@ -94,8 +95,8 @@ REPAIR_STYLES: dict[str, Style] = {
         Style("cut_edges", "Cut edges", "3", (0, 0, 140), "edge", width=4.0),
     )
 }
-"""The layers of a mesh and what a repair made of it, instead."""
 
+# Components other than the largest by their number of faces: from, to (both included), colour.
 SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
     # Light to dark with size, so that the order survives without hue; steps of the plasma scale of
     # matplotlib (S. van der Walt and N. Smith, 2015), none of them near the neutral grey.
@@ -106,7 +107,6 @@ SIZE_CLASSES: tuple[tuple[int, int | None, Color], ...] = (
     (100, 999, (114, 1, 168)),
     (1000, None, (13, 8, 135)),
 )
-"""Components other than the largest by their number of faces: from, to (both included), colour."""
 
 
 def size_label(low: int, high: int | None) -> str:

@@ -10,8 +10,8 @@ from msb_viewers.model import CLEAN_NOTE, SOUP_NOTE, Layer, ViewModel, build_mod
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES
 from msb_viewers.viewed_mesh import Colors, ViewedMesh
 
+# Grey of black and of white faces: light enough for the colours to stand out.
 _DARKEST, _LIGHTEST = 140, 230
-"""Grey of black and of white faces: light enough for the colours to stand out."""
 
 
 def build_repaired_model(before: ViewedMesh, after: ViewedMesh) -> ViewModel:

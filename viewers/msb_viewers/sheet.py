@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 FAINT: Color = (120, 122, 128)
 PAPER = (255, 255, 255, 246)
 EDGE = (190, 192, 196, 255)
+# Width of a legend, height of a row and width of the free border, in pixels at scale 1.
 LEGEND_WIDTH, ROW, PAD = 322, 25, 12
-"""Width of a legend, height of a row and width of the free border, in pixels at scale 1."""
 
+# The least and the greatest scale of text; smaller text cannot be read.
 _SMALLEST, _LARGEST = 0.62, 2.0
-"""The least and the greatest scale of text; smaller text cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from msb_viewers.palette import Style
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import Skin, color_bytes
 
+# The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none.
 _MOST_FACES, _LEAST_FACES = 300_000, 30_000
-"""The most and fewest faces of a stand-in; a mesh of fewer than the fewest needs none."""
 # A picture that takes at most this many seconds is drawn in full while the view moves, too.
 _FLUID_SECONDS = 0.05
 # While the view moves, a layer shows at most one element for this many faces of the stand-in.

@@ -15,6 +15,7 @@ from msb_viewers.options import ViewOptions
 Coloring = Literal["own", "components", "grey"]
 COLORINGS: tuple[Coloring, ...] = ("own", "components", "grey")
 
+# Key -> what it does, as the help shows it.
 HELP: tuple[tuple[str, str], ...] = (
     ("1 ... 8", "switch a layer (or click its row)"),
     ("0", "all layers on, or off"),
@@ -35,7 +36,6 @@ HELP: tuple[tuple[str, str], ...] = (
     ("drag", "turn; Shift: move; wheel: zoom"),
     ("H", "this help"),
 )
-"""Key -> what it does, as the help shows it."""
 
 
 @dataclass(eq=False)

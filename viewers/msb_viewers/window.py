@@ -13,8 +13,8 @@ from msb_viewers.gl import NO_DISPLAY
 from msb_viewers.palette import BACKGROUND, unit
 from msb_viewers.sheet import text_scale, write_png
 
+# Distance between panels and the window's border, in pixels at scale 1.
 GAP = 12
-"""Distance between panels and the window's border, in pixels at scale 1."""
 
 
 class Window:

@@ -17,15 +17,15 @@ from msb.adapters.checkpoint.tensors import Extent, Refusal, Storages
 from msb.asset.strict_zip import Member, Policy, read_members
 from msb.errors import shorten
 
+# Most bytes of data.pkl. It holds no tensor's values, so it has kilobytes in practice; a million losses take
+# 9 MiB.
 MAX_PICKLE = 16 << 20
-"""Most bytes of data.pkl. It holds no tensor's values, so it has kilobytes in practice; a million losses take
-9 MiB."""
+# Most members. There is one per tensor and a handful more: the methods' files have below 30, large models
+# thousands.
 MAX_MEMBERS = 20_000
-"""Most members. There is one per tensor and a handful more: the methods' files have below 30, large models
-thousands."""
 MAX_NAME = 500
+# Versions that are read. torch accepts versions up to 10 and writes 3; version 1 had another layout.
 VERSIONS = range(2, 11)
-"""Versions that are read. torch accepts versions up to 10 and writes 3; version 1 had another layout."""
 _PICKLE, _DATA = "data.pkl", "data/"
 
 

@@ -17,8 +17,8 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Extent, Refusal, S
 
 MAGIC_NUMBER = 0x1950A86A20F9469CFC6C
 PROTOCOL_VERSION = 1001
+# Most storages of a file; an archive may have as many members.
 MAX_STORAGES = 20_000
-"""Most storages of a file; an archive may have as many members."""
 
 _COUNT = struct.Struct("<q")
 _START = re.compile(

@@ -13,11 +13,10 @@ import numpy as np
 from msb.adapters.checkpoint.tensors import BFloat16Array, Refusal, Storages, StorageType, rebuild_tensor
 from msb.errors import shorten
 
+# Most characters that `_codecs.encode` takes; it only ever carries a NumPy scalar, of at most 8 bytes.
+#
+# Longer text could be sent through it again and again, with a copy each time.
 MAX_ENCODED = 64
-"""Most characters that `_codecs.encode` takes; it only ever carries a NumPy scalar, of at most 8 bytes.
-
-Longer text could be sent through it again and again, with a copy each time.
-"""
 
 
 @dataclass(frozen=True)
@@ -110,6 +109,7 @@ def _storage_types() -> dict[tuple[str, str], StorageType]:
     return {("torch", kind.name): kind for kind in types}
 
 
+# (module, name) -> what it stands for. Joined by a dot, different pairs would be the same text.
 NAMES: dict[tuple[str, str], Function | StorageType] = {
     **_storage_types(),
     ("torch.storage", "UntypedStorage"): StorageType("UntypedStorage", None),
@@ -121,8 +121,8 @@ NAMES: dict[tuple[str, str], Function | StorageType] = {
     ("numpy._core.multiarray", "scalar"): Function("scalar", _scalar),  # NumPy 2
     ("_codecs", "encode"): Function("encode", _encode),
 }
-"""(module, name) -> what it stands for. Joined by a dot, different pairs would be the same text."""
 
+# Names in `torch._utils` of kinds of tensors that are not read; a message of its own says so.
 OTHER_TENSORS = {
     "_rebuild_tensor": "of before torch 0.4",
     "_rebuild_tensor_v3": "of a type with untyped storage (uint16, float8, ...)",
@@ -136,7 +136,6 @@ OTHER_TENSORS = {
     "_rebuild_device_tensor_from_numpy": "in the form of a foreign device",
     "_rebuild_device_tensor_from_cpu_tensor": "in the form of a foreign device",
 }
-"""Names in `torch._utils` of kinds of tensors that are not read; a message of its own says so."""
 
 
 def find(module: str, name: str) -> Function | StorageType:

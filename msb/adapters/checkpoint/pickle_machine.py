@@ -19,18 +19,18 @@ from msb.adapters.checkpoint.tensors import DeclaredStorages, Refusal, Unfinishe
 if TYPE_CHECKING:
     from msb.adapters.checkpoint.tensors import Storages
 
+# Most instructions of a pickle. A few thousand are usual; a list with the loss of each training step adds 10
+# 000. An instruction can cost some hundred bytes (an empty dict, a tensor), so this limit also bounds memory,
+# at some hundred MiB.
 MAX_OPCODES = 1_000_000
-"""Most instructions of a pickle. A few thousand are usual; a list with the loss of each training step adds 10
-000. An instruction can cost some hundred bytes (an empty dict, a tensor), so this limit also bounds memory,
-at some hundred MiB."""
+# Most entries of the memo. Each costs an instruction to set and one to make the value that it holds.
 MAX_MEMO = 500_000
-"""Most entries of the memo. Each costs an instruction to set and one to make the value that it holds."""
+# Most bytes of an integer. No size or seed is longer; torch's own magic number has 10 bytes.
 MAX_INTEGER_BYTES = 16
-"""Most bytes of an integer. No size or seed is longer; torch's own magic number has 10 bytes."""
+# Most bytes in one line of the instruction GLOBAL.
 MAX_NAME = 200
-"""Most bytes in one line of the instruction GLOBAL."""
+# Protocols that are read. 2 is torch's default; files that torch wrote with 5 have never been seen.
 PROTOCOLS = range(2, 5)
-"""Protocols that are read. 2 is torch's default; files that torch wrote with 5 have never been seen."""
 
 _MISSING = object()
 _U8, _U16, _I32, _U32, _U64 = (struct.Struct(f"<{code}") for code in "BHiIQ")
@@ -258,6 +258,7 @@ def _push_bytes(layout: struct.Struct) -> Callable[[_Machine], None]:
     return lambda machine: machine.push(machine.take(machine.number(layout)))
 
 
+# Byte -> instruction; the names in comments are those of the standard library's `pickletools`.
 INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x80: _Machine.set_protocol,  # PROTO
     0x2E: _Machine.stop,  # STOP
@@ -300,7 +301,6 @@ INSTRUCTIONS: dict[int, Callable[[_Machine], None]] = {
     0x94: lambda m: m.put(len(m.memo), memoize=True),  # MEMOIZE
     0x93: _Machine.name_from_stack,  # STACK_GLOBAL
 }
-"""Byte -> instruction; the names in comments are those of the standard library's `pickletools`."""
 # Byte -> the first protocol that has the instruction, where it is not 2, for which 0 and 1 count too.
 _SINCE = dict.fromkeys(b"\x42\x43", 3) | dict.fromkeys(b"\x95\x8c\x8d\x8e\x94\x93", 4)
 

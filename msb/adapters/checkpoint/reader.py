@@ -16,18 +16,17 @@ from msb.errors import CheckpointError
 _END_RECORD = b"PK\x05\x06"
 # Bytes of a ZIP's end record and the longest comment behind it.
 _LONGEST_TAIL = 22 + 0xFFFF
+# Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000
+# deep.
 MAX_DEPTH = 64
-"""Most levels of containers in containers. The methods' files nest 5 deep; recursive code may go 1000
-deep."""
+# Most values that a walk may meet which does not remember where it was.
+#
+# A list may hold a second list twice, that list a third one twice, and so on: 30 levels are 10^9 values
+# in 200 bytes ("billion laughs"). No file that we read shares lists or dictionaries at all.
 MAX_VALUES = 1_000_000
-"""Most values that a walk may meet which does not remember where it was.
 
-A list may hold a second list twice, that list a third one twice, and so on: 30 levels are a thousand million
-values in 200 bytes ("billion laughs"). No file that we read shares lists or dictionaries at all.
-"""
-
+# What is said of a file of which nothing else is known.
 STRANGE = "it does not start like a file of torch.save"
-"""What is said of a file of which nothing else is known."""
 
 _LEAVES = (str, bytes, int, float, bool, type(None), np.ndarray, BFloat16Array)
 _CONTAINERS = (dict, list, tuple)

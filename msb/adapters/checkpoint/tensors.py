@@ -17,11 +17,11 @@ import numpy as np
 
 from msb.errors import shorten
 
+# Most axes of a tensor, which every supported NumPy can hold; model tensors have at most 4.
 MAX_AXES = 32
-"""Most axes of a tensor, which every supported NumPy can hold; model tensors have at most 4."""
+# Most elements of a tensor. An axis of length 0 counts as 1, because the sizes of an empty tensor must not
+# overflow in NumPy either.
 MAX_ELEMENTS = 1 << 48
-"""Most elements of a tensor. An axis of length 0 counts as 1, because the sizes of an empty tensor must not
-overflow in NumPy either."""
 
 _PLACEHOLDER = np.zeros(0, np.uint8)
 _KEY = re.compile(r"[0-9]{1,20}\Z")

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from msb.asset import Validation
 
 SCHEMA = "msb.validate/1"
+# JSON holds this many findings of an asset; a hostile manifest of 1 MiB can cause 90 000.
 MAX_FINDINGS = 1000
-"""JSON holds this many findings of an asset; a hostile manifest of 1 MiB can cause 90 000."""
 
 
 @command(

@@ -13,8 +13,8 @@ from msb.engines.webpage import read_script
 from msb.errors import DeviceError
 from msb.metrics import psnr
 
+# The PSNR in dB from which a page counts as faithful.
 FAITHFUL = 45.0
-"""The PSNR in dB from which a page counts as faithful."""
 
 
 @dataclass(frozen=True)

@@ -44,13 +44,13 @@ SCRIPTS = (
 _GUARANTEED = Limits(binding=1 << 27, buffer=1 << 28, side=8192)
 # What most graphics cards of computers take; the page asks for what it needs, and says so if it cannot.
 _LARGER = Limits(binding=1 << 30, buffer=1 << 31, side=8192)
+# Chunks in which faces are blended: fewer than in the renderer, because each one reads all samples.
 STOPS = 8
-"""Chunks in which faces are blended: fewer than in the renderer, because each one reads all samples."""
+# Orders and samplings that a page offers.
 MODES: tuple[tuple[Order, Sampling], ...] = (
     *(("tile", "official"), ("global", "official"), ("none", "official")),
     *(("tile", "engine"), ("none", "engine")),  # an engine has no tiles: "global" is "tile"
 )
-"""Orders and samplings that a page offers."""
 _TYPES = {"f": "f32", "i": "i32", "u": "u32"}
 # Base64 letters of an element.
 _LETTERS = 1 << 23

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from msb.asset import Asset
 from msb.engines.dedicated_page.stored import CHUNK, LEVELS, exponents
 
+# Steps that a chunk's positions span at most: fewer than 16 bits have: rounding may add one.
 GRID = 65000
-"""Steps that a chunk's positions span at most: fewer than 16 bits have: rounding may add one."""
 _ROUNDED = ("f_dc", "f_rest", "opacity", "sigma")
 # Lattices of numbers from 0 to 1: those of the official web export are bytes, too.
 _BYTES = ("features.lattice", "features.opacity")

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Rows of a chunk of "grid": the corners of 64 faces.
 CHUNK = 192
-"""Rows of a chunk of "grid": the corners of 64 faces."""
+# Values of a column of "palette".
 LEVELS = 256
-"""Values of a column of "palette"."""
 _MOST_ROWS = 1 << 16
 _SAMPLE = 4096
 _HIGHEST_CODE = 65535

@@ -19,11 +19,11 @@ _LAYOUTS = {
     "numbers": {"texture": {"sample_type": "uint", "view_dimension": "2d"}},
     "store": {"storage_texture": {"format": "r32float", "access": "write-only", "view_dimension": "2d"}},
 }
+# The texture of depths, where a plan has one.
 Z_BUFFER = "z-buffer"
-"""The texture of depths, where a plan has one."""
 _DEPTH, _STORED = "depth32float", "r32float"
+# Red, green, blue, alpha and depth, float32.
 PIXEL_BYTES = 20
-"""Red, green, blue, alpha and depth, float32."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     Color = tuple[float, float, float]
 
+# `View` of view.wgsl, without a method's own members, which follow.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -41,7 +42,6 @@ VIEW = np.dtype(
         ("degree", np.uint32),
     ]
 )
-"""`View` of view.wgsl, without a method's own members, which follow."""
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+# Bytes between entries of a uniform buffer that are bound one at a time.
 SLOT = 256
-"""Bytes between entries of a uniform buffer that are bound one at a time."""
+# Blend factors of source and target.
 FRONT_TO_BACK = "one-minus-dst-alpha", "one"
-"""Blend factors of source and target."""
 
 
 @dataclass(frozen=True)
@@ -55,33 +55,33 @@ class Draws:
     bindings: tuple[Binding, ...]
     targets: tuple[str, ...]
     records: tuple[tuple[str, int], ...]
+    # vec4 of a record: attributes at locations 0, 1, ...
     members: int
-    """vec4 of a record: attributes at locations 0, 1, ..."""
+    # "clear" or "load": what the targets hold before.
     load: str = "clear"
-    """"clear" or "load": what the targets hold before."""
+    # Entry point `nearest` instead of `blend`; nothing is blended, the nearest stays.
     z_buffer: bool = False
-    """Entry point `nearest` instead of `blend`; nothing is blended, the nearest stays."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """What a frame is made of: passes that run once, and passes that run for each band of it."""
 
+    # Name -> WGSL.
     modules: Mapping[str, str]
-    """Name -> WGSL."""
+    # Name -> bytes and usages. What `data` holds is uploaded once.
     buffers: Mapping[str, tuple[int, tuple[str, ...]]]
-    """Name -> bytes and usages. What `data` holds is uploaded once."""
     data: Mapping[str, NDArray[Any]]
     passes: tuple[Compute, ...]
     band_passes: tuple[Draws | Compute, ...]
+    # Of the targets `image` and `depth`, whose sizes are those of a band in samples.
     format: str
-    """Of the targets `image` and `depth`, whose sizes are those of a band in samples."""
+    # Samples of a pixel along each axis.
     scale: int
-    """Samples of a pixel along each axis."""
+    # The factors of source and target, of colour and of alpha.
     blend: tuple[tuple[str, str], tuple[str, str]] = (FRONT_TO_BACK, FRONT_TO_BACK)
-    """The factors of source and target, of colour and of alpha."""
+    # The alpha that targets begin with; their colours begin with 0.
     clear: float = 0.0
-    """The alpha that targets begin with; their colours begin with 0."""
 
     def record(self) -> dict[str, Any]:
         """Return all but `data` as JSON takes it: what a page in a browser runs."""

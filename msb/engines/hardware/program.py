@@ -23,8 +23,8 @@ _MOST_GROUPS = 65535
 _BLOCK = 2048
 _DIGIT_BITS = 4
 _KEY_BITS = 32
+# Chunks in which faces are blended where a method refuses the face that crosses its threshold.
 STOPS = 32
-"""Chunks in which faces are blended where a method refuses the face that crosses its threshold."""
 _REFUSES = re.compile(r"^const STOP = ", re.MULTILINE)
 _TYPES = {"float32": "f32", "int32": "i32", "uint32": "u32"}
 

@@ -5,10 +5,10 @@ from msb.scenes.colors import BLACK, WHITE
 from msb.scenes.datasets.catalog import CUSTOM
 from msb.scenes.datasets.rules import Photographs, Rules
 
+# Features of a sample of the lattices, beside its opacity.
 FEATURES = 7
-"""Features of a sample of the lattices, beside its opacity."""
+# Layer of the decoder -> shape of its weight, [out, in].
 LAYERS = {"mlp.0": (16, 16), "mlp.2": (16, 16), "mlp.4": (3, 16)}
-"""Layer of the decoder -> shape of its weight, [out, in]."""
 
 
 def samples(level: int) -> int:

@@ -19,10 +19,10 @@ from msb.meshes.files import read_mesh
 from msb.methods.diffsoup import METHOD, samples
 from msb.methods.diffsoup.adapter import DECODER, MAX_LEVEL, describe, direction, domains
 
+# Most texels in a row of a look-up texture.
 MAX_WIDTH = 4096
-"""Most texels in a row of a look-up texture."""
+# Key in mlp_weights.json, a flat list, row-major [out][in] -> key of the state dict.
 WEIGHTS = dict(zip(("W1", "b1", "W2", "b2", "W3", "b3"), DECODER, strict=True))
-"""Key in mlp_weights.json, a flat list, row-major [out][in] -> key of the state dict."""
 
 
 def read(place: Place, content: Content, options: Options) -> Model:

@@ -19,8 +19,8 @@ from msb.render.surface import Surface
 from msb.scenes import Camera
 
 THRESHOLD = 0.5
+# The highest level of a lattice, which has 33,153 samples at level 8.
 MAX_LEVEL = 8
-"""The highest level of a lattice, which has 33,153 samples at level 8."""
 # A margin greater than the rounding of interpolation at values up to 2.
 _MARGIN = 1e-5
 

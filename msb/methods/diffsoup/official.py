@@ -13,8 +13,8 @@ from msb.meshes.files import write_mesh
 from msb.meshes.mesh import Mesh
 from msb.methods.diffsoup.adapter_web import WEIGHTS, texture_size
 
+# The suffix of a folder.
 SUFFIXES = ("",)
-"""The suffix of a folder."""
 
 _UP = {
     f"{sign}{axis}": [length if axis == other else 0.0 for other in "xyz"]

@@ -23,8 +23,8 @@ from msb.reference.tiles import Modes
 from msb.scenes import Camera
 
 OPACITY_THRESHOLD = 0.5
+# The feature that weighs the decoder's colour against the base colour, features 0 to 2.
 BLEND_FEATURE = 3
-"""The feature that weighs the decoder's colour against the base colour, features 0 to 2."""
 MAX_LEVEL = 16
 # Pixels of the boxes of several faces that are looked at together.
 _TOGETHER = 1 << 18

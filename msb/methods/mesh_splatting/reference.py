@@ -23,8 +23,8 @@ from msb.scenes import Camera
 
 TilesOf = Callable[[Windows, Reals, Reals, SplattingCamera], Rectangles]
 MAX_ALPHA = 0.999
+# Samples by which a face's tiles reach beyond its corners.
 MARGIN = 5
-"""Samples by which a face's tiles reach beyond its corners."""
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
 

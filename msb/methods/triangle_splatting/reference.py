@@ -23,8 +23,8 @@ from msb.reference.tiles import TILE, Integers, Modes, Rectangles, grid_size, ti
 from msb.scenes import Camera
 
 MAX_ALPHA = 0.99
+# Two edges more parallel than this have no corner.
 MIN_DETERMINANT = 1e-3
-"""Two edges more parallel than this have no corner."""
 _RULE = Rule(blends_crossing=False, weight_first=False)
 
 

@@ -10,8 +10,8 @@ from msb.adapters.model import Content
 from msb.methods.mesh_splatting import adapter as sibling
 
 KEYS = sibling.KEYS
+# Return the model at a place, as MeshSplatting's adapter does; a mesh file as that re-imports one.
 read = partial(sibling.read, method="triangle_splatting_plus")
-"""Return the model at a place, as MeshSplatting's adapter does; a mesh file as that re-imports one."""
 
 
 def recognises(content: Content) -> bool:

@@ -34,8 +34,8 @@ _UPSTREAM: dict[str, tuple[str, Any]] = {
     "render_up_scale": ("render_up_scale", None),
 }
 
+# Deepest nesting of a config; real ones nest 3 deep.
 MAX_DEPTH = 32
-"""Deepest nesting of a config; real ones nest 3 deep."""
 # GaodeRender/triangle-splatting: the first record of the log is a YAML dump between two lines of "=".
 _LOG_HEAD = re.compile(r"config args:[ \t]*\n=+[^\n]*=+[ \t]*\n(.*?)^=+[ \t]*$", re.DOTALL | re.MULTILINE)
 

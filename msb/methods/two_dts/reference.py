@@ -37,8 +37,8 @@ from msb.scenes import Camera
 
 NEAR, FAR = 1.0, 1000.0
 EPS = 1e-8
+# Bounds reach this many times as far from the centroid as the corners.
 DILATION = 3
-"""Bounds reach this many times as far from the centroid as the corners."""
 MAX_ALPHA = 0.99
 MAX_ECCENTRICITY = 10
 _RULE = Rule(blends_crossing=True, weight_first=True)

@@ -14,13 +14,13 @@ from msb.cl.sort import sort_pairs
 from msb.errors import DeviceError
 from msb.registry import Order
 
+# Number of faces, or samples of a row, that a work-item takes at once; PoCL crashes with 16
+# (docs/opencl.md).
 LANES = {"cpu": 8, "gpu": 1}
-"""Number of faces, or samples of a row, that a work-item takes at once; PoCL crashes with 16
-(docs/opencl.md)."""
+# Work-items of a group of the stages over faces.
 WORK_GROUP = 64
-"""Work-items of a group of the stages over faces."""
+# Places that a work-item of a CPU looks through for equal depths; a multiple of the lanes.
 SETTLED = 1024
-"""Places that a work-item of a CPU looks through for equal depths; a multiple of the lanes."""
 
 
 class Projected(NamedTuple):

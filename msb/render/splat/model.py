@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     Settings = Mapping[str, Any]
 
+# Depth in scene units in front of which an engine clips.
 ENGINE_NEAR = 0.01
-"""Depth in scene units in front of which an engine clips."""
 # The logarithm of what is 0 in float32. Powers that end below it are slow to raise to, and where sigma is as
 # small as after training most do.
 _LEAST = -105.0

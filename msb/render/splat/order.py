@@ -20,8 +20,8 @@ from msb.render.backend import Group
 from msb.render.device_scope import DeviceScope
 from msb.render.splat.bins import LANES, WORK_GROUP
 
+# Faces in a group with a common bounding sphere.
 FACE_GROUP = 64
-"""Faces in a group with a common bounding sphere."""
 # Bits of a sort key for each axis. Three make 54 bits; below them there is room for an exponent.
 _AXIS_BITS = 18
 # Bits of a sort key for the size of a face.
@@ -33,8 +33,8 @@ _NOTHING = np.zeros(1, np.float32)
 # Faces are reordered only if the model takes at most this share of the device's memory.
 _MODEL_SHARE = 1 / 4
 
+# Name -> an array of the model that kernels read; "positions" and "indices" are always there.
 Arrays = Mapping[str, "NDArray[np.generic] | None"]
-"""Name -> an array of the model that kernels read; "positions" and "indices" are always there."""
 
 _few: ContextVar[bool] = ContextVar("_few", default=False)
 

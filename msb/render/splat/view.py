@@ -24,6 +24,7 @@ LIMITS = np.dtype(
     ]
 )
 
+# The members that `View` has for every method. Each takes four bytes, so there is no padding.
 VIEW = np.dtype(
     [
         ("world_to_camera", np.float32, 12),
@@ -41,7 +42,6 @@ VIEW = np.dtype(
         ("limits", LIMITS),
     ]
 )
-"""The members that `View` has for every method. Each takes four bytes, so there is no padding."""
 _C_TYPES: dict[np.dtype[Any], str] = {
     np.dtype(np.float32): "float",
     np.dtype(np.int32): "int",
@@ -59,14 +59,14 @@ def own_members(own: Mapping[str, np.generic]) -> dict[str, str]:
 class Culling:
     """The bounds outside which a method draws no face."""
 
+    # A face whose camera z is at most this is dropped.
     nearest: float
-    """A face whose camera z is at most this is dropped."""
+    # A face reaches at most this multiple of its corners' distances from the centroid.
     dilation: float
-    """A face reaches at most this multiple of its corners' distances from the centroid."""
+    # It also reaches this number of samples beyond that.
     margin: float = 2.0
-    """It also reaches this number of samples beyond that."""
+    # If true, the largest z of the face is compared with `nearest`; otherwise the z of its centroid is.
     clipped: bool = False
-    """If true, the largest z of the face is compared with `nearest`; otherwise the z of its centroid is."""
 
 
 def make_view(

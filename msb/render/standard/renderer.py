@@ -29,11 +29,11 @@ _PAD, _PAD_ROWS, _LIST = 8, 4, 8192
 # Number of coarse depths of a tile.
 _COARSE = 64
 _GROUP_SIZE = 64
+# Floats of a camera's record, as zbuffer_math.cl has it.
 VIEW_WORDS = 51
-"""Floats of a camera's record, as zbuffer_math.cl has it."""
+# Least number of work-groups for triangles that one work-item would draw too slowly, and their number for
+# each compute unit, which fills it; and number of those that share a huge triangle.
 _GROUPS, _GROUPS_A_UNIT, _ROWS = 256, 32, 16
-"""Least number of work-groups for triangles that one work-item would draw too slowly, and their number for
-each compute unit, which fills it; and number of those that share a huge triangle."""
 
 
 class StandardRenderer(OnDevice):
@@ -49,8 +49,8 @@ class StandardRenderer(OnDevice):
 
     name = "msb-standard"
     version = __version__
+    # Whether the triangles can be given other places and colours between frames.
     moves = False
-    """Whether the triangles can be given other places and colours between frames."""
 
     def __init__(
         self,

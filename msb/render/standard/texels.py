@@ -10,8 +10,8 @@ from msb.asset.texture import LINEAR, ROUNDING, Sampler, Textured, level_sizes, 
 from msb.cl import Buffer, Device
 from msb.errors import DeviceError
 
+# Rows before those of textures, and rows of a texture; zbuffer_texture.cl says what they hold.
 _FIRST_ROW, _TEXTURE_ROWS = 2, 5
-"""Rows before those of textures, and rows of a texture; zbuffer_texture.cl says what they hold."""
 _WRAPS = {"repeat": 0, "clamp": 1, "mirror": 2}
 _DEFINES = {
     "FIRST_ROW": _FIRST_ROW,
@@ -31,8 +31,8 @@ _LINEAR = np.rint(LINEAR * 65535).astype(np.uint16)
 class Texels:
     """What zbuffer_texture.cl reads beside triangles and their tints."""
 
+    # Numbers (slots,) of textures if there are several, texels (N, 4) uint16, and the rows (R, 4) int32.
     buffers: tuple[Buffer, ...]
-    """Numbers (slots,) of textures if there are several, texels (N, 4) uint16, and the rows (R, 4) int32."""
     defines: dict[str, int]
     tinted: bool
     several: bool

@@ -13,13 +13,14 @@ from msb.asset.texture import textures_of
 from msb.cl import Buffer, Device, sort_pairs
 from msb.render.standard.texels import Texels, put_texels
 
+# Bits of the grid that corners are snapped to: 1/4096 pixel.
 SUBPIXEL_BITS = 12
-"""Bits of the grid that corners are snapped to: 1/4096 pixel."""
+# Floats of a triangle's record.
 WORDS = 16
-"""Floats of a triangle's record."""
+# The kinds of colours: RGBA8 of each corner, RGB of the face (both in the record), RGB of each corner in
+# a buffer of its own, and textures.
 BYTES_OF_CORNERS, FLOATS_OF_FACE, FLOATS_OF_CORNERS, TEXTURES = range(4)
-"""The kinds of colours: RGBA8 of each corner, RGB of the face (both in the record), RGB of each corner in
-a buffer of its own, and textures."""
+# What every program that includes zbuffer_math.cl is built with.
 RECORD_DEFINES = {
     "SUBPIXEL_BITS": SUBPIXEL_BITS,
     "WORDS": WORDS,
@@ -28,13 +29,12 @@ RECORD_DEFINES = {
     "FLOATS_OF_CORNERS": FLOATS_OF_CORNERS,
     "TEXTURES": TEXTURES,
 }
-"""What every program that includes zbuffer_math.cl is built with."""
+# Number of triangles that a CPU draws at once.
 BLOCK = 8
-"""Number of triangles that a CPU draws at once."""
+# Number of triangles that are culled together.
 CLUSTER = 2 * BLOCK
-"""Number of triangles that are culled together."""
+# Number of clusters whose rectangles are culled together.
 GROUP = 64
-"""Number of clusters whose rectangles are culled together."""
 _GROUP_SIZE = 64
 # Prefix of the names of scratch buffers that are given back before the first frame.
 _PREPARATION = "standard preparation"
@@ -46,27 +46,27 @@ _MORTON_BITS = 30
 class Triangles:
     """The buffers that stay on the device between frames."""
 
+    # (slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
+    # slots are near in space, on a GPU slots are in the order of faces.
     records: Buffer
-    """(slots, 16) words: corners, colours, face. A slot is a place in drawing order: on a CPU neighbouring
-    slots are near in space, on a GPU slots are in the order of faces."""
+    # (slots, 9) float32 where corners have colours in floats, (slots, 12) where textures are multiplied by
+    # colours, else one word that no kernel reads.
     colors: Buffer
-    """(slots, 9) float32 where corners have colours in floats, (slots, 12) where textures are multiplied by
-    colours, else one word that no kernel reads."""
+    # (6, stride) float32: centre and half extent of the clusters of triangles.
     boxes: Buffer
-    """(6, stride) float32: centre and half extent of the clusters of triangles."""
+    # The kind of colours, COLORS in the kernels.
     kind: int
-    """The kind of colours, COLORS in the kernels."""
     slots: int
     clusters: int
     stride: int
     texels: Texels | None
+    # Queues what makes records, colours and boxes of the sources; of use as long as these are there.
     fill: Callable[[], None]
-    """Queues what makes records, colours and boxes of the sources; of use as long as these are there."""
+    # Queues what copies the records into a buffer like theirs; those of faces that are 0 in another, (F,)
+    # uint8, get no area, and so no pixel.
     copy_some: Callable[[Buffer, Buffer], None]
-    """Queues what copies the records into a buffer like theirs; those of faces that are 0 in another, (F,)
-    uint8, get no area, and so no pixel."""
+    # Positions and colours as the asset holds them, if they are to be written anew; else none.
     sources: dict[str, Buffer]
-    """Positions and colours as the asset holds them, if they are to be written anew; else none."""
 
     @property
     def buffers(self) -> dict[str, Buffer]:

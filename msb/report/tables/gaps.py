@@ -23,6 +23,7 @@ from msb.report.results import Place
 from msb.report.safe_names import plain_text, slug
 from msb.report.table import NOT_SUPPORTED, NOT_THERE, Cell, Column, Row, Table
 
+# `Gap.reason` in words; "unsupported" prints N/A.
 REASONS = {
     "failed": "a run failed",
     "missing": "one of the two conditions was not run",
@@ -34,7 +35,6 @@ REASONS = {
     "device_mismatch": "the two ran on different devices",
     "whole_command": "the own renderer's time is of a whole command, loading and writing included",
 }
-"""`Gap.reason` in words; "unsupported" prints N/A."""
 _NAMES: dict[GapName, str] = {"adapt": "Adapt", "port": "Port", "deploy": "Deploy"}
 NOTES = {
     "adapt": "adapt: Non-Engine to Dedicated; port: Dedicated to Standard; deploy: Non-Engine to Standard; "

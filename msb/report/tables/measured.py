@@ -49,6 +49,7 @@ FLOOR_NOTE = (
     "Floor: one triangle of the model, with the texture or network that its triangles share, at the size of "
     "the largest view, the mean over scenes: what a renderer takes whatever the mesh is"
 )
+# What must be known to read the diagnostics of a mesh (paper, "Interpretation").
 STRUCTURE_NOTES = (
     "of the mesh as it is stored: nothing was merged, removed or repaired before",
     "a boundary may be legitimate: of an open scene, of a sheet, of what no camera saw",
@@ -59,7 +60,6 @@ STRUCTURE_NOTES = (
     "the mesh",
     "self-intersections are not looked at",
 )
-"""What must be known to read the diagnostics of a mesh (paper, "Interpretation")."""
 # The metrics of a method's own images, besides those of `QUALITY`.
 _NATIVE = ("fps", "train_memory", "train_seconds", "chamfer")
 _TIMES = ("p50_ms", "p95_ms")

@@ -21,15 +21,15 @@ from msb.report.paper import LPIPS_ELSEWHERE
 from msb.report.table import NOT_THERE, Cell, Column, Row, Table
 from msb.report.tables.measured import native_lines
 
+# `Key.source` -> its heading: a method's own paper, its public code, the benchmark's paper, and ours.
 SOURCES = {"paper": "Paper", "public": "Public", "meshsplatbench": "MeshSplatBench paper", "": "This run"}
-"""`Key.source` -> its heading: a method's own paper, its public code, the benchmark's paper, and ours."""
 
 
 class Pair(NamedTuple):
     """A number of ours and the published one, both in the records' unit."""
 
+    # The key of our number; its `source` says what the number is compared with.
     key: Key
-    """The key of our number; its `source` says what the number is compared with."""
     ours: float
     published: float
 

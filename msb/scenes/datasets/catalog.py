@@ -6,12 +6,12 @@ from typing import Literal
 
 from msb.scenes.colors import WHITE, Color
 
+# The name of a capture that belongs to none of `DATASETS` and was given no name.
 CUSTOM = "custom"
-"""The name of a capture that belongs to none of `DATASETS` and was given no name."""
 
+# The layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
+# transforms_test.json, "transforms" has transforms.json without a split, "neus" has cameras.npz.
 Layout = Literal["colmap", "blender", "transforms", "neus"]
-"""The layout of a scene's folder. "colmap" has sparse/, "blender" has transforms_train.json and
-transforms_test.json, "transforms" has transforms.json without a split, "neus" has cameras.npz."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,7 @@ _INDOOR, _OUTDOOR = (
 _OBJECTS = ("chair", "drums", "ficus", "hotdog", "lego", "materials", "mic", "ship")
 _SCANS = (24, 37, 40, 55, 63, 65, 69, 83, 97, 105, 106, 110, 114, 118, 122)
 
+# Id -> dataset, in the order of the tables.
 DATASETS: dict[str, Dataset] = {
     "mipnerf360": Dataset(
         "Mip-NeRF 360",
@@ -75,7 +76,6 @@ DATASETS: dict[str, Dataset] = {
         folders=("dtu",),
     ),
 }
-"""Id -> dataset, in the order of the tables."""
 
 
 def guess_dataset(layout: Layout, name: str, above: str) -> str:

@@ -13,9 +13,9 @@ from msb.scenes.datasets.rules import Photographs, Rounding, Rules, Size
 from msb.scenes.datasets.scene import MaskSource
 from msb.scenes.image_size import has_alpha, image_size
 
+# The mask folder of DTU in the packages of 2DGS and NeuS: one image per photograph, paired by their sorted
+# order.
 MASKS = "mask"
-"""The mask folder of DTU in the packages of 2DGS and NeuS: one image per photograph, paired by their sorted
-order."""
 # Pixels by which a photograph's height may differ from its camera's at the same width.
 _ROUNDED_AWAY = 1.5
 

@@ -19,8 +19,8 @@ from msb.scenes.datasets.rulebook import OURS, RULES, evaluation_background, sta
 from msb.scenes.datasets.rules import CONVENTIONS, ROUNDINGS, Convention, Rules, check_resolution
 from msb.scenes.datasets.scene import Scene
 
+# Pixels by which gs_fov may move the principal point without a warning.
 MAX_SHIFT = 0.5
-"""Pixels by which gs_fov may move the principal point without a warning."""
 
 
 def read_scene(

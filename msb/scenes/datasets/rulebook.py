@@ -40,8 +40,8 @@ class _EveryRules(Mapping[str, Rules]):
         return sum(1 for _ in self)
 
 
+# Name -> rules: "ours", and the name of each method that declares some.
 RULES: Mapping[str, Rules] = _EveryRules()
-"""Name -> rules: "ours", and the name of each method that declares some."""
 
 
 def evaluation_background(dataset: str, method: str | None = None, own: Color | None = None) -> Color:

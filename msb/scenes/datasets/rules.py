@@ -21,12 +21,12 @@ from msb.scenes.datasets.catalog import CUSTOM, DATASETS
 Convention = Literal["gs_fov", "full_K"]
 CONVENTIONS: tuple[Convention, ...] = ("gs_fov", "full_K")
 Compositing = Literal["before_resize", "after_resize", "none"]
+# Width and height in pixels.
 Size = tuple[int, int]
-"""Width and height in pixels."""
 Rounding = Literal["half_even", "floor", "half_up"]
 AS_IS = -1
+# Size in pixels to which larger photographs are reduced if no resolution is asked for.
 LARGEST = 1600
-"""Size in pixels to which larger photographs are reduced if no resolution is asked for."""
 _DIVISORS = (1, 2, 4, 8)
 
 
@@ -99,6 +99,7 @@ class Rules:
         return self.backgrounds.get(dataset, self.backgrounds[""])
 
 
+# The photographs that all code derived from 3DGS takes.
 FAMILY: Mapping[str, Photographs] = {
     "mipnerf360/outdoor": Photographs("images_4"),
     "mipnerf360/indoor": Photographs("images_2"),
@@ -107,14 +108,13 @@ FAMILY: Mapping[str, Photographs] = {
     "dtu": Photographs(resolution=2),
     CUSTOM: Photographs(),
 }
-"""The photographs that all code derived from 3DGS takes."""
 
+# Those it takes where its scripts name no folder: of Mip-NeRF 360 the originals, reduced to `LARGEST`.
 FULL_SIZE: Mapping[str, Photographs] = {
     **FAMILY,
     "mipnerf360/outdoor": Photographs(),
     "mipnerf360/indoor": Photographs(),
 }
-"""Those it takes where its scripts name no folder: of Mip-NeRF 360 the originals, reduced to `LARGEST`."""
 
 
 def check_resolution(resolution: int) -> int:

@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 __all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
+# Seconds that a peer is given, and as many again for each million faces; libigl needs 12 seconds for a
+# million.
 PATIENCE = 60.0
-"""Seconds that a peer is given, and as many again for each million faces; libigl needs 12 seconds for a
-million."""
+# Peers that are installed without the extra: a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
-"""Peers that are installed without the extra: a dependency of scikit-image (extra bench)."""
 
 
 @dataclass(frozen=True)

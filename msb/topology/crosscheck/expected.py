@@ -295,6 +295,7 @@ def some(count: int, noun: str, several: str = "") -> str:
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {several or noun + 's'}"
 
 
+# Peer -> what to compare.
 EXPECTED = {
     "libigl": expect_libigl,
     "PyMeshLab": expect_pymeshlab,
@@ -303,4 +304,3 @@ EXPECTED = {
     "NetworkX": expect_networkx,
     "NVIDIA": expect_nvidia,
 }
-"""Peer -> what to compare."""

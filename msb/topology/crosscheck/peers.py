@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from msb.base.children import run_each
 from msb.base.limits import Limits
 
+# Peers that are asked at once: each uses one core and a multiple of the mesh's memory.
 AT_ONCE = 2
-"""Peers that are asked at once: each uses one core and a multiple of the mesh's memory."""
 Answer = bool | int | float | None
 Answers = dict[str, Answer]
 
@@ -219,6 +219,7 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
+# The peers by name, in the order of reports.
 PEERS: dict[str, Peer] = {
     "libigl": Peer("igl", "libigl", ask_libigl),
     "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
@@ -229,7 +230,6 @@ PEERS: dict[str, Peer] = {
     # As much again: 10 s and 0.9 GB for a million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
 }
-"""The peers by name, in the order of reports."""
 
 
 def ask_peers(

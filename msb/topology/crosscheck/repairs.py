@@ -58,11 +58,11 @@ def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
     return left.face_matrix().astype(np.int64), next(maps), next(maps)
 
 
+# The peers' steps, by PEER-STEP.
 PEER_STEPS: dict[str, PeerStep] = {
     "igl-cut": PeerStep("igl", "libigl", cut_by_libigl),
     "pymeshlab-drop": PeerStep("pymeshlab", "pymeshlab", drop_by_pymeshlab),
 }
-"""The peers' steps, by PEER-STEP."""
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:

@@ -10,10 +10,10 @@ from msb.topology.analysis import Analysis
 from msb.topology.halfedge import NONE, face_of, next_in_face
 from msb.topology.steps.change import Change, Rims, unchanged
 
+# Rims of more edges stay open, if nothing else is said.
 MOST_EDGES = 8
-"""Rims of more edges stay open, if nothing else is said."""
+# A cap of more than this share of its component's area would close an outline rather than a hole.
 MOST_SHARE = 0.25
-"""A cap of more than this share of its component's area would close an outline rather than a hole."""
 
 
 def close(
@@ -61,8 +61,8 @@ def close(
     )
 
 
+# New faces (n, 3), and the old face beside each.
 Cap = tuple["NDArray[Any]", "NDArray[Any]"]
-"""New faces (n, 3), and the old face beside each."""
 
 
 @dataclass(frozen=True)

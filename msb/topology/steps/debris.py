@@ -10,8 +10,8 @@ from msb.topology.faces import added_areas, face_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
+# Components of fewer faces are debris, if nothing else is said.
 FEWEST_FACES = 10
-"""Components of fewer faces are debris, if nothing else is said."""
 
 
 def debris(

@@ -16,10 +16,10 @@ from msb.topology.steps.sides import find_sides, sides_of_faces, spanning_tree
 if TYPE_CHECKING:
     from msb.topology.steps.change import Change
 
+# How much a difference of black and white counts, beside a fold by 180 degrees, which counts 1.
 COLOR_WEIGHT = 0.25
-"""How much a difference of black and white counts, beside a fold by 180 degrees, which counts 1."""
+# The most faces of an edge that are compared all with all; of more, those half way round are paired.
 MOST_COMPARED = 16
-"""The most faces of an edge that are compared all with all; of more, those half way round are paired."""
 # Number of edges looked at together.
 _CHUNK = 1 << 16
 

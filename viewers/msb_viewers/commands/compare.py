@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
 
+# The number of views on a page without cameras, and their width and height in pixels.
 TURNTABLE = (8, 640, 480)
-"""The number of views on a page without cameras, and their width and height in pixels."""
 
 
 @dataclass(frozen=True)

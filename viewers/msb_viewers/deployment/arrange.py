@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from msb_viewers.deployment.state import Layout
 
+# Heights of gaps, title, captions and the scale of differences, in pixels at scale 1.
 _GAP, _HEAD, _CAPTION, _BAR = 10, 72, 64, 48
-"""Heights of gaps, title, captions and the scale of differences, in pixels at scale 1."""
 # The least width and height of a picture in pixels, however small the whole is.
 _LEAST = 16
 # The part of the width that A and B take beside their difference.

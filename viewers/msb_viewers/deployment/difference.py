@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+# Colours from no difference to the largest shown, evenly spaced, with linear interpolation. They follow
+# matplotlib's magma scale (S. van der Walt and N. Smith, 2015) within 3 / 255. The scale is perceptually
+# uniform and ordered by lightness, so every kind of colour blindness reads it alike.
 ERROR_SCALE = (
     (0, 0, 4), (10, 8, 34), (29, 17, 70), (54, 16, 106), (80, 18, 124), (105, 28, 129), (130, 38, 129),
     (156, 46, 127), (182, 55, 121), (207, 65, 112), (230, 81, 99), (245, 105, 92), (251, 135, 97),
     (254, 165, 113), (254, 195, 135), (253, 224, 162), (252, 253, 191),
 )  # fmt: skip
-"""Colours from no difference to the largest shown, evenly spaced and linear in between. They are the magma
-scale of matplotlib to within 3 / 255 (S. van der Walt and N. Smith, 2015), which is perceptually uniform and
-ordered by lightness alone, so that it is read the same under every kind of colour blindness."""
+# The differences for which the brightest colour can stand.
 TOPS = (1.0, 0.5, 0.25, 0.1, 0.05, 0.02)
-"""The differences for which the brightest colour can stand."""
+# The difference for which it stands at first.
 TOP = 0.25
-"""The difference for which it stands at first."""
 
 
 def squared_error(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:

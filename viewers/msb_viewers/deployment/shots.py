@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 TRUTH: Final = "truth"
 REFERENCE: Final = "reference"
 BAKED: Final = "baked"
+# Tier -> its title, in the order they are shown. The truth, a photograph, and what a bake made stand beside
+# the tiers.
 LABELS = {
     TRUTH: "Ground truth",
     REFERENCE: "Reference",
@@ -27,10 +29,8 @@ LABELS = {
     "standard": "Standard",
     BAKED: "Baked",
 }
-"""Tier -> its title, in the order they are shown. The truth, a photograph, and what a bake made stand beside
-the tiers."""
+# An asset of more faces gets its reference only when asked for: NumPy takes minutes for it.
 MOST_REFERENCE_FACES = 200_000
-"""An asset of more faces gets its reference only when asked for: NumPy takes minutes for it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
 from msb_viewers.deployment.difference import fitted
 from msb_viewers.model import framing
 
+# Width and height in pixels of the camera that a free view starts from; windows scale it.
 SIDE = 1000
-"""Width and height in pixels of the camera that a free view starts from; windows scale it."""
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 
