@@ -1,16 +1,15 @@
-"""Audit speed against libigl, PyMeshLab, trimesh, MeshLib and Open3D, on the same arrays in one run.
+"""Compare audit speed with libigl, PyMeshLab, trimesh, MeshLib and Open3D, on the same arrays in one run.
 
     python -m benchmarks.audit                        0.1, 1, 4 and 10 million faces: about twelve minutes
-    python -m benchmarks.audit --all                  the slow peers at every size too: about half an hour
+    python -m benchmarks.audit --all                  slow peers at all sizes: about half an hour
     python -m benchmarks.audit --sizes 61 --rounds 5 --parts peers
-                                                      about 0.1 million faces, and the first table only
+                                                      about 0.1 million faces, first table only
 
-Every measurement is one fresh process that loads the arrays, does its work on a mesh of 0.1 million faces
-unmeasured, and once measured. Tools take turns within a round, so a machine whose speed drifts treats them
-alike; printed are the median and the ratio to ours of the same round (to PyMeshLab and so on: its seconds in
-ours). Tools that take long are measured in the first round only, and not at the largest sizes, unless --all.
-Memory is the rise of the process's high-water mark above the loaded arrays and libraries. Peers that are not
-installed are left out.
+Each measurement is a fresh process that loads the arrays, warms up on a mesh of 0.1 million faces, and runs
+once. Tools take turns within a round, so drifting machine speed affects all alike. The table shows medians,
+and the time of a peer divided by ours in the same round. Slow tools run in the first round only, and not at
+the largest sizes unless --all is given. Memory is the growth of the process's peak above the loaded arrays
+and libraries. Peers that are not installed are skipped.
 """
 
 from __future__ import annotations
@@ -43,9 +42,9 @@ SIZES = (61, 194, 388, 614)
 """Lattice sizes of the generator: about 0.1, 1, 4 and 10 million faces."""
 WARM = 61
 MAIN = 388
-"""The size at which threads, first calls, whole processes and hostile meshes are measured."""
+"""Lattice size for threads, first calls, whole processes and hostile meshes."""
 FACES_PER_SQUARE = 26.6
-"""Of the generator: times n^2."""
+"""Faces of the generated mesh per n^2, n the lattice size."""
 PARTS = ("peers", "threads", "first", "process", "hostile")
 
 
@@ -53,7 +52,7 @@ PARTS = ("peers", "threads", "first", "process", "hostile")
 
 
 def measure(tool: str, folder: Path, warm: bool) -> None:
-    """Do one measurement in this process and print it as JSON."""
+    """Run one measurement in this process and print it as JSON."""
     vertices, faces = (np.load(folder / f"{name}.npy") for name in ("vertices", "faces"))
     if warm:
         with contextlib.suppress(FileNotFoundError):
@@ -68,7 +67,7 @@ def measure(tool: str, folder: Path, warm: bool) -> None:
 
 
 def run(tool: str, folder: Path, *, warm: bool = True, **env: str) -> Result:
-    """Return one measurement made in a process of its own, or why there is none."""
+    """Run one measurement in a separate process; return its result or the reason for its failure."""
     command = [sys.executable, "-m", "benchmarks.audit", "--worker", tool, "--folder", str(folder)]
     done = subprocess.run(
         [*command, *([] if warm else ["--cold"])], capture_output=True, text=True, env={**os.environ, **env}
@@ -91,7 +90,7 @@ def stored(root: Path, name: str, mesh: tuple[NDArray[Any], NDArray[Any]]) -> It
 
 
 def middle(results: list[Result], key: str = "seconds") -> float:
-    """Return the median over the results that have it; NaN without any."""
+    """Return the median over the results with this key; NaN if there are none."""
     values = [result[key] for result in results if key in result]
     return statistics.median(values) if values else math.nan
 
@@ -100,7 +99,7 @@ def middle(results: list[Result], key: str = "seconds") -> float:
 
 
 def peers(folder: Path, faces: int, tools: list[str], rounds: int, everything: bool) -> list[Result]:
-    """Return a row per tool: medians over the rounds, ratios within them, and answers that are not ours."""
+    """Return a row per tool: medians over rounds, ratios within rounds, and answers that differ from ours."""
     found: dict[str, list[Result]] = {tool: [] for tool in tools}
     for number in range(rounds):
         for tool in tools:
@@ -149,7 +148,7 @@ def print_peers(faces: int, rounds: int, rows: list[Result]) -> None:
 
 
 def growth(sizes: list[Result]) -> dict[str, float]:
-    """Return tool -> exponent of the number of faces that fits its seconds best."""
+    """Return tool -> exponent e of the best fit seconds ~ faces^e."""
     times: dict[str, list[tuple[float, float]]] = {}
     for size in sizes:
         for row in size["rows"]:
@@ -163,7 +162,7 @@ def growth(sizes: list[Result]) -> dict[str, float]:
 
 
 def threads(folder: Path, rounds: int) -> Result:
-    """Return the seconds with one thread and with all, in turns."""
+    """Return the seconds with one thread and with all threads, measured in turns."""
     one, every = [], []
     for _ in range(rounds):
         one.append(run("msb", folder, POCL_MAX_PTHREAD_COUNT="1"))
@@ -174,7 +173,8 @@ def threads(folder: Path, rounds: int) -> Result:
 
 
 def first_calls(folder: Path, rounds: int) -> Result:
-    """Return the seconds of a second call, of a process's first, and of the first on an empty cache."""
+    """Return the seconds of a second call, of a process's first call, and of a first call with an empty
+    cache."""
     second, first, ever = [], [], []
     for _ in range(rounds):
         second.append(run("msb", folder))
@@ -209,7 +209,7 @@ def processes(folder: Path, rounds: int) -> Result:
 
 
 def hostiles(root: Path, counts: tuple[int, ...]) -> list[Result]:
-    """Return a row for each hostile mesh: seconds and memory at each number of faces, and the growth."""
+    """Return a row for each hostile mesh: seconds and memory by number of faces, and their growth."""
     rows = []
     for name in HOSTILE:
         row: Result = {"mesh": name, "what": (HOSTILE[name].__doc__ or "").rstrip("."), "at": {}}
@@ -245,11 +245,11 @@ def main() -> None:
     """Run the benchmark and print its tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES, help="lattice sizes (n)")
-    parser.add_argument("--main", type=int, default=MAIN, help="lattice size of all but the peers")
+    parser.add_argument("--main", type=int, default=MAIN, help="lattice size of all parts except the peers")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--tools", nargs="+", choices=list(TOOLS), default=list(TOOLS))
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--all", action="store_true", help="measure slow peers at every size")
+    parser.add_argument("--all", action="store_true", help="run slow peers at every size")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--worker", choices=list(TOOLS), help=argparse.SUPPRESS)
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
@@ -266,7 +266,7 @@ def main() -> None:
 
 
 def measure_all(root: Path, options: argparse.Namespace, record: Result) -> None:
-    """Run the chosen parts, print each when it is there, and add it to `record`."""
+    """Run the chosen parts, print each as it finishes, and add it to `record`."""
     from data_stubs.splat_like import splat_like
 
     (root / "warm").mkdir()

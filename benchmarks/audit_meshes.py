@@ -1,4 +1,4 @@
-"""Meshes that stand in the way of a fast audit, of any number of faces: each the worst for some idea."""
+"""Hostile meshes of any size for the audit: each is the worst case of one approach."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def star(count: int) -> Mesh:
 
 
 def fan(count: int) -> Mesh:
-    """One vertex in every face, and they form one fan around it."""
+    """One vertex in every face; the faces form one fan around it."""
     rim = np.arange(1, count + 1)
     return count + 2, np.stack([np.zeros_like(rim), rim, rim + 1], axis=1)
 
@@ -48,23 +48,23 @@ def strip(count: int) -> Mesh:
 
 
 def shuffled_strip(count: int) -> Mesh:
-    """The same with faces and vertices in no order: long paths for a union of neighbours."""
+    """One strip with faces and vertices in random order: long paths for a union of neighbours."""
     random = np.random.default_rng(0)
     return count + 2, random.permutation(count + 2)[strip(count)[1][random.permutation(count)]]
 
 
 def noise(count: int) -> Mesh:
-    """Any three vertices."""
+    """Faces of three random vertices."""
     return count // 2, np.random.default_rng(0).integers(0, count // 2, (count, 3))
 
 
 def few(count: int) -> Mesh:
-    """Any three of thirty vertices; no face uses the others."""
+    """Faces of three random vertices out of thirty; the other vertices are unused."""
     return count // 2, np.random.default_rng(0).integers(0, 30, (count, 3))
 
 
 def collapsed(count: int) -> Mesh:
-    """Every face names a vertex twice."""
+    """Every face has a repeated index."""
     faces = np.random.default_rng(0).integers(0, count // 2, (count, 3))
     faces[:, 1] = faces[:, 0]
     return count // 2, faces
@@ -77,7 +77,7 @@ HOSTILE: dict[str, Callable[[int], Mesh]] = {
 
 
 def hostile(name: str, count: int) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return vertices at random places and `count` faces."""
+    """Return randomly placed vertices and `count` faces."""
     vertices, faces = HOSTILE[name](count)
     points = np.random.default_rng(1).random((vertices, 3), np.float32)
     return points, np.ascontiguousarray(faces, np.int32)

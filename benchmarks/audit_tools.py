@@ -1,8 +1,8 @@
-"""What `benchmarks.audit` measures: our audit, its floor, and the peers, each on the same two arrays.
+"""Tools that `benchmarks.audit` times: our audit, a lower bound, and the peers, on the same two arrays.
 
-A tool is a function from vertices (V, 3) float32 and faces (F, 3) int32 to the work that is timed; what it
-needs before (a mesh object, wider integers) is made outside. The work returns answers by names that mean the
-same for all tools, where definitions agree.
+A tool is a function of vertices (V, 3) float32 and faces (F, 3) int32 that returns the timed work.
+Preparation (a mesh object, wider integers) is not timed. The work returns answers under common names wherever
+definitions agree.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 WHAT = {
     "msb": "the whole audit: every count, metric, variant and sample",
     "msb, NumPy": "the same by the NumPy twin",
-    "pymeshlab": "get_topological_measures alone, without adding the mesh",
-    "pymeshlab+mesh": "the same with adding the mesh",
+    "pymeshlab": "get_topological_measures only, without adding the mesh",
+    "pymeshlab+mesh": "the same, including adding the mesh",
     "trimesh": "edges, adjacency, two-face components, areas",
     "meshlib": "mesh, components, holes, area; splits vertices to be manifold",
     "open3d": "non-manifold edges and vertices, components",
     "igl": "edges, boundary, vertex manifoldness, components, areas",
-    "scatter": "floor: one random scatter of 3F int32",
+    "scatter": "lower bound: one random scatter of 3F int32",
 }
 PACKAGES = ("numpy", "scipy", "pyopencl", "libigl", "pymeshlab", "trimesh", "meshlib", "open3d-cpu")
 
@@ -61,7 +61,7 @@ def by_numpy(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answer
 
 
 def pymeshlab(vertices: NDArray[Any], faces: NDArray[Any], *, add: bool = False) -> Callable[[], Answers]:
-    """Prepare PyMeshLab; `add` times the mesh copy too."""
+    """Prepare PyMeshLab; `add` includes the copy of the mesh in the time."""
     import pymeshlab as library
 
     def mesh_set() -> Any:
@@ -84,7 +84,7 @@ def pymeshlab(vertices: NDArray[Any], faces: NDArray[Any], *, add: bool = False)
 
 
 def pymeshlab_with_mesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare PyMeshLab, the mesh copy timed."""
+    """Prepare PyMeshLab, including the copy of the mesh in the time."""
     return pymeshlab(vertices, faces, add=True)
 
 
@@ -112,7 +112,7 @@ def igl(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
 
 
 def trimesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare trimesh, without the merging it does by default."""
+    """Prepare trimesh without its default merging of vertices."""
     import trimesh as library
 
     mesh = library.Trimesh(vertices.astype(np.float64), faces.astype(np.int64), process=False)
@@ -131,7 +131,7 @@ def trimesh(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers
 
 
 def meshlib(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare MeshLib; making the mesh is most of its work, and what it counts then is that mesh."""
+    """Prepare MeshLib. Building the mesh is most of its work, and its counts are of the mesh it built."""
     from meshlib import mrmeshnumpy, mrmeshpy
 
     points = vertices.astype(np.float64)
@@ -163,7 +163,7 @@ def open3d(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]
 
 
 def scatter(vertices: NDArray[Any], faces: NDArray[Any]) -> Callable[[], Answers]:
-    """Prepare the floor: 3F int32 written to random places."""
+    """Prepare the lower bound: 3F int32 written to random places."""
     place = np.random.default_rng(0).permutation(faces.size)
     values, out = np.arange(faces.size, dtype=np.int32), np.zeros(faces.size, np.int32)
 
@@ -186,7 +186,7 @@ TOOLS: dict[str, Tool] = {
     "open3d": open3d,
 }
 ONCE_FROM = {"igl": 500_000, "open3d": 0, "meshlib": 500_000, "msb, NumPy": 500_000, "trimesh": 5_000_000}
-"""Faces from which a slow tool is measured in the first round only."""
+"""Number of faces from which a slow tool runs in the first round only."""
 AT_MOST = {
     "igl": 5e6,
     "open3d": 2e6,
@@ -195,4 +195,4 @@ AT_MOST = {
     "pymeshlab+mesh": 5e6,
     "trimesh": 5e6,
 }
-"""Faces up to which a slow tool is measured at all, unless everything is asked for."""
+"""Largest number of faces for a slow tool, unless --all is given."""

@@ -1,15 +1,16 @@
-"""What trained models lose as plain assets, and what a bake gives back.
+"""Measure bakes of trained models: quality, size, time and memory.
 
     python -m benchmarks.bake [MODEL SCENE ...]
 
-prints a row for each model and geometry: dB to held-out photographs of the model's own look, of its plain
-mesh, and of what was baked, with 1 and 16 samples a pixel; triangles, bytes, seconds, and the peak of memory.
-Each bake runs in a process of its own, and twice with `--twice`, which must give the same bytes. `--folder`
-keeps what was baked, as `walled-two_dts-kept.glb` and `.triasset`. Without arguments the models are those of
-`msb demo-data`; `--image-folder` and `--resolution` are of the scene. `--lods` and `--collision` print a
-second table: what levels of detail lose beside the whole, and how far a collision shape is from what is seen.
-`--picture` has a row for each model: a photograph that nothing was taught by, the own look, the plain mesh,
-and what was baked."""
+The table has a row for each model and geometry: PSNR against held-out photographs of the native rendering, of
+the standard-tier mesh and of the bake (1 and 16 samples per pixel); triangles, bytes, seconds and peak
+memory. Each bake runs in a separate process. `--twice` repeats it and compares the bytes. `--folder` keeps
+the files, for example `walled-two_dts-kept.glb`. The default models are those of `msb demo-data`.
+`--image-folder` and `--resolution` select the photographs. `--lods` and `--collision` add a second table: the
+loss of each level of detail relative to the full bake, and the distance of the collision shape from the
+visible surface. `--picture` writes an image with one row per model: held-out photograph, native rendering,
+standard-tier mesh, bakes.
+"""
 
 from __future__ import annotations
 
@@ -58,7 +59,7 @@ _COLUMNS = (
 HEADER = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
 _BESIDE = (
     *("model", "geometry", "whole, dB", "levels, faces: dB"),
-    *("collision", "faces", "parts", "distance, % of the diagonal", "mid-air, %"),
+    *("collision", "faces", "parts", "distance, % of the diagonal", "protruding, %"),
 )
 BESIDE = f"| {' | '.join(_BESIDE)} |\n{'|---' * len(_BESIDE)}|"
 _ONE = """
@@ -77,8 +78,10 @@ print(json.dumps({**report.to_dict(), "seconds": seconds, "peak_mb": peak}))
 
 
 def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tuple[dict[str, Any], Image]:
-    """Return the report of one bake, with its peak of memory and the hash of its GLB, and its picture; its
-    files have the name of `place`."""
+    """Run one bake; return its report with peak memory and the SHA-256 of its GLB, and its image.
+
+    The files are written to `place` plus a suffix.
+    """
     outs = [place.with_name(f"{place.name}{suffix}") for suffix in (".glb", ".triasset")]
     command = [sys.executable, "-c", _ONE, str(model), str(scene), json.dumps(options), *map(str, outs)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
@@ -91,20 +94,20 @@ def baked(model: Path, scene: Path, options: dict[str, Any], place: Path) -> tup
 
 
 def read(model: str | Path, scene: str | Path, options: dict[str, Any]) -> Scene:
-    """Return a scene as the model's method is evaluated on it."""
+    """Return a scene with the evaluation rules of the model's method."""
     place = Path(scene)
     return scene_at(place, dataset_of(place), msb.open(model).manifest.method, **options).read()
 
 
 def _view(asset: msb.Asset, scene: Scene, tier: Tier = "standard") -> Image:
-    """Return the first held-out view, with 16 samples a pixel where those are asked for."""
+    """Return the first test view; `fine` renders it with 16 samples per pixel."""
     more: dict[str, Any] = {"supersample": 4} if tier == "standard" else {}
     return msb.render(asset, scene.test[0], tier, scene.background, **more).image
 
 
 def looks(model: Path, scene: Scene) -> list[Image]:
-    """Return a held-out photograph, the model's own look there, and its plain mesh, grey where it has
-    none."""
+    """Return images of the first test view: photograph, native rendering, standard-tier mesh (grey if
+    missing)."""
     asset = msb.open(model)
     shown = [ground_truth(scene, scene.test[0]), _view(asset, scene, "dedicated")]
     has_mesh = why_not(asset.manifest, "standard") is None
@@ -112,7 +115,7 @@ def looks(model: Path, scene: Scene) -> list[Image]:
 
 
 def row(name: str, report: dict[str, Any]) -> str:
-    """Return the row of Markdown of one bake."""
+    """Return the Markdown table row of one bake."""
     psnr = report["psnr"]["photographs"] or {"dedicated": None, **report["psnr"]["own"]}
     decibels = [
         "" if psnr[key] is None else f"{psnr[key]:.2f}"
@@ -125,8 +128,10 @@ def row(name: str, report: dict[str, Any]) -> str:
 
 
 def beside(name: str, report: dict[str, Any]) -> str:
-    """Return the row of Markdown of what stands beside one bake: dB that each level loses against the own
-    look with 16 samples, and the collision shape."""
+    """Return the Markdown row of a bake's levels of detail and collision shape.
+
+    Levels: dB lost relative to the full bake, against native rendering with 16 samples per pixel.
+    """
     whole = report["psnr"]["own"]["after_16"]
     cells = [name, report["geometry"], f"{whole:.2f}"]
     cells.append(", ".join(f"{one['faces']:,}: {one['own_after_16'] - whole:+.2f}" for one in report["lods"]))
@@ -137,19 +142,19 @@ def beside(name: str, report: dict[str, Any]) -> str:
 
 
 def as_wide(picture: Image, wide: int) -> Image:
-    """Return a picture enlarged by a whole number, and with white at its right, so that it is so wide."""
+    """Return an image enlarged by an integer factor, padded with white on the right to a width of `wide`."""
     times = wide // picture.shape[1]
     larger = picture.repeat(times, axis=0).repeat(times, axis=1)
     return np.pad(larger, ((0, 0), (0, wide - larger.shape[1]), (0, 0)), constant_values=1)
 
 
 def main() -> int:
-    """Bake and print; return 1 if a second bake gave other bytes."""
+    """Run all bakes and print the tables; return 1 if a repeated bake differs."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models and their scenes, by turns")
+    add("pairs", nargs="*", type=Path, metavar="MODEL SCENE", help="models, each followed by its scene")
     add("--geometry", nargs="+", default=GEOMETRIES, choices=(*GEOMETRIES, "auto"))
     add("--only", nargs="+", choices=DEMO, default=DEMO, metavar="NAME", help=f"of {', '.join(DEMO)}")
     add("--lods", type=parse_shares, default=())
@@ -158,8 +163,8 @@ def main() -> int:
     add("--seed", type=int, default=0)
     add("--image-folder")
     add("--resolution", type=int)
-    add("--twice", action="store_true", help="bake each twice, which must give the same bytes")
-    add("--folder", type=Path, help="where what is baked is kept; a temporary folder if not given")
+    add("--twice", action="store_true", help="repeat each bake and compare the bytes")
+    add("--folder", type=Path, help="keep the baked files here; default: a temporary folder")
     add("--picture", type=Path, metavar="PNG")
     add("--json", type=Path, metavar="FILE")
     options = parser.parse_args()

@@ -1,12 +1,13 @@
-"""What a bake takes at the size that is trained: millions of triangles in a garden of 50 views.
+"""Measure bakes at real size: millions of triangles in a garden with 50 views.
 
     python -m benchmarks.bake_scale --faces 1000000 3000000 --geometry kept fitted
 
-prints a row for each: dB to the own look on views held back, of the plain mesh and of what was baked,
-triangles, seconds, processor seconds, the peak of memory; and the last three of each stage, as it ends, too.
-The garden is made: a lawn with slabs, a table with a vase, bushes and a sky, covered by soft triangles of
-`--method` with spherical harmonics of degree 3, whose colours are those of a fine pattern. Each bake runs in
-a process of its own; `--options` are further ones of `msb.bake`, as JSON."""
+The table has a row for each bake: PSNR of the standard-tier mesh and of the bake against native rendering on
+held-out views, triangles, seconds, CPU seconds and peak memory. Each stage has a row with its time and
+memory. The garden is synthetic: a lawn with slabs, a table with a vase, bushes and a sky, covered with soft
+triangles of `--method` with spherical harmonics of degree 3 and finely patterned colours. Each bake runs in a
+separate process. `--options` passes further options of `msb.bake` as JSON.
+"""
 
 from __future__ import annotations
 
@@ -31,14 +32,15 @@ Reals = NDArray[np.float64]
 
 SOUPS = tuple(name for name in BLENDED if not is_connected(name))
 PARTS = {"lawn": 0.25, "table": 0.12, "legs": 0.03, "vase": 0.1, "bushes": 0.35, "sky": 0.15}
-"""Part of the garden -> its share of the faces; most are near what cameras go round, as where one trained."""
+"""Part of the garden -> share of the faces. As in trained models, most are near the centre of the camera
+path."""
 _COVER = 6.0
-"""How many times the faces' area is what they lie on: soft edges cover less."""
+"""Area of all faces relative to the surface that they cover; above 1 because soft edges cover less."""
 _SOFT = -1.0
-"""Of edges: between a linear fall and none, as a training ends with."""
+"""Softness of edges: between a linear fall-off and a hard edge, as at the end of a training."""
 _LAWN, _SKY = 10.0, 14.0
 RINGS = ((2.6, 1.3), (3.2, 2.0), (2.2, 2.6))
-"""Distances from the middle of the table, and heights, at which cameras stand by turns."""
+"""Camera rings: distances from the centre of the table, and heights, used in turn."""
 _COLUMNS = (
     *("faces", "views", "geometry", "plain, 1", "baked, 1", "baked, 16", "triangles"),
     *("s", "processor s", "peak GB"),
@@ -47,7 +49,7 @@ HEADER = f"| {' | '.join(_COLUMNS)} |\n{'|---' * len(_COLUMNS)}|"
 
 
 def garden(faces: int, seed: int = 0) -> dict[str, Any]:
-    """Return the garden as `benchmarks.dedicated_scenes.soup` returns its layers; +z is up."""
+    """Return the garden in the format of `benchmarks.dedicated_scenes.soup`; +z is up."""
     random = np.random.default_rng(seed)
     made = [_part(name, round(share * faces), random) for name, share in PARTS.items()]
     places, normals, areas, colors = (np.concatenate(each) for each in zip(*made, strict=True))
@@ -57,7 +59,7 @@ def garden(faces: int, seed: int = 0) -> dict[str, Any]:
     across = np.cross(normals, random.standard_normal((count, 3)))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
-    # A triangle with corners at 1 about its middle has an area of 1.3.
+    # An equilateral triangle with circumradius 1 has an area of 1.3.
     radius = np.sqrt(_COVER * areas / 1.3) * np.exp(0.4 * random.standard_normal(count) - 0.16)
     angles = 2 * np.pi * (np.arange(3) / 3 + 0.08 * random.standard_normal((count, 3)))
     corners = np.cos(angles)[..., None] * across[:, None] + np.sin(angles)[..., None] * along[:, None]
@@ -75,12 +77,12 @@ def garden(faces: int, seed: int = 0) -> dict[str, Any]:
 
 
 def _part(name: str, count: int, random: np.random.Generator) -> tuple[Reals, Reals, Reals, Reals]:
-    """Return places and normals on a part, the area that each face there has, and colours."""
+    """Return face positions and normals on a part (n, 3), the area of each face (n,), and colours (n, 3)."""
     u, v = random.random((2, count))
     turn = 2 * np.pi * u
     round_ = np.stack([np.cos(turn), np.sin(turn), np.zeros(count)], axis=1)
     up = np.array([0.0, 0.0, 1.0])
-    if name == "lawn":  # the nearer to the table, the smaller its faces
+    if name == "lawn":  # faces get smaller towards the table
         far = 0.2 + (_LAWN - 0.2) * v
         places = far[:, None] * round_ + 0.03 * np.sin(3 * far)[:, None] * up
         slab = (np.sin(4 * places[:, 0]) * np.sin(4 * places[:, 1]) > 0)[:, None]
@@ -120,7 +122,7 @@ def _part(name: str, count: int, random: np.random.Generator) -> tuple[Reals, Re
 
 
 def _grain(places: Reals, frequency: float) -> Reals:
-    """Return a pattern (n, 1) of two sizes, the smaller about as fine as the faces of a million."""
+    """Return a pattern (n, 1) of two scales; the finer one matches the face size of a million faces."""
     x, y, z = frequency * places.T
     coarse, fine = np.sin(x + 1) * np.sin(y) + np.sin(z + y), np.sin(5 * x) * np.sin(5 * y + 5 * z)
     pattern: Reals = 0.06 * coarse[:, None] + 0.04 * fine[:, None]
@@ -128,7 +130,7 @@ def _grain(places: Reals, frequency: float) -> Reals:
 
 
 def cameras(count: int, width: int, height: int) -> list[msb.Camera]:
-    """Return cameras on rings about the table."""
+    """Return cameras on rings around the table."""
     turns = np.arange(count) * 2 * np.pi * len(RINGS) / count
     return [
         msb.Camera.look_at(
@@ -145,14 +147,14 @@ def cameras(count: int, width: int, height: int) -> list[msb.Camera]:
 
 
 class Stages:
-    """Seconds, processor seconds and the peak of memory, by the stages that a bake tells of."""
+    """Progress callback of a bake: seconds, CPU seconds and peak memory of each stage."""
 
     def __init__(self) -> None:
         self.found: dict[str, list[float]] = {}
         self._stage, self._began = "views", (time.perf_counter(), processor_seconds())
 
     def __call__(self, stage: str, _done: int = 0, _total: int = 0) -> None:
-        """Book what passed since the last call: a stage tells when it begins, too."""
+        """Add the time since the last call to its stage; every stage also reports its start."""
         now = time.perf_counter(), processor_seconds()
         row = self.found.setdefault(self._stage, [0.0, 0.0, 0.0])
         for k in range(2):
@@ -168,7 +170,7 @@ def _stage_row(stage: str, took: list[float]) -> str:
 
 
 def bake(model: Path, views: int, size: list[int], options: dict[str, Any]) -> dict[str, Any]:
-    """Bake in this process; return the report, and what it took."""
+    """Bake in this process; return the report, and the time and memory of each stage."""
     stages = Stages()
     began = time.perf_counter(), processor_seconds()
     baked = msb.bake(model, cameras=cameras(views, *size), progress=stages, **options)
@@ -192,7 +194,7 @@ def show(row: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Make the models, bake each in a process of its own, and print."""
+    """Create the models, bake each in a separate process, and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -203,7 +205,7 @@ def main() -> None:
     add("--size", type=int, nargs=2, default=SIZES[1], metavar=("WIDTH", "HEIGHT"))
     add("--method", choices=SOUPS, default="triangle_splatting")
     add("--options", type=json.loads, default={}, help='such as {"seconds": 0}')
-    add("--folder", type=Path, help="where models are kept; a temporary folder if not given")
+    add("--folder", type=Path, help="keep the models here; default: a temporary folder")
     add("--json", type=Path, help="also write the figures to this file")
     add("--worker", help=argparse.SUPPRESS)
     given = parser.parse_args()

@@ -1,13 +1,13 @@
-"""What commands take here and at another commit, in one run and by turns.
+"""Compare the time and memory of commands with another commit, in one run and in turns.
 
     python -m benchmarks.before 7cad086                         a million faces, medians of three rounds
     python -m benchmarks.before HEAD~1 --faces 100000 --rounds 5 --row audit --row dedicated/diffsoup
 
-Each row is a command, run as a user runs it, first with the package of the other commit, then with that of
-this working tree, on the same checkpoint or on the asset that the same package exported. Commands have
-seconds of the clock, those of the processor (all threads), and peak memory in GB; rows of `msb bench` have
-the median of a frame of 1237 x 822 in milliseconds. The last column is how much of the other commit's time
-is taken now. Both run in this environment, with the same versions of all libraries.
+Each row is a command, run first with the package of the other commit and then with this working tree. Both
+read the same checkpoint, or the asset that the same package exported. The columns are wall time, CPU time of
+all threads (seconds) and peak memory (GB). Rows of `msb bench` show the median of a frame of 1237 x 822 in
+milliseconds. The last column is the ratio of the times, now / before. Both use the same environment and
+libraries.
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ ROWS: dict[str, tuple[str, list[str]]] = {
         f"{tier}/{method}": (method, ["bench", "model.triasset", "--tier", tier, *_FRAMES])
         for tier in ("standard", "dedicated")
         for method in METHODS
-        if (tier, method) != ("standard", "diffsoup")  # which has no colours without a view
+        if (tier, method) != ("standard", "diffsoup")  # DiffSoup has no colours without a view
     },
 }
-"""Row -> the method of its model, and a command that both commits know, run in the folder of the model."""
+"""Row -> method of the model, and a command that both commits have, run in the folder of the model."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """What one run of a command took; `frame` is in milliseconds, of `msb bench` alone."""
+    """Time and memory of one run of a command; `frame` is in milliseconds, for `msb bench` only."""
 
     seconds: float
     processor: float
@@ -91,7 +91,7 @@ def make_model(folder: Path, method: str, faces: int, packages: list[Path]) -> l
     for number, package in enumerate(packages):
         folders.append(folder / f"{method}-{number}")
         folders[-1].mkdir()
-        # Not here: a child's peak of memory begins with its parent's.
+        # Not in this process: the peak memory of a child starts with that of its parent.
         writing = [sys.executable, "-c", _WRITE, str(folders[-1]), method, str(faces)]
         subprocess.run(writing, cwd=_ROOT, check=True)
         (folders[-1] / "views.json").write_text(json.dumps({"schema": "msb.views/1", "cameras": views}))
@@ -135,16 +135,16 @@ def line(row: str, before: list[Round], now: list[Round]) -> str:
 def main() -> None:
     """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("commit", help="what to compare with, as git names it")
+    parser.add_argument("commit", help="commit to compare with, as git names it")
     parser.add_argument("--faces", type=int, default=1_000_000)
-    parser.add_argument("--rounds", type=int, default=3, help="medians of so many are printed")
+    parser.add_argument("--rounds", type=int, default=3, help="rounds; medians are printed")
     parser.add_argument("--row", choices=ROWS, action="append", help="default: all")
     parser.add_argument("--json", type=Path, help="also write every round to this file")
     options = parser.parse_args()
     names = machine("numpy", "pyopencl", "pocl-binary-distribution")
     print("\n".join(f"{key}: {value}" for key, value in names.items()))
     print(f"before: {options.commit}; {options.faces:,} faces; medians of {options.rounds}, by turns\n")
-    print(f"{'':<32}{'before: s, processor s, GB':<30}{'now':<27}{'now/before':>6}")
+    print(f"{'':<32}{'before: s, CPU s, GB':<30}{'now':<27}{'now/before':>6}")
     archive = subprocess.run(
         ["git", "-C", str(_ROOT), "archive", options.commit, "msb"], capture_output=True, check=True
     )

@@ -1,16 +1,18 @@
-"""The dedicated tier's pipeline, stage by stage, on synthetic models of the sizes captures have.
+"""Time the stages of the dedicated tier's pipeline on synthetic models of realistic size.
 
-    python -m benchmarks.dedicated                           everything below
+    python -m benchmarks.dedicated                           all parts
     python -m benchmarks.dedicated --parts stages --faces 100000 --method two_dts
-    python -m benchmarks.dedicated --device gpu              stages alone, and frames per second
+    python -m benchmarks.dedicated --device gpu              stages only, with frames per second
 
-Parts: `stages`, every stage of every method, the share of the frame before blending, what the projection
-takes of the time in which plain C moves the same bytes, and the textbook pipeline (official tile rectangles,
-no early stop); `blend`, the blend stage of 2DTS against a loop in C by hand and a kernel of work-groups;
-`threads`, one thread and all of them. The models are described in dedicated_scenes.py.
+Parts:
 
-What is compared takes turns within a round, so a machine whose speed drifts treats all alike; printed are
-medians over the rounds, and medians of the ratios within a round.
+- `stages`: every stage of every method; the share of a frame before blending; the projection relative to
+  plain C that moves the same bytes; the textbook pipeline (official tile rectangles, no early stop).
+- `blend`: the blend stage of 2DTS against a hand-written loop in C and a kernel with work-groups.
+- `threads`: one thread against all threads.
+
+The models are described in dedicated_scenes.py. Competitors take turns within a round, so drifting machine
+speed affects all alike. The tables show medians over rounds, and medians of the ratios within a round.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ BEFORE = ("project", "sort", "bin")
 STAGES = (*BEFORE, "blend", "resolve")
 BLACK = (0.0, 0.0, 0.0)
 WARM_UP = 3
-"""Frames: from the third on faces lie in drawing order."""
+"""Warm-up frames. From the third frame on, faces are stored in drawing order."""
 
 
 class Peer:
@@ -52,7 +54,7 @@ class Peer:
     Raises
     ------
     RuntimeError
-        There is no compiler that takes it, or the processor has not what it uses.
+        No C compiler builds it, or the processor lacks AVX2 or FMA.
     """
 
     def __init__(self) -> None:
@@ -61,7 +63,7 @@ class Peer:
             raise RuntimeError("this processor has no AVX2 or no FMA")
 
     def milliseconds(self, name: str, *arguments: Any) -> float:
-        """Call function `name`; arrays are passed by their address, numbers as they are."""
+        """Call the C function `name`; arrays are passed by address."""
         values = [
             ctypes.c_void_p(value.ctypes.data) if isinstance(value, np.ndarray) else value
             for value in arguments
@@ -72,7 +74,7 @@ class Peer:
 
 
 def peer(device: Device) -> Peer | None:
-    """Return the peer where there is one: on a CPU, with a compiler."""
+    """Return the C peer, or None on a GPU or without a compiler."""
     if device.record.kind != "cpu":
         return None
     try:
@@ -83,10 +85,12 @@ def peer(device: Device) -> Peer | None:
 
 
 def traffic(peer: Peer, asset: Asset, visible: np.ndarray, written: np.ndarray) -> Callable[[], float]:
-    """Return what measures the milliseconds in which C moves the bytes that a projection cannot do without.
+    """Return a function that measures how long C needs to move a projection's minimum of bytes, in
+    milliseconds.
 
-    Bounding spheres of all faces; of those kept positions, opacity and colours, and the record written. Of
-    a mesh, positions and colours of all vertices instead, and three vertices a face.
+    A soup reads the bounding spheres of all faces and the positions, opacities and colours of kept faces, and
+    writes one record per kept face. A mesh reads positions and colours of all vertices, and three indices per
+    face.
     """
     buffers = asset.buffers
     kept = np.flatnonzero(visible).astype(np.uint32)
@@ -118,7 +122,7 @@ def stages(
     selected: tuple[str | None, Any],
     alone: bool,
 ) -> list[dict[str, Any]]:
-    """Return a row for each image size; `alone` leaves out what the pipeline is compared with."""
+    """Return a row for each image size; `alone` skips the competitors."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
 
@@ -177,7 +181,7 @@ def _ratio(values: Sequence[float], others: Sequence[float]) -> float:
 
 
 def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict[str, Any]]:
-    """Return the milliseconds of 2DTS's blend stage and of other ways to do the same, a row an image size."""
+    """Return times of 2DTS's blend stage and of its competitors in milliseconds, one row per image size."""
     from msb.cl import open_device
     from msb.render.splat.pipeline import SplattingPipeline
 
@@ -198,13 +202,13 @@ def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict
             image = ours.render(view, BLACK).image
             columns, rows = -(-width // 16), -(-height // 16)
             pairs = ours.counts["pairs"]
-            with ours._scope.turn():  # scratch buffers are those of the renderer whose turn it is
+            with ours._scope.turn():  # the scratch buffers belong to the active renderer
                 starts = cpu.scratch("splat tile starts", columns * rows + 1, np.uint64).read()
                 lists = cpu.scratch("splat tile lists", pairs, np.uint32).read()
                 records = cpu.scratch("splat faces", (faces, ours.record_words), np.uint32).read()
             assert starts[-1] == pairs, "C would read elsewhere"
             assert lists.max() < faces, "C would read elsewhere"
-            # Vectors are stored to it: on a boundary of 32 bytes.
+            # C stores vectors to it, so it is aligned to 32 bytes.
             memory = np.zeros(5 * rows * columns * 256 + 8, np.float32)
             planes = memory[-memory.ctypes.data % 32 // 4 :][: memory.size - 8]
             took: dict[str, list[float]] = {name: [] for name in (*ways, *(["C"] if by_hand else []))}
@@ -214,7 +218,7 @@ def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict
                 if by_hand:
                     arrays = starts, lists, records, planes
                     took["C"].append(by_hand.milliseconds("blend", *arrays, width, height, columns, rows))
-            if by_hand:  # the same image, or the comparison says nothing
+            if by_hand:  # only equal images can be compared
                 same = planes.reshape(5, 16 * rows, 16 * columns)[:3, :height, :width].transpose(1, 2, 0)
                 assert np.abs(same - image).max() < 2e-3
             took = {name: values[1:] for name, values in took.items()}
@@ -235,7 +239,7 @@ def blends(faces: int, sizes: Sequence[Sequence[int]], rounds: int) -> list[dict
 
 
 def print_stages(rows: list[dict[str, Any]], *, head: bool) -> None:
-    """Print one line a model and image size."""
+    """Print one line per model and image size."""
     if head:
         print(
             f"\n{'method':18} {'faces':>8} {'size':>8} {'listed':>8} {'pairs':>8}",
@@ -253,7 +257,7 @@ def print_stages(rows: list[dict[str, Any]], *, head: bool) -> None:
 
 
 def print_blends(rows: list[dict[str, Any]], *, head: bool) -> None:
-    """Print one line a model and image size."""
+    """Print one line per model and image size."""
     names = list(rows[0]["ms"])
     if head:
         titles = (f"{name:>13}" for name in names)
@@ -265,7 +269,7 @@ def print_blends(rows: list[dict[str, Any]], *, head: bool) -> None:
 
 
 def print_paper(rows: list[dict[str, Any]]) -> None:
-    """Print frames per second beside those of the paper's Unity players: RTX 4090, means of its scenes."""
+    """Print frames per second beside the paper's Unity players (RTX 4090, mean over its scenes)."""
     from msb.report.paper import paper_row
 
     titles = f"{'frames/s':>8} {'ms':>7} {'paper: frames/s':>17} {'GPU ms':>8}"
@@ -282,12 +286,12 @@ def print_paper(rows: list[dict[str, Any]]) -> None:
 
 
 def moderate(faces: Sequence[int]) -> int:
-    """Return the largest of `faces` that takes no minutes to compare: up to a million."""
+    """Return the largest entry of `faces` up to a million, which can be compared in seconds."""
     return max((count for count in faces if count <= 1_000_000), default=min(faces))
 
 
 def on_one_thread(options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Return the rows of `stages` from a process that has one thread."""
+    """Return the rows of `stages` from a process with one thread."""
     with tempfile.TemporaryDirectory() as name:
         out = Path(name, "one.json")
         command = [sys.executable, "-m", "benchmarks.dedicated", "--parts", "stages", "--alone"]
@@ -301,7 +305,7 @@ def on_one_thread(options: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def print_threads(one: list[dict[str, Any]], every: list[dict[str, Any]]) -> None:
-    """Print how many times as fast all threads are as one."""
+    """Print the speed-up of all threads over one."""
     print(f"\n{'one thread / all':18} {'faces':>8} {'size':>8}", *(f"{name:>7}" for name in (*STAGES, "sum")))
     for row in one:
         same = next(other for other in every if all(other[k] == row[k] for k in ("method", "faces", "size")))
@@ -322,9 +326,9 @@ def main() -> None:
     )
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--alone", action="store_true", help="our pipeline, compared with nothing")
+    parser.add_argument("--alone", action="store_true", help="our pipeline only, without competitors")
     parser.add_argument("--device", help="as MSB_DEVICE")
-    parser.add_argument("--style", choices=("cpu", "gpu"), help="of kernels; default: what suits the device")
+    parser.add_argument("--style", choices=("cpu", "gpu"), help="style of the kernels; default: by device")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     options = parser.parse_args()
     options.size = options.size or SIZES

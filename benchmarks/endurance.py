@@ -1,12 +1,12 @@
-"""What is left behind when one process does the same thing again and again.
+"""Search for leaks: one process repeats the same work many times.
 
-    python -m benchmarks.endurance                    everything in TIMES, as often as that says
-    python -m benchmarks.endurance renders trials     these alone; --share 0.1 for a tenth of the times
+    python -m benchmarks.endurance                    all kinds of work in TIMES python -m
+    benchmarks.endurance renders trials     these kinds only; --share 0.1 for a tenth of the repetitions
 
-Each kind of work is a fresh process. After a tenth of the times, after half and after all of them a line says
-its own memory (what no file backs), its children's (the median since the line before), open files, threads,
-children and what lies in its folder for temporary files. The first tenth makes what is made once: compiled
-programs, imported libraries, pools of memory. What grows from half to the end would grow for ever.
+Each kind of work runs in a fresh process. After a tenth, half and all of its repetitions it prints a line:
+private memory of the process and of its children (the median since the previous line), open files, threads,
+children and temporary files. The first tenth includes everything that is created once: compiled programs,
+imported libraries, memory pools. Growth between half and the end indicates a leak.
 """
 
 from __future__ import annotations
@@ -39,15 +39,16 @@ if TYPE_CHECKING:
     from msb.bench.progress import Stage
 
 TIMES = {"renders": 500, "threads": 4000, "cells": 532, "trials": 50, "bakes": 500}
-"""What is done -> how often; threads: images drawn by one renderer from eight of them; bakes: in eight."""
+"""Kind of work -> repetitions. "threads" counts images of one renderer from eight threads; bakes use eight
+too."""
 _CELLS = 76
-"""Cells of the protocol of the tests' tiny scenes that have a result."""
+"""Number of cells with a result in the protocol of the tests' tiny scenes."""
 _VIEW = 320, 240
 _TASKS = "uv", "decimate_50", "subdivide", "boolean", "self_intersections"
 
 
 class Looks:
-    """Count what was done, and say what the process holds after a tenth, half and all of it."""
+    """Count repetitions, and print the resources of the process after a tenth, half and all of them."""
 
     def __init__(self, kind: str, times: int, rows: IO[str] | None = None) -> None:
         self.kind, self.done, self.start = kind, 0, time.perf_counter()
@@ -56,7 +57,7 @@ class Looks:
         self.theirs: list[float] = []
 
     def add(self, count: int = 1) -> None:
-        """Count `count` more as done."""
+        """Add `count` repetitions."""
         self.done += count
         self.theirs.append(held(psutil.Process().children(recursive=True)))
         while self.next and self.next[0] <= self.done:
@@ -68,12 +69,14 @@ class Looks:
             self.theirs.clear()
 
     def row(self) -> dict[str, Any]:
-        """Return what the process holds now."""
+        """Return the resources that the process holds now."""
         gc.collect()
         seconds, process = time.perf_counter() - self.start, psutil.Process()
         children = process.children(recursive=True)
         own, theirs = held([process]), median(self.theirs)
-        temporary = len(list(Path(tempfile.gettempdir()).iterdir())) - 1  # the folder of the work itself
+        temporary = (
+            len(list(Path(tempfile.gettempdir()).iterdir())) - 1
+        )  # without the folder of the work itself
         memory = {"own_mb": round(own, 1), "children_mb": round(theirs, 1)}
         counts = {"files": process.num_fds(), "threads": process.num_threads(), "children": len(children)}
         head = {"kind": self.kind, "times": self.done, "seconds": round(seconds, 1)}
@@ -81,14 +84,14 @@ class Looks:
 
 
 def line(row: dict[str, Any]) -> str:
-    """Return a row as it is printed."""
+    """Return a row of the table as text."""
     kind, times, seconds, own, theirs, files, threads, children, temporary = row.values()
     memory = f"{own:8.1f}{theirs:13.1f}{files:7}"
     return f"{kind:8}{times:8,}{seconds:9.1f}{memory}{threads:9}{children:10}{temporary:11}"
 
 
 def held(processes: list[psutil.Process]) -> float:
-    """Return the megabytes of these processes that no file backs and no other process shares."""
+    """Return the private memory of these processes in megabytes: not backed by files, not shared."""
     total = 0.0
     for process in processes:
         with contextlib.suppress(psutil.NoSuchProcess):
@@ -97,7 +100,7 @@ def held(processes: list[psutil.Process]) -> float:
 
 
 def assets(folder: Path) -> list[Path]:
-    """Export the tests' tiny model of every method that has one."""
+    """Export the tests' tiny model of every method."""
     found = []
     for model in sorted((MODELS / "walled").iterdir()):
         found.append(folder / f"{model.name}.triasset")
@@ -106,7 +109,7 @@ def assets(folder: Path) -> list[Path]:
 
 
 def renders(folder: Path, looks: Looks, times: int) -> None:
-    """Make a renderer, draw twice and close it, every method and tier in turn."""
+    """Create a renderer, draw two frames and close it, for every method and tier in turn."""
     jobs: list[tuple[Path, Any]] = []
     for path in assets(folder):
         jobs += [(path, tier) for tier in METHODS[path.stem].retained]
@@ -119,7 +122,7 @@ def renders(folder: Path, looks: Looks, times: int) -> None:
 
 
 def threads(folder: Path, looks: Looks, times: int) -> None:
-    """Draw with one renderer from eight threads, and compare every image with the one drawn alone."""
+    """Draw with one renderer from eight threads, and compare each image with a single-threaded one."""
     path = next(path for path in assets(folder) if path.stem == "triangle_splatting")
     cameras = list(around(msb.load(path), 8, *_VIEW))
     with msb.Renderer(path, tier="dedicated") as renderer, ThreadPoolExecutor(8) as pool:
@@ -130,12 +133,12 @@ def threads(folder: Path, looks: Looks, times: int) -> None:
         alone = [drawn(camera) for camera in cameras]
         for _ in range(0, times, len(cameras)):
             if list(pool.map(drawn, cameras)) != alone:
-                raise SystemExit("threads: an image differs from the one that was drawn alone")
+                raise SystemExit("threads: an image differs from the single-threaded one")
             looks.add(len(cameras))
 
 
 class _Counted:
-    """The watch of a run that counts ended cells."""
+    """Progress callback of a run that counts finished cells."""
 
     def __init__(self, looks: Looks) -> None:
         self.looks = looks
@@ -149,7 +152,7 @@ class _Counted:
 
 
 def cells(folder: Path, looks: Looks, times: int) -> None:
-    """Run the protocol of the tests' tiny scenes with every model under as many labels as it takes."""
+    """Run the protocol of the tests' tiny scenes; each model has enough labels for all repetitions."""
     from msb.bench.protocol import read_protocol
     from msb.bench.run import run_protocol
 
@@ -167,7 +170,7 @@ def cells(folder: Path, looks: Looks, times: int) -> None:
 
 
 def trials(folder: Path, looks: Looks, times: int) -> None:
-    """Try on one mesh what takes seconds, each time with the same outcomes."""
+    """Run the quick trials on one mesh, and compare the outcomes."""
     from msb.trial.run import try_asset
 
     asset = msb.load(next(path for path in assets(folder) if path.stem == "mesh_splatting"))
@@ -181,7 +184,7 @@ def trials(folder: Path, looks: Looks, times: int) -> None:
 
 
 def bakes(folder: Path, looks: Looks, times: int) -> None:
-    """Bake every method in turn, kept, in eight threads, each time to the same bytes."""
+    """Bake every method with `geometry="kept"` in eight threads, and compare the bytes."""
     paths = assets(folder)
     cameras = {path: list(around(msb.load(path), 2, 32, 24)) for path in paths}
 
@@ -196,7 +199,9 @@ def bakes(folder: Path, looks: Looks, times: int) -> None:
     with ThreadPoolExecutor(8) as pool:
         for turn, digest in enumerate(pool.map(baked, range(times))):
             if digest != alone[turn % len(paths)]:
-                raise SystemExit(f"bakes: {paths[turn % len(paths)].stem} differs from what was made alone")
+                raise SystemExit(
+                    f"bakes: {paths[turn % len(paths)].stem} differs from the single-threaded bake"
+                )
             looks.add()
 
 
@@ -210,10 +215,10 @@ KINDS: dict[str, Callable[[Path, Looks, int], None]] = {
 
 
 def main() -> int:
-    """Do each kind in a process of its own; return 1 if one failed or left a file behind."""
+    """Run each kind of work in a fresh process; return 1 if one fails or leaves a file behind."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(TIMES)}; default: all")
-    parser.add_argument("--share", type=float, default=1.0, help="of the times (default 1)")
+    parser.add_argument("--share", type=float, default=1.0, help="share of the repetitions; default: 1")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--worker", choices=TIMES, help=argparse.SUPPRESS)
     parser.add_argument("--rows", type=Path, help=argparse.SUPPRESS)

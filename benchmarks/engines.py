@@ -1,12 +1,12 @@
-"""How far foreign engines draw what our z-buffer draws, and what they do to colours when left alone.
+"""Compare images of other engines with the standard tier, also with the engines' default colour settings.
 
-    python -m benchmarks.engines                               every scene, every engine that is installed
+    python -m benchmarks.engines                               all scenes, all installed engines
     python -m benchmarks.engines --scenes goldens --engines wgpu
     python -m benchmarks.engines --tier dedicated             stages, memory and dB of the dedicated tier
-    python -m benchmarks.engines --pictures docs/images        the pictures of docs/engines.md
+    python -m benchmarks.engines --pictures docs/images        images for docs/engines.md
 
-Prints the tables of benchmarks/pages/engines.md; `--json` keeps the figures. engines_dedicated.py says what
-`--tier dedicated` compares, and what its times are worth.
+Prints the tables of benchmarks/pages/engines.md; `--json` writes the figures. engines_dedicated.py explains
+`--tier dedicated`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ GARDEN = Path(__file__).parent.parent.parent / "shared" / "golden" / "garden"
 
 
 class Task(NamedTuple):
-    """An asset and the views of it."""
+    """An asset with its views."""
 
     asset: Asset
     views: list[tuple[Camera, tuple[float, ...]]]
@@ -48,7 +48,7 @@ class Task(NamedTuple):
 
 
 def goldens() -> Iterator[Task]:
-    """Yield the golden scenes: their checkpoints' meshes from their own cameras."""
+    """Yield the golden scenes: the meshes of their checkpoints with the cameras of the scenes."""
     for method in (name for name in OFFICIAL if METHODS[name].supports("standard")):
         for view in golden_views(method):
             chosen = {key: view.settings[key] for key in ("ste_threshold",) if key in view.settings}
@@ -56,7 +56,7 @@ def goldens() -> Iterator[Task]:
 
 
 def garden() -> Iterator[Task]:
-    """Yield a mesh of real training, from real cameras."""
+    """Yield a mesh of a real training with real cameras."""
     if not GARDEN.exists():
         return
     cameras = msb.read_cameras(GARDEN / "sparse" / "0")[::8]
@@ -70,7 +70,7 @@ def million() -> Iterator[Task]:
 
 
 def soup() -> Iterator[Task]:
-    """Yield the worst case: a million faces of about a pixel that cross, each corner of another colour."""
+    """Yield the worst case: a million crossing faces of about a pixel, each corner with a random colour."""
     scene = shell(1_000_000)
     buffers = {"positions": scene.positions, "indices": scene.indices, "color": scene.colors}
     asset = build_asset(buffers, {"color": "vertex"}, Description(appearance={"kind": "static_color"}))
@@ -87,7 +87,7 @@ SCENES: dict[str, tuple[str, Callable[[], Iterator[Task]]]] = {
 
 
 def oblong(width: int, height: int) -> Camera:
-    """Return a camera before a splat-like mesh, off-centre and with fx = 1.1 fy."""
+    """Return a camera in front of a splat-like mesh, off-centre and with fx = 1.1 fy."""
     camera = Camera.look_at(
         (0.9, 0.2, 1.7), (0.5, 0.5, 0.5), up=(0, 1, 0), width=width, height=height, fov_y=0.6
     )
@@ -95,7 +95,7 @@ def oblong(width: int, height: int) -> Camera:
 
 
 def drawn(name: str, task: Task, **options: Any) -> tuple[str, list[Frame]]:
-    """Return who drew, and the frames."""
+    """Return the renderer's description, and its frames."""
     chosen = None if name == "standard" else name
     with msb.Renderer(task.asset, "standard", settings=task.settings, name=chosen, **options) as renderer:
         about = renderer.device_info or {}
@@ -107,7 +107,7 @@ def compare(scene: str, engines: list[str]) -> list[dict[str, Any]]:
     """Return a row for each engine."""
     tasks = list(SCENES[scene][1]())
     if not tasks:
-        print(f"{scene}: its data is not here")
+        print(f"{scene}: skipped, its data is missing")
         return []
     ours = [frame for task in tasks for frame in drawn("standard", task)[1]]
     rows = []
@@ -140,7 +140,7 @@ def compare_dedicated(scenes: list[str], rounds: int) -> dict[str, Any]:
             rows = found.setdefault(scene, {})[method] = engines_dedicated.compare(asset, cameras, rounds)
             engines_dedicated.print_table(f"{what}: {method}, {rounds} rounds", rows)
         if scene not in found:
-            print(f"{scene}: its data is not here")
+            print(f"{scene}: skipped, its data is missing")
     drawn_by = {
         row["renderer"]: ", ".join(row["drawn_by"])
         for by_method in found.values()
@@ -149,7 +149,7 @@ def compare_dedicated(scenes: list[str], rounds: int) -> dict[str, Any]:
         if "drawn_by" in row
     }
     print("\n" + "\n\n".join(f"{renderer}: {about}" for renderer, about in drawn_by.items()))
-    print("\nThe times of a software adapter say nothing of a graphics card.")
+    print("\nTimes of a software adapter do not apply to graphics cards.")
     return found
 
 
@@ -179,7 +179,7 @@ PICTURES: list[tuple[str, str, dict[str, Any]]] = [
 
 
 def write_pictures(folder: Path) -> None:
-    """Write engine_colors.png: a mesh as engines show it, with their colours set right and left alone."""
+    """Write engine_colors.png: a mesh in several engines, with correct and with default colour settings."""
     from PIL import Image, ImageDraw, ImageFont
 
     size, margin = 250, 24
@@ -218,14 +218,14 @@ def compare_standard(scenes: list[str], names: list[str]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Compare and print, or write the pictures."""
+    """Compare and print, or write the images."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--tier", choices=["standard", "dedicated"], default="standard")
     parser.add_argument("--scenes", nargs="+", help=f"{', '.join(SCENES)}; dedicated: {', '.join(DEDICATED)}")
     parser.add_argument("--engines", nargs="+", choices=list(ENGINES), default=list(ENGINES))
-    parser.add_argument("--rounds", type=int, default=9, help="of the dedicated tier")
+    parser.add_argument("--rounds", type=int, default=9, help="rounds of the dedicated tier")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
-    parser.add_argument("--pictures", type=Path, help="write the pictures into this folder, and nothing else")
+    parser.add_argument("--pictures", type=Path, help="only write the images, into this folder")
     options = parser.parse_args()
     if options.pictures:
         write_pictures(options.pictures)

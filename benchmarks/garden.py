@@ -1,14 +1,14 @@
-"""The whole protocol on a real capture: `python -m benchmarks.garden SCENE`.
+"""Run the whole protocol on a real capture: `python -m benchmarks.garden SCENE`.
 
-`--models DIR` has a trained model in a folder of each method's name, such as `python -m data_stubs.trainings
---garden SCENE` leaves in out/trainings/garden; docs/trained.md is made from that, and with `--picture` its
-picture. It is also drawn as an engine would draw it (`VARIANTS`, `ENGINES`), and artists' tasks are tried on
-it and on its repairs.
+`--models DIR` is a folder with a trained model of each method, for example out/trainings/garden as written by
+`python -m data_stubs.trainings --garden SCENE`. docs/trained.md shows the results, and `--picture` its image.
+The models are also drawn as engines would (`VARIANTS`, `ENGINES`), and the trial's tasks run on them and
+their repairs.
 
-Without, one of each method is made from the capture's SfM points: a small triangle at every point, oriented
-by its neighbours and coloured as photographed. They are worth what such points are worth, a sparse and spotty
-picture; what is shown is that a capture in its official layout goes through export, rendering, comparison,
-timing and audit, and what that takes.
+Without `--models`, a model of each method is created from the capture's SfM points: a small triangle at each
+point, oriented by its neighbours, in the colour of the photographs. Its images are sparse and spotty. It
+demonstrates export, rendering, comparison, timing and audit on a capture in the official layout, and their
+cost.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from msb.scenes import read_points
 
 NEIGHBOURS = 8
 SIZE = 1.6
-"""Distance from a triangle's middle to its corners, in mean distances to the nearest three neighbours."""
+"""Circumradius of a triangle, relative to the mean distance to the three nearest neighbours."""
 GAP = 4
-"""Pixels between the images of the picture."""
+"""Gap between the images of the picture in pixels."""
 COLORS = 256
-"""Of the picture's palette: a third of the bytes."""
+"""Colours of the picture's palette; a palette makes the file a third of the size."""
 LARGEST = 0.98
-"""Quantile of sizes above which triangles grow no more: single points far away would cover the sky."""
+"""Sizes are limited to this quantile; otherwise triangles at distant points would cover the sky."""
 
 VARIANTS = {
     "engine": {"order": "global", "sampling": "engine"},
     "unsorted": {"order": "none", "sampling": "engine"},
     "hardware": {"renderer": "wgpu"},
 }
-"""Label -> what is different from the dedicated tier."""
+"""Label -> deviation from the dedicated tier."""
 ENGINES = ["wgpu", "threejs"]
-"""Renderers of the plain mesh beside ours."""
+"""Other renderers of the standard tier."""
 PICTURED = ("dedicated", "standard")
 """Conditions of the picture's rows."""
 
@@ -55,7 +55,7 @@ def surface_of(scene: Path) -> Surface:
     """Return a triangle for each SfM point of the COLMAP model below `scene`."""
     points, colors = read_points(scene)
     distance, near = cKDTree(points).query(points, k=NEIGHBOURS + 1, workers=-1)
-    # The normal is the direction in which the neighbours vary least.
+    # The normal is the direction of least variance of the neighbours.
     spread = points[near] - points[near].mean(axis=1, keepdims=True)
     axes = np.linalg.svd(spread, full_matrices=False)[2]
     size = SIZE * distance[:, 1:4].mean(axis=1)
@@ -109,7 +109,7 @@ def protocol_text(
 
 
 def montage(results: Path, scene: str) -> Image.Image:
-    """Return the first held-out view by every method, a row for each of `PICTURED`; white is N/A."""
+    """Return the first test view by every method, one row per entry of `PICTURED`; white means N/A."""
     found = {}
     for row, condition in enumerate(PICTURED):
         for column, method in enumerate(TRAINED):
@@ -125,7 +125,7 @@ def montage(results: Path, scene: str) -> Image.Image:
 
 
 def show(report: Report) -> None:
-    """Print what was measured."""
+    """Print the measurements."""
     for row in report.rows:
         result = row.result
         quality = result and result.quality
@@ -141,15 +141,17 @@ def show(report: Report) -> None:
 
 
 def main() -> int:
-    """Make the models, write the protocol, run it."""
+    """Create the models, write the protocol, and run it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", type=Path, help="folder of a capture in Mip-NeRF 360's layout")
     parser.add_argument("-o", "--out", type=Path, default=Path("out/garden"))
     parser.add_argument("--models", type=Path, help="trained models, a folder for each method")
     parser.add_argument("--resolution", type=int, help="1, 2, 4 or 8 divide the photographs' size")
-    parser.add_argument("--image-folder", help="where the photographs are, if not in images_4 or images_2")
-    parser.add_argument("--reference", action="store_true", help="our NumPy renderer as Non-Engine: slow")
-    parser.add_argument("--picture", type=Path, metavar="FILE", help="show a held-out view by every method")
+    parser.add_argument("--image-folder", help="folder of the photographs; default: images_4 or images_2")
+    parser.add_argument("--reference", action="store_true", help="use our slow NumPy renderer as Non-Engine")
+    parser.add_argument(
+        "--picture", type=Path, metavar="FILE", help="write an image of a test view by every method"
+    )
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""What every benchmark needs: the machine it ran on, a peak of memory, and a file for what it measured."""
+"""Helpers of all benchmarks: description of the machine, peak memory, CPU time, results as JSON."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import psutil
 
 
 def machine(*packages: str) -> dict[str, str]:
-    """Return what the figures were measured on, and the versions of `packages`."""
+    """Return a description of the machine, and the versions of `packages`."""
     model = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():
@@ -40,26 +40,25 @@ def machine(*packages: str) -> dict[str, str]:
 
 
 def keep(record: dict[str, Any], path: Path | None) -> None:
-    """Write what was measured to `path` as JSON, if there is one."""
+    """Write measurements to `path` as JSON; do nothing if `path` is None."""
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(record, indent=1) + "\n")
 
 
 def c_library(source: Path, *flags: str) -> ctypes.CDLL:
-    """Return `source`, C with OpenMP, compiled with -O3 and `flags`.
+    """Compile C source with OpenMP, -O3 and `flags`, and return the library.
 
-    Its threads sleep when they have nothing to do. By default they wait busily, for milliseconds, on cores
-    that what is measured next needs.
+    Idle OpenMP threads sleep. By default they would spin for milliseconds and slow the next measurement.
 
     Raises
     ------
     RuntimeError
-        There is no compiler, or it does not take the source.
+        A C compiler is missing, or it rejects the source.
     """
     compiler = os.environ.get("CC") or shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
-        raise RuntimeError("there is no C compiler; set CC")
+        raise RuntimeError("no C compiler found; set the environment variable CC")
     os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder, "peer.so")
@@ -83,22 +82,22 @@ def c_library(source: Path, *flags: str) -> ctypes.CDLL:
 
 
 def reset_peak() -> int:
-    """Set the process's peak of memory to what it uses now, where the system can, and return it (bytes)."""
+    """Reset the peak memory of the process to its current use if the system can; return it in bytes."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5")
     return peak()
 
 
 def peak() -> int:
-    """Return the process's peak of memory in bytes.
+    """Return the peak memory of the process in bytes.
 
-    Not from getrusage where /proc has it: there a child starts with the peak of the parent that forked it.
+    /proc is preferred to getrusage, where a child starts with the peak of its parent.
     """
     return _peak("self") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
 def peak_with_children() -> int:
-    """Return the sum of the peaks of this process and of those it started; shared pages count for each."""
+    """Return the sum of the peaks of this process and its children; shared pages count several times."""
     found = peak()
     for child in psutil.Process().children(recursive=True):
         with contextlib.suppress(OSError):
@@ -107,7 +106,7 @@ def peak_with_children() -> int:
 
 
 def processor_seconds() -> float:
-    """Return the processor time of this process and of those it started."""
+    """Return the CPU time of this process and its children in seconds."""
     found = time.process_time()
     for child in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):

@@ -1,14 +1,14 @@
-"""An official checkpoint on your machine, in one command and one file that can be given away.
+"""Measure an official checkpoint on your machine: one command, one file that can be shared.
 
     python -m benchmarks.official CHECKPOINT --scene DIR --device gpu -o garden.json
     python -m benchmarks.official --table garden.json truck.json
 
-The first takes what a method's training wrote, and the capture that it was trained on, and measures export,
-audit, both tiers by OpenCL and by WebGPU (wgpu, where it is installed), the order of costs and a bake; with
-the capture also dB to its photographs, and to official renderings in test/ours_N/renders of the checkpoint.
-It takes minutes on a graphics card, needs no network and sends nothing. What is finished is kept in the file:
-the same command goes on where it was stopped, and tries again what failed. The second prints the tables of
-such files in Markdown. docs/official.md shows them, and what such files are asked for.
+The first command takes the output folder of a method's training and the capture. It measures export, audit,
+both tiers in OpenCL and in WebGPU (if wgpu is installed), the loss by cause, and a bake. With the capture it
+also measures PSNR against the photographs, and against official renderings in test/ours_N/renders of the
+checkpoint. It takes minutes on a graphics card and uses no network. Finished stages are stored in the file,
+so the same command continues after an interruption and repeats failed stages. The second command prints such
+files as Markdown tables, as in docs/official.md.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from msb.registry import lookup
 SCHEMA = "msb.official/1"
 _MAX_BYTES = 1 << 20
 _SEEN = 40.0
-"""dB below which a cost can be seen."""
+"""PSNR (dB) below which a loss is visible and listed."""
 _WIDEST = 160
-"""Characters of a cell; files come from strangers."""
+"""Most characters of a table cell; the files may come from strangers."""
 _LIMITS = Limits(seconds=1800, memory=None)
-"""Of one stage: what a software renderer may take for a capture."""
+"""Time limit of one stage in seconds; software renderers need long for a capture."""
 OF_CAPTURE = "capture", "official"
-"""Stages that need one."""
+"""Stages that need a capture."""
 FIRST = "machine", "export", "capture"
-"""Stages without which the others say nothing: they decide whose figures a file holds."""
+"""Stages that identify the model and the machine; the measurement stops if one fails."""
 _STEPS = (
     "model",
     "capture",
@@ -66,30 +66,29 @@ _DRAWN = (
     "dB",
     "dB to official",
 )
-_COSTS = "model", "machine", "costs below 40 dB, the gravest first"
+_COSTS = "model", "machine", "causes below 40 dB, the worst first"
 HELD = """\
-- of the machine: operating system and its version, processor, cores,
-  memory; names of the OpenCL device, of graphics cards, of drivers;
-  versions of Python, NumPy, PyOpenCL, wgpu and MeshSplatBench
-- of the model: its method, the SHA-256 of its file, how many faces and
-  vertices it has, the numbers among its settings (such as the SH
-  degree), what the audit counts
-- of the capture: how many views it has and of what size, how the
-  training differed, and the names of dataset and scene if the
-  benchmark knows them
-- of each stage: seconds, memory, frame times, dB; of what failed the
-  code of the error
-It holds no picture, no path, no name of a file, of a user or of the
-host, and it is sent nowhere."""
+- machine: operating system and version, processor, cores, memory; names
+  of the OpenCL device, graphics cards and drivers; versions of Python,
+  NumPy, PyOpenCL, wgpu and MeshSplatBench
+- model: method, SHA-256 of its file, numbers of faces and vertices,
+  numeric settings (such as the SH degree), counts of the audit
+- capture: number and size of its views, deviations of the training, and
+  the names of dataset and scene if the benchmark knows them
+- each stage: seconds, memory, frame times, dB, or an error code
+It contains no images, paths, file names, user names or host names, and
+it is not sent anywhere."""
 
 
 def measured(given: Given, place: Path) -> dict[str, Any]:
-    """Return the record of a checkpoint, every stage of which is done; `place` has it after each stage."""
+    """Run all stages of a checkpoint and return the record; it is saved to `place` after each stage."""
     stages = [name for name in STAGES if given.scene is not None or name not in OF_CAPTURE]
     found = {name: _stage(name, given) for name in stages if name in FIRST}
     for name, path in (("export", given.checkpoint), ("capture", given.scene)):
         if "failed" in found.get(name, {}):
-            raise InputError("FILE_UNREADABLE", "it cannot be read, so nothing is measured", file=path)
+            raise InputError(
+                "FILE_UNREADABLE", "it cannot be read; pass an existing checkpoint and scene", file=path
+            )
     head = {
         "schema": SCHEMA,
         "measured": time.strftime("%Y-%m-%d"),
@@ -108,7 +107,7 @@ def measured(given: Given, place: Path) -> dict[str, Any]:
 
 
 def _stage(name: str, given: Given) -> dict[str, Any]:
-    """Do a stage in a process of its own; say what came of it, and return it without the words."""
+    """Run a stage in a separate process, print its outcome, and return its result without messages."""
     print(f"{name:15}", end=" ", flush=True)
     start = time.perf_counter()
     reply = run_apart(work, asked(name, given), {}, _LIMITS)
@@ -119,12 +118,12 @@ def _stage(name: str, given: Given) -> dict[str, Any]:
 
 
 def _done(place: Path, head: dict[str, Any]) -> dict[str, Any]:
-    """Return the stages that a file has already, of the same model, capture, machine and versions."""
+    """Return the finished stages of a file of the same model, capture, machine and versions."""
     if not place.exists():
         return {}
     there = read(place)
     if any(there.get(key) != head[key] for key in ("machine", "model_sha256", "capture")):
-        text = "it holds figures of another model, machine, capture or version; give another place by -o"
+        text = "it has results of another model, machine, capture or version; pass another file with -o"
         raise UsageError("OUTPUT_EXISTS", text, file=place)
     return dict(there["stages"])
 
@@ -134,19 +133,19 @@ def read(place: Path) -> dict[str, Any]:
     about: dict[str, Any] = {"name": "the record", "error": InputError, "code": "FILE_NOT_RECOGNISED"}
     data = parse_strict_json(read_file(place, _MAX_BYTES), file=place, **about)
     if not (isinstance(data, dict) and data.get("schema") == SCHEMA and isinstance(data.get("stages"), dict)):
-        text = f"it is nothing that benchmarks.official wrote (schema {SCHEMA})"
+        text = f"it was not written by benchmarks.official (schema {SCHEMA})"
         raise InputError("FILE_NOT_RECOGNISED", text, file=place)
     return data
 
 
 def tables(records: Sequence[dict[str, Any]]) -> str:
-    """Return the tables of records in Markdown: what each tier takes, what each step, and what costs dB."""
+    """Return Markdown tables of records: time and memory of tiers and stages, and the loss by cause."""
     try:
         drawn = [row for record in records for row in _drawn(record)]
         blocks = (_DRAWN, drawn), (_STEPS, map(_steps, records)), (_COSTS, map(_costs, records))
         return "\n\n".join("\n".join(_table(heads, rows)) for heads, rows in blocks)
     except (AttributeError, KeyError, TypeError, ValueError) as error:  # a file that was changed by hand
-        text = f"a record of schema {SCHEMA} is not as it was written: {error!r}"
+        text = f"the record (schema {SCHEMA}) was changed by hand and is invalid: {error!r}"
         raise InputError("FILE_NOT_RECOGNISED", text) from error
 
 
@@ -172,7 +171,7 @@ def _steps(record: dict[str, Any]) -> list[str]:
         _number(audit.get("seconds"), 1),
         audit.get("verdict", "--"),
         _number(bake.get("seconds"), 0),
-        baked if near.get("photographs") or baked == "--" else f"{baked} to its own look",
+        baked if near.get("photographs") or baked == "--" else f"{baked} against native rendering",
         _number(stages.get("official", {}).get("psnr"), 2),
     ]
 
@@ -194,7 +193,7 @@ def _drawn(record: dict[str, Any]) -> Iterator[list[str]]:
             yield [*head, found["failed"], *["--"] * 7]
             continue
         near, card = found.get("psnr", {}), found["gpu_memory"]["bytes"]
-        # Rusticl's events say 0, which is no time.
+        # Rusticl's events report 0 ms; treat that as unknown.
         times = {name: value or None for name, value in found["device_ms"].items()}
         yield [
             *head,
@@ -226,21 +225,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         nargs="?",
         type=Path,
         metavar="CHECKPOINT",
-        help="what a training wrote, as msb export takes it",
+        help="output folder of a training, as for msb export",
     )
-    add("--scene", type=Path, metavar="DIR", help="the capture it was trained on, as msb run takes it")
+    add("--scene", type=Path, metavar="DIR", help="capture of the training, as for msb run")
     add(
         "--image-folder",
         metavar="NAME",
-        help="of the capture, where it was trained on another than the rules'",
+        help="folder of the training photographs, if not the default of the dataset",
     )
-    add("--resolution", type=int, metavar="N", help="as the training's -r, where that was another")
-    add("--device", metavar="SELECTOR", help="what draws: gpu, cpu, or a name that msb devices shows")
+    add("--resolution", type=int, metavar="N", help="the -r of the training, if not the default")
+    add("--device", metavar="SELECTOR", help="gpu, cpu, or a device name from msb devices")
     add("-o", "--out", type=Path, default=Path("official.json"), metavar="FILE.json")
     add("--table", nargs="+", type=Path, metavar="FILE.json", help="print the tables of such files instead")
     options = parser.parse_args(arguments)
     if (options.checkpoint is None) == (options.table is None):
-        parser.error("give a CHECKPOINT to measure, or --table and files")
+        parser.error("pass a CHECKPOINT to measure, or --table with files")
     try:
         if options.table:
             print(tables([read(place) for place in options.table]))
@@ -249,13 +248,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         scene = None if options.scene is None else str(options.scene.resolve())
         photographs = options.image_folder, options.resolution
         given = Given(str(options.checkpoint.resolve()), scene, options.device, *photographs)
-        print(f"{options.out} will hold nothing but\n{HELD}\n", flush=True)
+        print(f"{options.out} will contain only\n{HELD}\n", flush=True)
         print("", tables([measured(given, options.out)]), sep="\n")
     except MsbError as error:
         print(error, file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
-        print(f"\nstopped; the same command goes on from what {options.out} holds", file=sys.stderr)
+        print(f"\nstopped; run the same command again to continue {options.out}", file=sys.stderr)
         return 130
     return 0
 

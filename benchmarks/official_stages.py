@@ -1,8 +1,8 @@
-"""What `benchmarks.official` measures: a function for each stage, called in a process of its own.
+"""The measurements of `benchmarks.official`: one function per stage, each called in a separate process.
 
-A stage opens the checkpoint anew, so that its peak of memory is its own, and what a driver brings down is one
-stage. It returns numbers, and texts that say nothing of the user: names of methods, devices and metrics, and
-of what went wrong the code alone, because messages name files.
+Each stage opens the checkpoint again. Its peak memory is therefore independent of other stages, and a
+crashing driver ends one stage only. A stage returns numbers and names of methods, devices and metrics. Of an
+error it returns the code only, because messages contain file names.
 """
 
 from __future__ import annotations
@@ -58,19 +58,19 @@ if TYPE_CHECKING:
     from msb.scenes.datasets import Scene
 
 SIZE = 1237, 822
-"""Of views where there is no capture: that of Mip-NeRF 360's garden at a quarter."""
+"""Image size (width, height) without a capture: Mip-NeRF 360's garden at a quarter of the resolution."""
 _WHY_VIEWS, _WHY_LONGEST = 12, 640
-"""As many views as `msb why` takes, and as large, by itself."""
+"""Number and size of the views that `msb why` generates by default."""
 _TIMED, _FEWEST, _LONG = 100, 10, 60.0
-"""Frames that are timed, and no more than take about a minute, but for the fewest."""
+"""Number of timed frames: at most the first, fewer if they take more than a minute, at least the second."""
 _CUT_OFF = ("diffsoup",)
-"""Methods whose official evaluation saves bytes cut off, not rounded (`kenji-tojo/diffsoup`: examples)."""
+"""Methods whose official evaluation truncates colours to bytes, as in `kenji-tojo/diffsoup`."""
 _OF_DEVICE = "platform", "name", "vendor", "driver", "version", "kind", "compute_units"
 
 
 @dataclass(frozen=True)
 class Given:
-    """What the user gave: absolute paths, the selector of a device, and which photographs, in which size."""
+    """The user's input: absolute paths, a device selector, the folder of photographs and their resolution."""
 
     checkpoint: str
     scene: str | None = None
@@ -79,14 +79,14 @@ class Given:
     resolution: int | None = None
 
     def capture(self, asset: Asset) -> Scene | None:
-        """Return the scene as the model's method is evaluated on it."""
+        """Return the scene with the evaluation rules of the model's method."""
         if self.scene is None:
             return None
         photographs: dict[str, Any] = {"image_folder": self.image_folder, "resolution": self.resolution}
         return scene_of(asset.manifest, self.scene, **photographs)
 
     def renders(self, scene: Scene) -> Renders:
-        """Return the official renderings of the test views, the latest there are."""
+        """Return the paths of the latest official renderings of the test views."""
         root = locate(self.checkpoint).root
         found = {
             int(number[1]): folder / "renders"
@@ -94,13 +94,13 @@ class Given:
             if (number := re.fullmatch(r"ours_(\d{1,9})", folder.name)) and (folder / "renders").is_dir()
         }
         if not found:
-            text = "there are no official renderings in test/ours_N/renders"
+            text = "official renderings are missing; expected them in test/ours_N/renders"
             raise InputError("FILE_NOT_FOUND", text, file=root)
         return find_renders(found[max(found)], scene.test)
 
 
 def stage_machine(given: Given) -> dict[str, Any]:
-    """Return what the figures are measured on."""
+    """Return the machine, the devices and the versions of packages."""
     try:
         found = machine(given.device)["device"]
         device = {key: found[key] for key in _OF_DEVICE}
@@ -118,7 +118,7 @@ def stage_machine(given: Given) -> dict[str, Any]:
 
 
 def stage_export(given: Given) -> dict[str, Any]:
-    """Export the checkpoint into a file, which is not kept; return what it holds."""
+    """Export the checkpoint to a temporary file; return its size and contents in numbers."""
     start = time.perf_counter()
     asset = msb.open(given.checkpoint)
     with tempfile.TemporaryDirectory() as folder:
@@ -140,7 +140,7 @@ def stage_export(given: Given) -> dict[str, Any]:
 
 
 def stage_capture(given: Given) -> dict[str, Any]:
-    """Return which capture it is, by name if it is one of the benchmark's, and how the training differed."""
+    """Return the scene's name if the benchmark knows it, its views, and deviations of the training."""
     asset = msb.open(given.checkpoint)
     scene = given.capture(asset)
     assert scene is not None
@@ -172,7 +172,7 @@ def stage_audit(given: Given) -> dict[str, Any]:
 
 
 def stage_official(given: Given) -> dict[str, Any]:
-    """Return how near the official renderings are to the photographs, in dB."""
+    """Return the PSNR of the official renderings against the photographs."""
     scene = given.capture(msb.open(given.checkpoint))
     assert scene is not None
     theirs = _read(given.renders(scene), scene)
@@ -181,7 +181,7 @@ def stage_official(given: Given) -> dict[str, Any]:
 
 
 def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[str, Any]:
-    """Return how fast and in what memory a tier draws the test views, and how near it is to them in dB."""
+    """Return frame times, memory and PSNR of a tier over the test views."""
     asset = msb.open(given.checkpoint)
     scene = given.capture(asset)
     if scene is None:
@@ -191,7 +191,7 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
         cameras, background = scene.test, scene.background
     gpus, start = Gpus(), time.perf_counter()
     options = lean_options(tier, renderer)
-    # An engine takes a kind of device, not the name of an OpenCL platform.
+    # Engines accept a kind of device ("cpu", "gpu"), not the name of an OpenCL platform.
     selector = given.device if renderer is None or given.device in KINDS else None
     with Renderer(asset, tier, selector, name=renderer, **options) as drawing:
         device = _device(given, drawing.device_info)
@@ -218,13 +218,17 @@ def stage_draw(given: Given, tier: Tier, renderer: str | None = None) -> dict[st
 
 
 def gpu_memory(gpus: Gpus, kind: str) -> dict[str, Any]:
-    """Return what NVML says that this process holds since `gpus` was made, or why nobody knows."""
+    """Return this process's GPU memory by NVML since `gpus` was created, or the reason why it is unknown."""
     if kind != "gpu":
-        return {"bytes": None, "source": None, "reason": "what draws is no GPU"}
+        return {"bytes": None, "source": None, "reason": "the device is not a GPU"}
     gpus.look({os.getpid()})
     held, source, reason = gpus.result()
     if not held:
-        return {"bytes": None, "source": None, "reason": reason or "NVML names no memory of this process"}
+        return {
+            "bytes": None,
+            "source": None,
+            "reason": reason or "NVML does not list memory of this process",
+        }
     return {"bytes": held, "source": source, "reason": None}
 
 
@@ -238,7 +242,7 @@ def _sizes(cameras: Sequence[Camera]) -> list[str]:
 
 
 def _read(renders: Renders, scene: Scene) -> Callable[[int], NDArray[Any]]:
-    """Return how the official rendering of a test view is read, by the view's number."""
+    """Return a function that reads the official rendering of test view number n."""
 
     def read(number: int) -> NDArray[Any]:
         file = renders.files[number]
@@ -250,9 +254,9 @@ def _read(renders: Renders, scene: Scene) -> Callable[[int], NDArray[Any]]:
 
 
 def _decibels(given: Given, drawing: Renderer, scene: Scene, method: str) -> dict[str, float | None]:
-    """Return the mean PSNR of the test views to the photographs, and to the official renderings."""
+    """Return the mean PSNR of the test views against the photographs and against the official renderings."""
     theirs: Callable[[int], NDArray[Any]] | None = None
-    with contextlib.suppress(MsbError):  # the stage about them says why there are none
+    with contextlib.suppress(MsbError):  # the stage "official" reports why they are missing
         theirs = _read(given.renders(scene), scene)
         theirs(0)
     photographs, official = [], []
@@ -266,7 +270,7 @@ def _decibels(given: Given, drawing: Renderer, scene: Scene, method: str) -> dic
 
 
 def stage_why(given: Given) -> dict[str, Any]:
-    """Return what each cause of a worse look costs in dB, the gravest first, and all of them at once."""
+    """Return the loss in dB by cause, the largest first, and of all causes together."""
     asset = msb.open(given.checkpoint)
     scene = given.capture(asset)
     views = None
@@ -289,7 +293,7 @@ def stage_why(given: Given) -> dict[str, Any]:
 
 
 def stage_bake(given: Given) -> dict[str, Any]:
-    """Bake the model's own triangles, which needs no search; return what that gives back."""
+    """Bake with `geometry="kept"`, which needs no optimisation; return the PSNR before and after."""
     asset = msb.open(given.checkpoint)
     baked = msb.bake(asset, scene=given.capture(asset), geometry="kept", device=given.device)
     with tempfile.TemporaryDirectory() as folder:
@@ -316,13 +320,13 @@ STAGES: dict[str, Callable[[Given], dict[str, Any]]] = {
     "why": stage_why,
     "bake": stage_bake,
 }
-"""Every stage, in their order."""
+"""All stages, in the order in which they run."""
 
 
 def work(word: str, _: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Do the stage that `word` names, with what was given; what a child process is told to do.
+    """Run the stage named in the JSON text `word`; child processes call this.
 
-    An error's code stays in the result; `said` is its whole text, for the user alone.
+    A failed stage returns the error code. The full message is in `said`, which is shown but not stored.
     """
     stage, about = json.loads(word)
     try:
@@ -334,5 +338,5 @@ def work(word: str, _: Any) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def asked(stage: str, given: Given) -> str:
-    """Return the word by which `work` is told to do a stage."""
+    """Return the JSON text with which `work` runs a stage."""
     return json.dumps([stage, asdict(given)])

@@ -1,14 +1,14 @@
-"""Our scan, sort and scratch buffers beside pyopencl's own, on one device in one process.
+"""Compare our scan, sort and scratch buffers with pyopencl's, on one device in one process.
 
     python -m benchmarks.primitives                      0.1, 1 and 16 million elements, on the default device
     python -m benchmarks.primitives --device gpu         on another device
 
-Needs mako, which pyopencl's scan and sort are generated with. Elements and keys have 32 bits. Each pair takes
-turns, and the order changes from round to round; printed are medians, and the median of the ratios within a
-round. A time begins with the call and ends when the queue is empty. Results are compared: what differs is an
-error. pyopencl's scan and sort take their buffers from its `MemoryPool`, and its sort the number of bits a
-pass that is quickest here. "buffers" is what a frame asks for: eight scratch arrays, whose size changes by up
-to a quarter from frame to frame; each is filled once. "held" is what the pools keep at the end.
+Needs mako, with which pyopencl generates its scan and sort. Elements and keys have 32 bits. The two sides
+take turns, and their order changes from round to round. The table shows medians, and the median of the ratios
+within a round. A time begins with the call and ends when the queue is empty. Different results are an error.
+pyopencl's scan and sort use its `MemoryPool`, and its sort the fastest number of bits per pass on this
+device. "buffers" is the allocation of a frame: eight scratch arrays, each filled once, whose sizes change by
+up to a quarter between frames. "held" is the memory that the pools keep at the end.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Peer:
 
 
 class Pair(NamedTuple):
-    """The same work done by us and by pyopencl; each returns what can be compared."""
+    """The same work by us and by pyopencl; both return comparable results."""
 
     name: str
     ours: Work
@@ -104,9 +104,9 @@ def scan_pair(device: Device, peer: Peer, count: int, dtype: type[np.unsignedint
 
 
 def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair | None:
-    """Return the stable sort of `count` keys of `bits` bits with a payload, None where pyopencl's fails.
+    """Return the stable sort of `count` keys of `bits` bits with a payload, or None if pyopencl's fails.
 
-    On devices of many compute units its scan ends with a failed assertion for some sizes.
+    On devices with many compute units its scan ends with a failed assertion for some sizes.
     """
     random = np.random.default_rng(1)
     keys = random.integers(0, 1 << bits, count, np.uint32)
@@ -125,7 +125,7 @@ def sort_pair(device: Device, peer: Peer, count: int, bits: int) -> Pair | None:
         last["ours"] = sort_pairs(device, given, payload, bits=bits)
 
     works = []
-    for digits in BITS_A_PASS:  # compiled, and the pool filled
+    for digits in BITS_A_PASS:  # compile, and fill the pool
         with contextlib.suppress(AssertionError):
             theirs(digits)
             works.append(digits)
@@ -173,7 +173,7 @@ def buffers_pair(device: Device, peer: Peer, count: int) -> Pair:
 
 
 def timed(finish: Callable[[], object], work: Work) -> float:
-    """Return the milliseconds until `work` and what it queued is done."""
+    """Return the milliseconds until `work` and its queued commands have finished."""
     start = time.perf_counter()
     work()
     finish()
@@ -181,7 +181,7 @@ def timed(finish: Callable[[], object], work: Work) -> float:
 
 
 def compare(device: Device, peer: Peer, pair: Pair, rounds: int) -> dict[str, Any]:
-    """Return the times of a pair, after one round that nobody measures."""
+    """Return the times of both sides in milliseconds, after one warm-up round."""
     sides = (("ours", pair.ours, device.finish), ("theirs", pair.theirs, peer.queue.finish))
     times: dict[str, list[float]] = {"ours": [], "theirs": []}
     for number in range(rounds + 1):
@@ -201,7 +201,7 @@ def compare(device: Device, peer: Peer, pair: Pair, rounds: int) -> dict[str, An
 
 
 def pairs(device: Device, peer: Peer, count: int) -> list[Callable[[], Pair | None]]:
-    """Return what makes each pair, so that only one pair is in memory at a time."""
+    """Return a constructor for each pair, so that only one pair is in memory at a time."""
     return [
         lambda: scan_pair(device, peer, count, np.uint32),
         lambda: scan_pair(device, peer, count, np.uint64),

@@ -1,13 +1,12 @@
-"""Steps of a repair beside the audit's NumPy twin, libigl and PyMeshLab, on the same mesh in one run.
+"""Compare repair steps with the audit's NumPy twin, libigl and PyMeshLab, on the same mesh in one run.
 
     python -m benchmarks.repair                       about 0.1 and 1 million faces
     python -m benchmarks.repair --sizes 614           about 10 million faces
 
-Every measurement is one fresh process that loads the arrays and does its work once. All but libigl's and
-PyMeshLab's loading is inside the clock. Seconds are of the processor, since a step uses one core and a
-machine may be shared; the ratio is to the twin, which audits the same mesh with NumPy and SciPy. Tools take
-turns within a round; printed are medians. Memory is the rise of the process's high-water mark above the
-loaded arrays and libraries.
+Each measurement is a fresh process that loads the arrays and runs once. Loading libigl and PyMeshLab is not
+timed. Times are CPU seconds, because a step uses one core and the machine may be shared. The ratio is to the
+twin, which audits the same mesh with NumPy and SciPy. Tools take turns within a round, and the table shows
+medians. Memory is the growth of the process's peak above the loaded arrays and libraries.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ PACKAGES = ("numpy", "scipy", "libigl", "pymeshlab")
 
 
 def twin(points: NDArray[Any], faces: NDArray[Any]) -> Work:
-    """Prepare the audit by its NumPy twin."""
+    """Prepare the audit's NumPy twin."""
     from msb.topology.analysis import Analysis
     from msb.topology.findings import find_by_numpy
 
@@ -52,7 +51,7 @@ def twin(points: NDArray[Any], faces: NDArray[Any]) -> Work:
 
 
 def step(name: str) -> Callable[[NDArray[Any], NDArray[Any]], Work]:
-    """Return what prepares one of our steps."""
+    """Return the tool that runs one of our steps."""
 
     def prepare(points: NDArray[Any], faces: NDArray[Any]) -> Work:
         from msb.topology import steps
@@ -115,7 +114,7 @@ TOOLS: dict[str, Callable[[NDArray[Any], NDArray[Any]], Work]] = {
 
 
 def measure(tool: str, folder: Path) -> None:
-    """Do one measurement in this process and print it as JSON."""
+    """Run one measurement in this process and print it as JSON."""
     from msb.topology.arrays import mesh_arrays
 
     points, faces = mesh_arrays(*(np.load(folder / f"{name}.npy") for name in ("vertices", "faces")))
@@ -128,7 +127,7 @@ def measure(tool: str, folder: Path) -> None:
 
 
 def run(tool: str, folder: Path) -> Result:
-    """Return one measurement made in a process of its own, or why there is none."""
+    """Run one measurement in a separate process; return its result or the reason for its failure."""
     command = [sys.executable, "-m", "benchmarks.repair", "--worker", tool, "--folder", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True)
     lines = done.stdout.strip().splitlines()

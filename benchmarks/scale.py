@@ -1,15 +1,14 @@
-"""What ten million triangles of each method take: seconds, memory and bytes a face of each step.
+"""Measure each step with ten million triangles of each method: seconds, memory, bytes per face.
 
     python -m benchmarks.scale                   10 million triangles of SH degree 3, every method
     python -m benchmarks.scale --faces 1000000 --method diffsoup --folder /path/with/room
 
-Every step is a fresh process, as a command is: export (the checkpoint to a .triasset), audit, one frame of
-the standard and of the dedicated tier at 1237 x 822, the first of the process, with all that comes before,
-repair (orient, pair), weighing faces over 8 views of 640 x 480 as the page does, by OpenCL and by the NumPy
-reference, and the page of the dedicated tier with the 100,000 faces that contribute most, which is tested in
-4 views that OpenCL draws of the whole and of what is kept.
-Memory is the process's peak with everything in it, mapped files and the device's buffers included (those of
-a CPU are in the same memory); `private` is the part that no file backs, which the system cannot drop.
+Each step runs in a fresh process, like a command: export of the checkpoint, audit, the first frame of the
+standard and of the dedicated tier at 1237 x 822 (with start-up), repair (orient, pair), and the face weights
+of the page over 8 views of 640 x 480, by OpenCL and by the NumPy reference. The last step writes the page of
+the dedicated tier with the 100,000 faces that contribute most, and compares 4 views of it with the full
+model. Memory is the peak of the process, including mapped files and, on a CPU, the device's buffers.
+`private` leaves out memory backed by files, which the system can drop.
 """
 
 from __future__ import annotations
@@ -36,13 +35,13 @@ from data_stubs.torch_file import write_torch
 _ASSET = "scale.triasset"
 _PAGE_FACES = 100_000
 _HOLES = 1.287
-"""How many faces a grid has for one that is not left out as a hole."""
+"""Faces of the full grid per face that remains; the others are left out as holes."""
 _INTERVAL = 0.005
-"""Seconds between two looks at a process's private memory."""
+"""Sampling interval of a process's private memory, in seconds."""
 
 
 def write_checkpoint(folder: Path, method: str, faces: int) -> None:
-    """Write what a training of `method` would leave of a scene of `benchmarks.dedicated_scenes`."""
+    """Write a checkpoint of `method` with a scene of `benchmarks.dedicated_scenes`, as a training would."""
     is_mesh = method == "diffsoup" or is_connected(method)
     buffers = grid_mesh(round(_HOLES * faces)) if is_mesh else soup(faces)
     if method == "diffsoup":
@@ -79,7 +78,7 @@ def write_checkpoint(folder: Path, method: str, faces: int) -> None:
 
 
 def _diffsoup(buffers: dict[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a mesh of level 0 with random features and decoder."""
+    """Return DiffSoup parameters of a level-0 mesh with random features and a random decoder."""
     random, faces = np.random.default_rng(1), len(buffers["indices"])
     sizes = {"0": (16, 16), "2": (16, 16), "4": (3, 16)}
     decoder = {f"mlp.{layer}.weight": random.normal(0, 0.3, shape) for layer, shape in sizes.items()}
@@ -126,14 +125,14 @@ def draw(folder: Path, tier: Any) -> int:
 
 
 def repair(folder: Path) -> int:
-    """Orient the faces and pair those at edges that more than two of them share."""
+    """Orient the faces, and pair the faces at edges with more than two of them."""
     import msb
 
     return msb.repair(folder / _ASSET, "orient,pair").asset.manifest.face_count
 
 
 def weigh(folder: Path) -> int:
-    """Sum what each face adds to the views of a page, by OpenCL."""
+    """Sum the contribution of each face to the views of a page, by OpenCL."""
     import msb
     from msb.render.shares import shares_by_view
 
@@ -162,7 +161,7 @@ def _views(asset: Any) -> list[Any]:
 
 
 def page(folder: Path) -> int:
-    """Write the page of the dedicated tier with the faces that contribute most, as `msb web` does."""
+    """Write the page of the dedicated tier with the faces that contribute most, like `msb web`."""
     import msb
     from msb.cli.app import app
 
@@ -184,7 +183,8 @@ STEPS: dict[str, Callable[[Path], int]] = {
 
 
 class PrivateMemory(threading.Thread):
-    """Look every few milliseconds at what this process holds that no file backs, in bytes; 0 off Linux."""
+    """Sample the private memory of this process in bytes, every few milliseconds; 0 on other systems than
+    Linux."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -203,7 +203,7 @@ class PrivateMemory(threading.Thread):
 
 
 def measure(step: str, folder: Path) -> dict[str, Any]:
-    """Return what one step took in this process."""
+    """Run one step in this process; return its time and memory."""
     import msb
 
     before = peak()
@@ -233,7 +233,7 @@ def main() -> None:
     parser.add_argument(
         "--method", choices=TRAINED, action="append", help="default: all, one after the other"
     )
-    parser.add_argument("--folder", type=Path, help="where 5 GB fit; a temporary folder if not given")
+    parser.add_argument("--folder", type=Path, help="folder with 5 GB of space; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--step", choices=STEPS, action="append", help="after export; default: all")
     parser.add_argument("--worker", choices=["write", *STEPS], help=argparse.SUPPRESS)
@@ -263,13 +263,13 @@ def main() -> None:
 
 
 def run(step: str, *arguments: str) -> str:
-    """Return what a process of its own prints of `step`."""
+    """Run `step` in a separate process and return its measurements."""
     command = [sys.executable, "-m", "benchmarks.scale", "--worker", step, *arguments]
     return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
 
 
 def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
-    """Print the rows of one method; bytes a face are above what the process had before."""
+    """Print the rows of one method; bytes per face are the growth of the process during the step."""
     first = steps["export"]
     asset = first["asset"] / first["faces"]
     print(f"{method:<24}{first['faces']:,} faces, asset {asset:.0f} bytes a face")
@@ -283,7 +283,7 @@ def show(method: str, steps: dict[str, dict[str, Any]]) -> None:
         print(f"{'':<24}{step:<11}{row}", flush=True)
     if "weigh" in steps and "by NumPy" in steps:
         ratio = steps["by NumPy"]["seconds"] / steps["weigh"]["seconds"]
-        print(f"{'':<24}weighing takes 1/{ratio:.0f} of its time by NumPy", flush=True)
+        print(f"{'':<24}face weights take 1/{ratio:.0f} of the time of NumPy", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""What commands take at the sizes that are trained: seconds, peak of memory, and what bounds each.
+"""Measure commands at real model sizes: seconds, peak memory, and where the time goes.
 
     python -m benchmarks.sizes                       1 and 4 million faces of MeshSplatting
     python -m benchmarks.sizes --faces 100000 --command why --command info --folder /path/with/room
 
-Every command runs in a process of its own, on a mesh with shared vertices and SH degree 3; all but `export`
-and `import` take the asset that `export` wrote. `import` is the empty command, what every other one starts
-with. Seconds are those of the clock; `processor` is that of all threads and children, which a busy machine
-changes less. Memory is the higher peak of the process, mapped files included, and of the largest child. What
-bounds a command is where its main thread was, by a profile of that run, which costs a few per cent of it.
+Each command runs in a separate process, on a mesh with shared vertices and SH degree 3. `export` writes the
+asset that the other commands read. `import` only imports the package, which every command does. Seconds are
+wall time; `processor` is the CPU time of all threads and children, which depends less on other load. Memory
+is the peak of the process (mapped files included) or of its largest child, whichever is higher. The shares of
+time come from a profile of the main thread, which slows the run by a few per cent.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ _BOUNDS = (
     ("files", ("_io.", "io.open", "posix.", "mmap", "npz", "zipfile", "zlib")),
     ("NumPy", ("numpy", "/msb/")),
 )
-"""What a function is counted as, by part of its name or place, the first that fits; all else is Python. Lines
-of ours that take long are arithmetic on arrays."""
+"""Part of a function's name or file -> kind of work; the first match counts, everything else is Python.
+
+Slow lines of our own code are array arithmetic."""
 _SHOWN = 0.1
-"""The least share of the time that is named."""
+"""Smallest share of the time that is listed."""
 
 COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "export": lambda folder: ["export", "-q", "-f", f"{folder}", f"{folder / _ASSET}"],
@@ -58,11 +59,11 @@ COMMANDS: dict[str, Callable[[Path], list[str]]] = {
     "trial intersections": lambda folder: ["trial", "-q", "--task", "intersections", f"{folder / _ASSET}"],
     "why": lambda folder: ["why", "-q", "--size", "640x480", f"{folder / _ASSET}"],
 }
-"""Command -> its arguments, about the asset in a folder."""
+"""Command -> function of a folder with the asset that returns the arguments."""
 
 
 def measure(arguments: list[str]) -> dict[str, Any]:
-    """Run a command in this process, and return what it took."""
+    """Run a command in this process, and return its time, memory and profile."""
     profile = cProfile.Profile()
     start = time.perf_counter()
     profile.enable()
@@ -85,7 +86,7 @@ def measure(arguments: list[str]) -> dict[str, Any]:
 
 
 def bounds(profile: cProfile.Profile) -> dict[str, float]:
-    """Return kind of work -> its share of the time, the largest first."""
+    """Return kind of work -> share of the time, the largest first."""
     found: Counter[str] = Counter()
     for (file, _, name), (_, _, own, _, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         place = f"{file} {name}"
@@ -99,8 +100,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--faces", type=int, nargs="+", default=[1_000_000, 4_000_000])
     parser.add_argument("--command", choices=COMMANDS, action="append", help="after export; default: all")
-    parser.add_argument("--rounds", type=int, default=1, help="medians of so many are printed")
-    parser.add_argument("--folder", type=Path, help="where 2 GB fit; a temporary folder if not given")
+    parser.add_argument("--rounds", type=int, default=1, help="runs per command; the median is printed")
+    parser.add_argument("--folder", type=Path, help="folder with 2 GB of space; default: a temporary folder")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--worker", choices=["write", *COMMANDS], help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -114,7 +115,7 @@ def main() -> None:
 
 
 def measure_all(options: argparse.Namespace) -> None:
-    """Run every command at every size, and print a row of each."""
+    """Run every command at every size, and print a row for each."""
     packages = "numpy", "pyopencl", "pocl-binary-distribution"
     record: dict[str, Any] = {"machine": machine(*packages), "sizes": {}}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))
@@ -142,7 +143,7 @@ def measure_all(options: argparse.Namespace) -> None:
 
 
 def apart(command: str, folder: Path, faces: int) -> dict[str, Any]:
-    """Return what a process of its own found about `command`."""
+    """Run `command` in a separate process and return its measurements."""
     line = [sys.executable, "-m", "benchmarks.sizes", "--worker", command, "--folder", f"{folder}"]
     subprocess.run([*line, "--faces", f"{faces}"], stdout=subprocess.DEVNULL, check=True)
     found: dict[str, Any] = {} if command == "write" else json.loads((folder / "found.json").read_text())

@@ -1,14 +1,13 @@
-"""Frame times of the standard tier against other opaque renderers, in one run and on the same arrays.
+"""Compare frame times of the standard tier and of other opaque renderers, on the same arrays in one run.
 
-    python -m benchmarks.standard                              every scene and every peer that is installed
+    python -m benchmarks.standard                              all scenes, all installed peers
     python -m benchmarks.standard --scenes shell-1M --rounds 30 --tools msb vtk
 
-A frame is clearing, drawing and reading the image back to the host; nothing is uploaded, the camera is
-that of the frame before. Every tool has a process of its own that prepares once and draws when it is told
-to; tools take turns within a round, so a machine whose speed drifts treats them alike. Printed are medians
-over the rounds, and the median of the ratios to ours within a round. Images are compared with ours.
-Processor time and the peak of memory are those of a tool's process and of all it starts (a browser, Blender);
-pages that several share count for each.
+A frame clears the buffers, draws, and reads the image back to the host. Nothing is uploaded, and the camera
+does not move. Each tool runs in its own process, prepares once, and draws on request. Tools take turns within
+a round, so drifting machine speed affects all alike. The table shows medians over rounds, and the median of
+the ratios to ours within a round. Images are compared with ours. CPU time and peak memory include child
+processes (a browser, Blender); shared pages count several times.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from benchmarks.standard_peers import PEERS
 from benchmarks.standard_scenes import HEIGHT, SCENES, WIDTH, Scene
 
 THREADS = ("POCL_MAX_PTHREAD_COUNT", "OMP_NUM_THREADS", "LP_NUM_THREADS")
-"""What limits the threads of PoCL, of OpenMP and of Mesa's software renderers."""
+"""Environment variables that limit the threads of PoCL, OpenMP and Mesa's software renderers."""
 PACKAGES = (
     *("numpy", "pyopencl", "pocl-binary-distribution", "vtk", "pyvista", "moderngl", "wgpu", "open3d"),
     "embreex",
@@ -40,7 +39,7 @@ LEVEL = 1.01 / 255
 
 
 class Tool:
-    """A renderer in a process of its own."""
+    """A renderer in a separate process."""
 
     def __init__(self, name: str, folder: Path, threads: int | None) -> None:
         limit = {} if threads is None else dict.fromkeys(THREADS, str(threads))
@@ -56,7 +55,7 @@ class Tool:
         )
 
     def ask(self, word: str) -> dict[str, Any]:
-        """Return the worker's answer; raise with its last words if there is none."""
+        """Return the worker's answer; if it ended, raise an error with its last output."""
         try:
             self._process.stdin.write(word + "\n")
             self._process.stdin.flush()
@@ -77,7 +76,7 @@ class Tool:
 
 
 def work(name: str, folder: Path) -> None:
-    """Prepare, then draw a frame for every line of the standard input and print what it took."""
+    """Prepare, then draw a frame for every line of standard input and print its time."""
     arrays = (np.load(folder / f"{part}.npy") for part in ("positions", "indices", "colors"))
     scene = Scene(*arrays, shared=(folder / "shared").exists())
     start = time.perf_counter()
@@ -169,7 +168,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", choices=list(SCENES), default=list(SCENES))
     parser.add_argument("--tools", nargs="+", choices=list(PEERS), default=list(PEERS))
     parser.add_argument("--rounds", type=int, default=15)
-    parser.add_argument("--threads", type=int, help="of every tool that can be limited; default: all")
+    parser.add_argument("--threads", type=int, help="threads of every tool that can be limited; default: all")
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
     parser.add_argument("--worker", choices=list(PEERS), help=argparse.SUPPRESS)
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)

@@ -1,8 +1,8 @@
-"""Renderers the standard tier is compared with: each is prepared once and then draws frame after frame.
+"""Renderers that `benchmarks.standard` compares with the standard tier.
 
-A peer is a function of a scene that returns a function; that one draws a frame and returns its image as bytes
-or floats, row 0 at the top, or None where there are no colours. Images end in host memory, colours are the
-stored bytes, unlit and two-sided.
+A peer is a function of a scene. It prepares once and returns a function that draws a frame and returns its
+image as bytes or floats, row 0 at the top, or None if it has no colours. Images end in host memory. Colours
+are the stored bytes, unlit and two-sided.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 NEAR, FAR = 0.01, 100.0
 TEXELS = 2048
-"""Of the texture, along each side."""
+"""Side of the texture in texels."""
 
 
 def _asset(scene: Scene) -> Asset:
@@ -38,14 +38,15 @@ def _asset(scene: Scene) -> Asset:
 
 
 def _textured_asset(scene: Scene) -> Asset:
-    """Return the scene with noise as texture, about four texels a face at a million, laid on by direction."""
+    """Return the scene with a noise texture mapped by direction: about four texels per face at a million
+    faces."""
     from msb.asset import Description, build_asset
     from msb.asset.texture import Sampler
 
     corners = scene.positions[scene.indices].astype(np.float64)
     corners /= np.linalg.norm(corners, axis=2, keepdims=True)
     u = np.arctan2(corners[..., 2], corners[..., 0]) / (2 * np.pi)
-    u -= np.rint(u - u[:, :1])  # no face goes around the back
+    u -= np.rint(u - u[:, :1])  # keep each face on one side of the seam at u = 1
     uvs = np.stack([u, np.arccos(corners[..., 1]) / np.pi], axis=-1)
     random = np.random.default_rng(1)
     buffers = {
@@ -65,7 +66,7 @@ def _camera() -> Camera:
 
 
 def msb(scene: Scene) -> Frame:
-    """Prepare ours: the image alone."""
+    """Prepare our renderer, image only."""
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
@@ -74,7 +75,7 @@ def msb(scene: Scene) -> Frame:
 
 
 def msb_textured(scene: Scene) -> Frame:
-    """Prepare ours with a texture in place of colours: the image alone, which no other has."""
+    """Prepare our renderer with a texture instead of vertex colours, image only; no peer has an equal."""
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_textured_asset(scene)), _camera()
@@ -87,7 +88,7 @@ def msb_textured(scene: Scene) -> Frame:
 
 
 def msb_frame(scene: Scene) -> Frame:
-    """Prepare ours: image, coverage, depth and face ids."""
+    """Prepare our renderer with image, coverage, depth and face ids."""
     from msb.render.standard.renderer import StandardRenderer
 
     renderer, camera = StandardRenderer(_asset(scene)), _camera()
@@ -130,17 +131,17 @@ def c_direct(scene: Scene) -> Frame:
 
 
 def c_bands(scene: Scene) -> Frame:
-    """Prepare plain C that lists triangles by bands of rows first."""
+    """Prepare plain C that first lists triangles by bands of rows."""
     return _plain_c(scene, bands=True, ordered=False)
 
 
 def c_direct_ordered(scene: Scene) -> Frame:
-    """Prepare `c_direct` on triangles in the order of space, as ours has them."""
+    """Prepare `c_direct` on triangles in spatial order, as in our renderer."""
     return _plain_c(scene, bands=False, ordered=True)
 
 
 def c_bands_ordered(scene: Scene) -> Frame:
-    """Prepare `c_bands` on triangles in the order of space."""
+    """Prepare `c_bands` on triangles in spatial order."""
     return _plain_c(scene, bands=True, ordered=True)
 
 
@@ -155,7 +156,7 @@ def _spatial_order(centers: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def _projection() -> NDArray[np.float32]:
-    """Return the clip matrix of the camera, columns first, as OpenGL has it."""
+    """Return the clip matrix of the camera, column-major as in OpenGL."""
     p = np.zeros((4, 4))
     p[0, 0], p[1, 1] = 2 * FOCAL / WIDTH, 2 * FOCAL / HEIGHT
     p[2, 2], p[2, 3] = -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)
@@ -164,7 +165,7 @@ def _projection() -> NDArray[np.float32]:
 
 
 def vtk(scene: Scene) -> Frame:
-    """Prepare VTK by way of pyvista."""
+    """Prepare VTK through pyvista."""
     import pyvista as pv
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkUnsignedCharArray
@@ -196,7 +197,7 @@ def vtk(scene: Scene) -> Frame:
 
 
 def moderngl(scene: Scene) -> Frame:
-    """Prepare OpenGL by way of moderngl and EGL."""
+    """Prepare OpenGL through moderngl and EGL."""
     import moderngl as gl
 
     context = gl.create_context(standalone=True, backend="egl")
@@ -233,7 +234,7 @@ def moderngl(scene: Scene) -> Frame:
 
 
 def engine(name: str) -> Callable[[Scene], Frame]:
-    """Return what prepares one of our engines: a frame is image and depth as floats, and what else it has."""
+    """Return the peer of one of our engine renderers, whose frame has image and depth as floats."""
 
     def prepare(scene: Scene) -> Frame:
         from msb.render.backend import find_renderer
@@ -260,7 +261,7 @@ def _rays() -> NDArray[np.float32]:
 
 
 def embree_open3d(scene: Scene) -> Frame:
-    """Prepare Embree by way of Open3D: which face each ray hits and where, without colours."""
+    """Prepare Embree through Open3D: hit face and distance of each ray, without colours."""
     import open3d
 
     caster = open3d.t.geometry.RaycastingScene()
@@ -275,7 +276,7 @@ def embree_open3d(scene: Scene) -> Frame:
 
 
 def embree(scene: Scene) -> Frame:
-    """Prepare Embree by way of embreex: which face each ray hits, on one thread, without colours."""
+    """Prepare Embree through embreex: hit face of each ray, single-threaded, without colours."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -292,12 +293,15 @@ def embree(scene: Scene) -> Frame:
 
 PEERS: dict[str, tuple[str, Callable[[Scene], Frame]]] = {
     "msb": ("the image, float32 RGB", msb),
-    "msb textured": (f"the image, with a texture of {TEXELS} x {TEXELS} in place of colours", msb_textured),
+    "msb textured": (
+        f"the image, with a texture of {TEXELS} x {TEXELS} instead of vertex colours",
+        msb_textured,
+    ),
     "msb frame": ("image, coverage, depth, face ids", msb_frame),
     "c direct": ("plain C, OpenMP, 64-bit keys and atomics", c_direct),
     "c bands": ("plain C, OpenMP, triangles listed by bands of 16 rows", c_bands),
-    "c direct sorted": ("c direct, triangles in the order of space", c_direct_ordered),
-    "c bands sorted": ("c bands, triangles in the order of space", c_bands_ordered),
+    "c direct sorted": ("c direct, triangles in spatial order", c_direct_ordered),
+    "c bands sorted": ("c bands, triangles in spatial order", c_bands_ordered),
     "vtk": ("VTK by pyvista, OpenGL", vtk),
     "moderngl": ("OpenGL by EGL", moderngl),
     "wgpu": ("renderer wgpu: Vulkan", engine("wgpu")),
@@ -307,4 +311,4 @@ PEERS: dict[str, tuple[str, Callable[[Scene], Frame]]] = {
     "embree open3d": ("Embree by Open3D, rays alone, no colours", embree_open3d),
     "embree": ("Embree by embreex, rays alone, one thread, no colours", embree),
 }
-"""Name -> what it is, and what prepares it."""
+"""Name -> description and peer."""

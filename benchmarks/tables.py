@@ -1,7 +1,7 @@
-"""Tables in Markdown of what the benchmarks measured.
+"""Markdown tables of benchmark results.
 
-`TABLES` prints records whose figures have to be computed (medians, ratios, megabytes); `generic` prints every
-other record as it is.
+`TABLES` formats records that need computed figures (medians, ratios, megabytes); `generic` prints all other
+records as stored.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Record = dict[str, Any]
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
-    """Return a table in Markdown."""
+    """Return a Markdown table."""
     lines = [list(heads), *(map(cell, row) for row in rows)]
     text = [f"| {' | '.join(line)} |" for line in lines]
     return "\n".join([text[0], "|---" * len(lines[0]) + "|", *text[1:]])
@@ -42,7 +42,7 @@ def label(key: str) -> str:
 
 
 def number(value: float | None, digits: int) -> str | None:
-    """Return a value with that many digits behind the point, None as it is."""
+    """Return a value rounded to this number of decimals; None stays None."""
     return None if value is None else f"{value:,.{digits}f}"
 
 
@@ -51,7 +51,7 @@ def percent(share: float, digits: int) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
-# ---- records as they are
+# ---- records printed as stored
 
 
 def generic(record: Any) -> Iterator[str]:
@@ -75,11 +75,11 @@ def _is_part(value: Any) -> bool:
     return isinstance(value, dict) or (isinstance(value, list) and any(isinstance(x, dict) for x in value))
 
 
-# ---- records whose figures are computed
+# ---- records with computed figures
 
 
 def audit(record: Record) -> Iterator[str]:
-    """Yield the peers at every size, then what only ours is measured for."""
+    """Yield a table of peers at every size, then tables of our own measurements."""
     for size in record["sizes"]:
         yield f"### {size['faces']:,} faces"
         yield table(
@@ -130,7 +130,7 @@ def audit(record: Record) -> Iterator[str]:
 
 
 def bake(record: Record) -> Iterator[str]:
-    """Yield a row for each bake; dB to held-out photographs."""
+    """Yield a table of bakes with PSNR against held-out photographs."""
     yield table(
         [
             *("model", "geometry", "native, dB", "before, 1 sample", "baked, 1", "baked, 16", "triangles"),
@@ -157,7 +157,7 @@ def bake(record: Record) -> Iterator[str]:
 
 
 def bake_scale(record: Record) -> Iterator[str]:
-    """Yield a row for each bake of the garden, dB to the native rendering, and one of its stages."""
+    """Yield a table of the garden's bakes with PSNR against native rendering, and one of their stages."""
     yield table(
         [
             *("faces", "views", "geometry", "variant", "before, 1 sample", "baked, 1", "baked, 16"),
@@ -178,7 +178,7 @@ def bake_scale(record: Record) -> Iterator[str]:
             for row in record["rows"]
         ],
     )
-    yield "### Stages: seconds, seconds of the processor, peak GB"
+    yield "### Stages: seconds, CPU seconds, peak GB"
     stages = list(dict.fromkeys(name for row in record["rows"] for name in row["stages"]))
     yield table(
         ["faces, views, geometry", *stages],
@@ -197,7 +197,7 @@ def bake_scale(record: Record) -> Iterator[str]:
 
 def before(record: Record) -> Iterator[str]:
     """Yield a row for each command and frame; the ratio is of seconds, or of a frame."""
-    yield f"Before is commit {record['before']}; {record['faces']:,} faces; medians, by turns."
+    yield f"Before is commit {record['before']}; {record['faces']:,} faces; medians, measured in turns."
     rows = []
     for name, pair in record["rows"].items():
         keys = ("frame",) if pair[0][0]["frame"] is not None else ("seconds", "processor", "peak")
@@ -215,7 +215,7 @@ def before(record: Record) -> Iterator[str]:
 
 
 def dedicated(record: Record) -> Iterator[str]:
-    """Yield the stages, and where they were measured blending, threads and frames."""
+    """Yield tables of the stages, and of blending, threads and frames if they were measured."""
     yield f"Device: {record['device']}. Medians of {record['rounds']} rounds, milliseconds."
     stages = list(record["stages"][0]["ms"])
     yield table(
@@ -336,7 +336,7 @@ def engines_dedicated(record: Record) -> Iterator[str]:
 
 
 def _stage_times(row: Record) -> dict[str, float]:
-    """Return stage -> median milliseconds of a frame, of any camera."""
+    """Return stage -> median milliseconds per frame over all cameras."""
     frames = [frame for turn in row["rounds"] for frame in turn]
     return {stage: median(frame[stage] for frame in frames) for stage in frames[0]}
 
@@ -370,7 +370,7 @@ def opened(record: Record) -> Iterator[str]:
         yield table(["engine", *heads, *(f"set right: {head}" for head in heads), "not run"], lines)
     about = record["differences"]
     yield table(
-        ["engine", "version", "how it differs", "what sets it right"],
+        ["engine", "version", "difference", "setting that fixes it"],
         [
             (name, text, *(about.get(name, {}).get(key) for key in ("why", "setting")))
             for name, text in by.items()
@@ -409,7 +409,7 @@ def primitives(record: Record) -> Iterator[str]:
 
 def repair(record: Record) -> Iterator[str]:
     """Yield a row for each size and tool."""
-    yield "Seconds of the processor; the ratio is to the audit's NumPy twin on the same mesh."
+    yield "CPU seconds; the ratio is to the audit's NumPy twin on the same mesh."
     yield table(
         ["faces", "tool", "seconds", "/ twin", "bytes a face", "result"],
         [
@@ -428,7 +428,7 @@ def repair(record: Record) -> Iterator[str]:
 
 
 def scale(record: Record) -> Iterator[str]:
-    """Yield a row for each method and step; bytes a face are above what the process had before the step."""
+    """Yield a table by method and step; bytes per face are the growth of the process during the step."""
     rows = []
     for steps in record.get("runs") or [record["steps"]]:
         for method, found in steps.items():
@@ -444,8 +444,8 @@ def scale(record: Record) -> Iterator[str]:
                 rows.append(
                     [*head, number(one["seconds"], 1), *memory, *(number(each, 0) for each in a_face)]
                 )
-    heads = ["method", "faces", "asset, bytes a face", "step", "seconds", "peak GB", "private GB"]
-    yield table([*heads, "peak, bytes a face", "private, bytes a face"], rows)
+    heads = ["method", "faces", "asset, bytes per face", "step", "seconds", "peak GB", "private GB"]
+    yield table([*heads, "peak, bytes per face", "private, bytes per face"], rows)
 
 
 def sizes(record: Record) -> Iterator[str]:
@@ -523,4 +523,4 @@ TABLES: dict[str, Callable[[Record], Iterator[str]]] = {
     "standard-textured-2-cores": standard,
     "weigh-2-cores": scale,
 }
-"""Result -> what prints it."""
+"""Name of a result -> function that yields its tables."""

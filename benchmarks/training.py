@@ -1,8 +1,8 @@
-"""Seconds an iteration of the trainer takes, against pixels and triangles: `python -m benchmarks.training`.
+"""Time an iteration of the trainer by pixels and triangles: `python -m benchmarks.training`.
 
-The trainer is given one scene at several sizes and counts; what is timed are whole iterations, the least of
-several, since on a machine with other work more is chance. Beside it is the processor time, of all threads.
-Needs the extra train.
+One scene is trained at several image sizes and triangle counts. The time is the minimum over several
+iterations, because other load only adds time. The CPU time of all threads is shown beside it. Needs the extra
+train.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def main() -> None:
         for width in options.widths:
             capture = read_capture(options.scene, method, options.image_folder, width, 0)
             for faces in options.faces:
-                # Twice as many asked for: half of them are there from the start, if there are points enough.
+                # Request twice as many: training starts with half of them if the scene has enough points.
                 model = MODELS[method](capture, Options(faces=2 * faces, sh_degree=1))
                 training = Training(model, Length(1, 100), Path("out/training-benchmark"), {})
                 camera, _ = capture.train[0]

@@ -22,7 +22,7 @@ SHARED = ROOT.parent / "shared"
 UNKNOWN_CPU = ROOT / "tests" / "cl" / "unknown_cpu"
 """In PYTHONPATH it makes the PoCL wheel behave as on a processor that it does not know."""
 SHORT = {
-    "bake": {"--seconds": "1"},
+    "bake": {"--seconds": "0"},
     "bench": {"--repeat": "2", "--seconds": "0"},
     "report": {"--topology": "none"},
     "view": {"--size": "320x240"},

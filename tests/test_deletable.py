@@ -1,7 +1,8 @@
 """Each capability can be deleted: the rest then imports, lists its commands and passes its tests.
 
-This is tried on a copy of the tree: all tests are collected, and the quick ones of `QUICK` run.
-``python -m tests.test_deletable bake`` runs all quick tests that remain.
+Each test works on a copy of the tree. Without one capability, every module is imported and the tests of the
+commands' help run. Without any of them, all remaining tests are collected and those of `QUICK` run.
+``python -m tests.test_deletable bake`` runs all quick tests that remain without one capability.
 """
 
 import os
@@ -9,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -42,13 +44,13 @@ QUICK = "api or cli or delivery or snapshots or docs"
 """The tests of the Python interface, of the kit of commands, their help, and the documentation (``-k``)."""
 
 
-def copy_without(capability: str, copy: Path) -> None:
-    """Copy the files of this checkout, except the folders of a capability."""
+def copy_without(capabilities: Iterable[str], copy: Path) -> None:
+    """Copy the files of this checkout, except the folders of the capabilities."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT, capture_output=True, check=True, text=True,
     )  # fmt: skip
-    removed = tuple(f"{folder}/" for folder in CAPABILITIES[capability])
+    removed = tuple(f"{folder}/" for name in capabilities for folder in CAPABILITIES[name])
     for name in filter(None, listed.stdout.split("\0")):
         if not name.startswith(removed) and (ROOT / name).is_file():
             (copy / name).parent.mkdir(parents=True, exist_ok=True)
@@ -82,9 +84,15 @@ def copy(tmp_path: Path) -> Path:
     return tmp_path / "copy"
 
 
-def check(capability: str, copy: Path) -> None:
-    """Check that modules load, and that the commands that remain are listed."""
-    copy_without(capability, copy)
+def run_tests(copy: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run quick tests of the copy, selected by pytest's options."""
+    return run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *words)
+
+
+def check(capabilities: Iterable[str], copy: Path) -> None:
+    """Check that all modules load, and that the remaining commands are listed."""
+    copy_without(capabilities, copy)
+    removed = {name for capability in capabilities for name in commands_of(capability)}
     loaded = run(copy, "-c", IMPORT_ALL)
     assert loaded.returncode == 0, loaded.stderr
     assert all(place.startswith(str(copy)) for place in loaded.stdout.split()[1:])
@@ -92,8 +100,8 @@ def check(capability: str, copy: Path) -> None:
     assert (helped.returncode, helped.stderr) == (0, "")
     listed = {line.split()[0] for line in helped.stdout.splitlines() if line.startswith("  ")}
     entries = {name for places in BUILT_IN.values() for name in places}
-    assert listed & entries == entries - commands_of(capability)
-    for name in commands_of(capability):
+    assert listed & entries == entries - removed
+    for name in removed:
         missing = run(copy, "-m", "msb", name, "--help")
         assert (missing.returncode, missing.stderr.split(":")[0]) == (2, "EXTRA_MISSING"), name
 
@@ -102,8 +110,16 @@ def check(capability: str, copy: Path) -> None:
 @of_the_whole
 @pytest.mark.parametrize("capability", CAPABILITIES)
 def test_the_rest_works_without(capability: str, copy: Path) -> None:
-    check(capability, copy)
-    tested = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "-k", QUICK)
+    check([capability], copy)
+    tested = run_tests(copy, "tests/snapshots", "tests/test_methods.py", "tests/test_errors.py")
+    assert tested.returncode == 0, tested.stdout[-3000:]
+
+
+@pytest.mark.slow
+@of_the_whole
+def test_the_core_works_alone(copy: Path) -> None:
+    check(CAPABILITIES, copy)
+    tested = run_tests(copy, "-k", QUICK)
     assert tested.returncode == 0, tested.stdout[-3000:]
 
 
@@ -116,8 +132,8 @@ def main() -> None:
     """Check one capability, and run all quick tests that remain."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "copy"
-        check(sys.argv[1], copy)
-        tests = run(copy, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", *sys.argv[2:])
+        check([sys.argv[1]], copy)
+        tests = run_tests(copy, *sys.argv[2:])
         print(tests.stdout)
         sys.exit(tests.returncode)
 

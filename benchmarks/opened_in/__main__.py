@@ -1,11 +1,11 @@
-"""What engines show of a GLB of ours as it comes, no setting touched, against the standard tier.
+"""Compare how engines show our GLB files with default settings with the standard tier.
 
-    python -m benchmarks.opened_in                              every scene, every engine that is installed
-    python -m benchmarks.opened_in --engines three.js Godot\\ 3  these alone
-    python -m benchmarks.opened_in --pictures out/opened_in     also keep every picture
+    python -m benchmarks.opened_in                              all scenes, all installed engines
+    python -m benchmarks.opened_in --engines three.js Godot\\ 3  these engines only
+    python -m benchmarks.opened_in --pictures out/opened_in     also keep every image
 
-`make engines` brings the engines, Blender apart. Prints the tables of benchmarks/pages/opened.md; `--json`
-keeps the figures.
+`make engines` installs all engines except Blender. Prints the tables of benchmarks/pages/opened.md; `--json`
+writes the figures.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 
 BLACK = (0.0, 0.0, 0.0)
 FILES = {"portable": Style(), "web": Style(texture="webp", web=Web())}
-"""What every program opens, and what is compressed for the web."""
+"""Files to open: the GLB for every program, and the one compressed for the web."""
 
 
 def compare(theirs: NDArray[np.uint8], ours: Frame) -> dict[str, float]:
-    """Return how far a picture is from ours: in levels where one face is seen around a pixel, and in dB."""
+    """Return the difference of an image from ours: in levels at pixels inside a face, and as PSNR."""
     assert ours.face_id is not None
     picture = np.clip(ours.image.astype(np.float64), 0, 1)
     levels = np.abs(theirs - np.round(255 * picture)).max(axis=2)[interior(ours.face_id)]
@@ -58,7 +58,7 @@ def compare(theirs: NDArray[np.uint8], ours: Frame) -> dict[str, float]:
 
 
 def opened(name: str, glb: bytes, scene: Scene, ours: Frame, pictures: Path | None) -> dict[str, Any]:
-    """Return the row of an engine: as it comes, and with what mends it."""
+    """Return the row of an engine: with default settings, and with the corrected settings."""
     entry = ENTRIES[name]
     if missing := entry.engine.missing():
         return {"engine": name, "not_run": missing}
@@ -84,9 +84,9 @@ def cells(row: dict[str, Any], kind: str) -> str:
 
 
 def print_scene(title: str, rows: list[dict[str, Any]], interior_pixels: int) -> None:
-    """Print the rows of a scene in Markdown, and below them what was not run, and why."""
+    """Print the rows of a scene in Markdown, followed by the skipped engines with the reason."""
     print(f"\n**{title}** ({interior_pixels:,} interior pixels)\n")
-    print("| engine | median | within 1 | 99.9 % | dB | set right: median | within 1 | 99.9 % | dB |")
+    print("| engine | median | within 1 | 99.9 % | dB | corrected: median | within 1 | 99.9 % | dB |")
     print("|---|---|---|---|---|---|---|---|---|")
     missing: dict[str, list[str]] = {}
     for row in rows:
@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--engines", nargs="+", choices=list(ENTRIES), default=list(ENTRIES))
     parser.add_argument("--files", nargs="+", choices=list(FILES), default=list(FILES))
     parser.add_argument("--json", type=Path, help="also write the figures to this file")
-    parser.add_argument("--pictures", type=Path, help="also write the pictures into this folder")
+    parser.add_argument("--pictures", type=Path, help="also write the images into this folder")
     options = parser.parse_args()
     record: dict[str, Any] = {"machine": machine("numpy"), "scenes": {}, "titles": {}}
     print("\n".join(f"{key}: {value}" for key, value in record["machine"].items()))

@@ -1,4 +1,4 @@
-"""Which engines there are, why each differs, and what its user can set."""
+"""The engines, why each differs from our rendering, and which user settings correct it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from benchmarks.opened_in.shown import Engine
 
 _THREE = "three/examples/jsm"
-_POWER = "encodes by the power 1/2.2 instead of sRGB's curve: up to nine levels too bright in the dark"
+_POWER = "encodes with a power of 1/2.2 instead of the sRGB curve: up to nine levels too bright in the dark"
 
 
 class Entry(NamedTuple):
-    """An engine; why it shows another picture than ours, and what mends that, "" where nothing has to."""
+    """An engine, why its image differs from ours, and the setting that corrects it ("" if none is needed)."""
 
     engine: Engine
     why: str = ""
@@ -49,7 +49,7 @@ ENTRIES = {
     ),
     "Galacean": Entry(
         WebEngine("galacean.js", "@galacean/engine", ("@galacean/engine/dist/browser.min.js",)),
-        "an unlit material of it shows no vertex colours: white",
+        "unlit materials ignore vertex colours: white",
     ),
     "Babylon.js": Entry(
         WebEngine(
@@ -63,7 +63,7 @@ ENTRIES = {
     "PlayCanvas": Entry(
         WebEngine("playcanvas.js", "playcanvas", ("playcanvas/build/playcanvas.min.js",)),
         _POWER,
-        "a shader chunk gammaPS of one's own with sRGB's curve",
+        "replace the shader chunk gammaPS with one that has the sRGB curve",
     ),
     "Filament": Entry(
         WebEngine(
@@ -72,38 +72,38 @@ ENTRIES = {
             ("gl-matrix/gl-matrix-min.js", "filament/filament.js"),
             ("filament/filament.wasm",),
         ),
-        "maps tones (ACES), of unlit materials as well, and smooths (FXAA)",
+        "applies ACES tone mapping, also to unlit materials, and FXAA",
         "view.setColorGrading(ColorGrading.Builder().toneMapping(LINEAR) ...); setAntiAliasing(NONE)",
     ),
     "wgpu": Entry(Ours()),
     "pygfx": Entry(
         PythonEngine("in_pygfx.py", "pygfx"),
-        "draws twice as large and filters down; makes no mip maps",
+        "renders at twice the size and downsamples; creates no mip maps",
         "WgpuRenderer(canvas, pixel_ratio=1)",
     ),
     "VTK": Entry(
         PythonEngine("in_vtk.py", "pyvista", screen=True),
-        f"{_POWER}; shows vertex colours as stored, which is linear: too dark",
+        f"{_POWER}; shows vertex colours without converting them from linear: too dark",
     ),
     "Panda3D": Entry(
         PythonEngine("in_panda3d.py", "panda3d", screen=True),
-        "shows linear values, which it decodes textures to, on a screen that is not told of them: too dark",
+        "decodes textures to linear values and displays them without encoding: too dark",
         "framebuffer-srgb true (Config.prc)",
     ),
     "Godot 3": Entry(
         Godot(),
-        "knows no unlit material, and nothing gives light: black; vertex colours of 16 bits are white",
-        "flags_unshaded and vertex_color_use_as_albedo of the material",
+        "has no unlit material, and the scene has no lights: black; 16-bit vertex colours are white",
+        "set the material's flags_unshaded and vertex_color_use_as_albedo",
     ),
     "Blender": Entry(
         Blender(),
-        "AgX maps tones; a pixel shows what lies within 1.5 pixels of it; filters textures anisotropically",
+        "applies AgX tone mapping and a pixel filter 1.5 pixels wide; filters textures anisotropically",
         "Color Management, View Transform: Standard; Film, Filter Size 0.01 px",
     ),
 }
 NOT_RUN = {
-    "Unity": "in no registry, and wants an account",
-    "Unreal Engine": "in no registry, and wants an account",
+    "Unity": "not in a package registry; needs an account",
+    "Unreal Engine": "not in a package registry; needs an account",
     "Godot 4": "in no registry",
 }
-"""Engines that no machine without them can be given, and why."""
+"""Engines that cannot be installed automatically, and the reason."""

@@ -1,6 +1,6 @@
-"""Blender shows a file: its own start, its importer, a camera, F12. Runs in a process of its own, with bpy.
+"""Render a file in Blender: default start-up, importer, a camera. Runs in a separate process with bpy.
 
-Arguments: the file, the picture to write, and the view as JSON.
+Arguments: the file, the image to write, and the view as JSON.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from mathutils import Vector
 
 file, picture, wanted = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
 answers = os.fdopen(os.dup(1), "w")
-os.dup2(2, 1)  # what Blender itself prints
+os.dup2(2, 1)  # Blender's own output
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.import_scene.gltf(filepath=file)
 scene = bpy.context.scene
 render = scene.render
 render.resolution_x, render.resolution_y = wanted["size"]
-scene.eevee.taa_render_samples = 8  # of 64: without a graphics card it takes minutes
+scene.eevee.taa_render_samples = 8  # default 64; it would take minutes without a graphics card
 world = bpy.data.worlds.new("black")
 scene.world = world
 if not world.node_tree:  # before Blender 5
@@ -35,7 +35,7 @@ if wanted["mended"]:
 
 
 def turned(x, y, z):
-    """Return a point of glTF, where y is up, as the importer turns it: z is up."""
+    """Convert a glTF point (y up) to the importer's axes (z up)."""
     return Vector((x, -z, y))
 
 
@@ -53,4 +53,4 @@ bpy.ops.render.render(write_still=True)
 device = "CPU" if render.engine == "CYCLES" else __import__("gpu").platform.renderer_get()
 answers.write(json.dumps({"version": bpy.app.version_string, "device": f"{render.engine}, {device}"}) + "\n")
 answers.flush()
-os._exit(0)  # bpy may crash while the interpreter winds up
+os._exit(0)  # bpy may crash at interpreter exit

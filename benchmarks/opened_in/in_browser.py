@@ -1,4 +1,4 @@
-"""Engines that draw in a browser: what npm brings of them, in a page of ours that only opens a file."""
+"""Browser engines, installed from npm, in a minimal page that opens a file."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _WEB = Path(__file__).parent / "web"
 
 @dataclass(frozen=True)
 class WebEngine:
-    """An engine of npm.
+    """An engine from npm.
 
-    Its page begins with `scripts`, below node_modules, and loads `files`, too; `modules` is what the names of
-    modules stand for, if it is made of such.
+    Its page starts with `scripts` (paths below node_modules) and loads `files`. `modules` is the import map,
+    for engines made of ES modules.
     """
 
     script: str
@@ -32,13 +32,13 @@ class WebEngine:
     modules: Mapping[str, str] | None = None
 
     def missing(self) -> str | None:
-        """Return why it cannot draw here, or None."""
+        """Return the reason why the engine cannot run here, or None."""
         if not (MODULES / self.package).is_dir():
             return NOT_INSTALLED
-        return "no browser: make engines" if find_browser() is None else None
+        return "no browser found; run make engines" if find_browser() is None else None
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
-        """Return what it shows of a file."""
+        """Return the engine's image of a file."""
         browser = find_browser()
         assert browser is not None
         content = {name: (MODULES / name).read_bytes() for name in (*self.scripts, *self.files)}
@@ -66,6 +66,6 @@ class WebEngine:
 
 
 def _decoder() -> bytes:
-    """Return the decoder of meshopt as a plain script, which some engines would fetch from a network."""
+    """Return meshopt's decoder as a plain script; some engines would download it."""
     module = MODULES / "three/examples/jsm/libs/meshopt_decoder.module.js"
     return module.read_bytes().replace(b"export { MeshoptDecoder };", b"") if module.exists() else b""

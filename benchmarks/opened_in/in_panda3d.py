@@ -1,6 +1,6 @@
-"""Panda3D shows a file: a window of its own, its glTF loader, a camera. Runs in a process of its own.
+"""Render a file in Panda3D: window, glTF loader, a camera. Runs in a separate process.
 
-Arguments: the file, the picture to write, and the view as JSON.
+Arguments: the file, the image to write, and the view as JSON.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ base = ShowBase()
 base.setBackgroundColor(0, 0, 0)
 base.loader.loadModel(file).reparentTo(base.render)
 base.disableMouse()
-# Its angle of view is across.
+# Panda3D's field of view is horizontal.
 across = degrees(2 * atan(tan(radians(wanted["degrees"]) / 2) * width / height))
 base.camLens.setFov(across, wanted["degrees"])
 base.camLens.setNearFar(wanted["near"], wanted["far"])
 
 
 def turned(x, y, z):
-    """Return a point of glTF, where y is up, as the loader turns it: z is up."""
+    """Convert a glTF point (y up) to the loader's axes (z up)."""
     return Point3(x, -z, y)
 
 

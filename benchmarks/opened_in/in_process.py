@@ -1,4 +1,4 @@
-"""Engines that draw in a process of their own, on a screen of their own where they need one."""
+"""Engines that run in a separate process, with a virtual screen if they need one."""
 
 from __future__ import annotations
 
@@ -32,46 +32,46 @@ _LONGEST_SECONDS = 600
 
 @dataclass(frozen=True)
 class PythonEngine:
-    """An engine of PyPI that a script beside this one drives."""
+    """An engine from PyPI, driven by a script in this folder."""
 
     script: str
     package: str
     screen: bool = False
 
     def missing(self) -> str | None:
-        """Return why it cannot draw here, or None."""
+        """Return the reason why the engine cannot run here, or None."""
         if not (_PYTHON / self.package).is_dir() and not is_installed(self.package):
             return NOT_INSTALLED
-        return "no screen: make engines" if self.screen and not _screen_is_there() else None
+        return "no virtual screen found; run make engines" if self.screen and not _screen_is_there() else None
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
-        """Return what it shows of a file."""
+        """Return the engine's image of a file."""
         path = os.pathsep.join([str(_PYTHON), os.environ.get("PYTHONPATH", "")])
         with _screen() if self.screen else _nothing() as display:
             return _run(sys.executable, self.script, glb, scene, mended, {"PYTHONPATH": path, **display})
 
 
 class Blender:
-    """Blender, by bpy."""
+    """Blender, through bpy."""
 
     def missing(self) -> str | None:
-        """Return why it cannot draw here, or None."""
+        """Return the reason why the engine cannot run here, or None."""
         return what_is_missing("blender_workbench")
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
-        """Return what it shows of a file."""
+        """Return the engine's image of a file."""
         return _run(os.environ.get(VARIABLE, sys.executable), "in_blender.py", glb, scene, mended, {})
 
 
 class Godot:
-    """Godot 3 of Debian: the editor imports the file into a project, which then runs."""
+    """Godot 3 from Debian: the editor imports the file into a project, which then runs."""
 
     def missing(self) -> str | None:
-        """Return why it cannot draw here, or None."""
+        """Return the reason why the engine cannot run here, or None."""
         return None if shutil.which("godot3") and _screen_is_there() else NOT_INSTALLED
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
-        """Return what it shows of a file."""
+        """Return the engine's image of a file."""
         with tempfile.TemporaryDirectory() as made, _screen() as display:
             folder = Path(made)
             for path in (_HERE / "godot").iterdir():
@@ -87,14 +87,14 @@ class Godot:
 
 
 class Ours:
-    """Our own engine `wgpu`, of the file that was written and read again."""
+    """Our engine `wgpu`, which reads the written file again."""
 
     def missing(self) -> str | None:
-        """Return why it cannot draw here, or None."""
+        """Return the reason why the engine cannot run here, or None."""
         return what_is_missing("wgpu")
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
-        """Return what it shows of a file."""
+        """Return the engine's image of a file."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "model.glb")
             path.write_bytes(glb)
@@ -131,7 +131,7 @@ def _output(command: list[str], variables: Mapping[str, str], folder: str) -> st
     )
     if done.returncode:
         last = [line for line in done.stderr.splitlines() if line.strip()][-1:]
-        raise RuntimeError(f"its process ends with status {done.returncode}: {''.join(last)}")
+        raise RuntimeError(f"the process ended with status {done.returncode}: {''.join(last)}")
     return done.stdout
 
 
@@ -141,7 +141,7 @@ def _screen_is_there() -> bool:
 
 @contextmanager
 def _screen() -> Iterator[dict[str, str]]:
-    """Yield the variable that names a screen in memory."""
+    """Yield the environment variable of a virtual screen."""
     read, write = os.pipe()
     command = ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"]
     server = subprocess.Popen(command, pass_fds=[write], stderr=subprocess.DEVNULL)

@@ -1,6 +1,6 @@
-"""pygfx shows a file: a renderer without a window, its glTF loader, a camera. Runs in a process of its own.
+"""Render a file in pygfx: offscreen renderer, glTF loader, a camera. Runs in a separate process.
 
-Arguments: the file, the picture to write, and the view as JSON.
+Arguments: the file, the image to write, and the view as JSON.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ renderer = pygfx.renderers.WgpuRenderer(canvas, **({"pixel_ratio": 1} if wanted[
 scene = pygfx.Scene()
 scene.add(pygfx.load_gltf(file, quiet=True).scene)
 scene.add(pygfx.Background.from_color("#000"))
-# Its angle of view is of the mean of width and height.
+# pygfx's field of view applies to the mean of width and height.
 angle = degrees(2 * atan(tan(radians(wanted["degrees"]) / 2) * (1 + width / height) / 2))
 camera = pygfx.PerspectiveCamera(angle, width / height, depth_range=(wanted["near"], wanted["far"]))
 camera.local.position = wanted["eye"]

@@ -1,6 +1,6 @@
-"""VTK shows a file, as PyVista calls it: its glTF importer, a camera. Runs in a process of its own.
+"""Render a file in VTK through PyVista: glTF importer, a camera. Runs in a separate process.
 
-Arguments: the file, the picture to write, and the view as JSON.
+Arguments: the file, the image to write, and the view as JSON.
 """
 
 from __future__ import annotations

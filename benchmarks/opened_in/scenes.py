@@ -1,4 +1,4 @@
-"""What is shown: a texture from near and into the distance, and vertex colours like trained ones."""
+"""Scenes to compare: a texture seen close and far away, and vertex colours like those of a trained mesh."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from msb.asset import Asset
 
 SIDE = 512
-"""Texels of a side of the texture."""
+"""Side of the texture in texels."""
 WIDTH, HEIGHT = 960, 720
 NEAR, FAR = 0.1, 100.0
-"""Planes between which everything lies, for engines that need them."""
+"""Near and far planes around the scene, for engines that need them."""
 
 
 class Scene(NamedTuple):
-    """An asset, and where one looks at it from: eye, target and angle of view in degrees; up is +y."""
+    """An asset and its view: eye, target and vertical field of view in degrees; +y is up."""
 
     asset: Asset
     eye: tuple[float, float, float]
@@ -34,18 +34,18 @@ class Scene(NamedTuple):
 
     @property
     def camera(self) -> Camera:
-        """The view as our renderers take it."""
+        """The view as a camera of our renderers."""
         angle = float(np.radians(self.degrees))
         return Camera.look_at(self.eye, self.target, up=(0, 1, 0), width=WIDTH, height=HEIGHT, fov_y=angle)
 
     @property
     def view(self) -> dict[str, Any]:
-        """The view as engines are told it."""
+        """The view as JSON for the engines."""
         return {"eye": self.eye, "target": self.target, "degrees": self.degrees, "near": NEAR, "far": FAR}
 
 
 def painting() -> NDArray[np.uint8]:
-    """Return the texture: all tones from black to white, long waves with fine ones on them, and discs."""
+    """Return the texture: all tones from black to white in coarse and fine waves, and discs."""
     y, x = (np.mgrid[0:SIDE, 0:SIDE] + 0.5) / SIDE
     turn = 2 * np.pi
     long = [np.sin(turn * (x + np.sin(turn * y) / 4)), np.sin(turn * (y - x)), np.cos(turn * 2 * y)]
@@ -60,7 +60,7 @@ def painting() -> NDArray[np.uint8]:
 
 
 def ball() -> Asset:
-    """Return a ball with the texture once around it: seen from near, every texel covers pixels."""
+    """Return a ball wrapped in the texture, seen so close that every texel covers several pixels."""
     u, v, faces = _grid(48, 24)
     around, down = 2 * np.pi * u, np.pi * v
     points = [np.sin(down) * np.sin(around), np.cos(down), np.sin(down) * np.cos(around)]
@@ -68,7 +68,7 @@ def ball() -> Asset:
 
 
 def floor() -> Asset:
-    """Return a floor that repeats the texture into the distance, where pixels cover many texels."""
+    """Return a floor with repeated texture; in the distance a pixel covers many texels."""
     u, v, faces = _grid(16, 16)
     points = [20 * u - 10, np.zeros(len(u)), 20 * v - 16]
     return _textured(np.stack(points, axis=1), faces, 12 * np.stack([u, v], axis=1))
@@ -87,7 +87,7 @@ def _textured(points: NDArray[np.float64], faces: NDArray[np.int64], uv: NDArray
 
 
 def _grid(columns: int, rows: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return both coordinates of a grid of points over the unit square, and the triangles between them."""
+    """Return the two coordinates of grid points over the unit square, and the triangles between them."""
     v, u = (axis.ravel() for axis in np.mgrid[0 : rows + 1, 0 : columns + 1])
     corner = np.flatnonzero((u < columns) & (v < rows))
     below = corner + columns + 1

