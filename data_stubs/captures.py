@@ -1,4 +1,4 @@
-"""A scene in the layout of each dataset, all of the same world: the shipped ones, and tiny ones for tests."""
+"""Scenes of one world in the layout of every dataset: the shipped ones, and tiny ones for tests."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from msb.scenes import Camera
 DISTANCE = 4.0
 FOV_Y = 0.7
 FRONT = np.array([0.0, -0.92, 0.39])
-"""The direction from the world's middle to the cameras that look at it from one side; z is up."""
+"""Direction from the centre of the world to the cameras of forward-facing scenes; z is up."""
 Y_DOWN = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """The rotation from z up, as in NeRF-Synthetic, to y down, as in most COLMAP models."""
 
@@ -33,7 +33,7 @@ VOXEL = 2.0
 
 
 class Shown(Protocol):
-    """What the surfaces of `data_stubs.surface` and `data_stubs.still_life` have in common."""
+    """Interface of the surfaces in `data_stubs.surface` and `data_stubs.still_life`."""
 
     @property
     def vertices(self) -> NDArray[np.float64]: ...
@@ -46,28 +46,28 @@ class Shown(Protocol):
 
 @dataclass(frozen=True)
 class World:
-    """What scenes are captured from, and how finely.
+    """The surface of the scenes, and the size and quality of their photographs.
 
     Attributes
     ----------
     name : str
-        The name of its scenes but DTU's.
+        Name of all scenes except DTU's.
     alone, inside : callable
-        Return the surface, z up: on its own for masked scenes, or with what fills every pixel behind it.
+        Return the surface, z up: alone for masked scenes, or with a background that fills every pixel.
     photograph : callable
-        Surface and camera -> (H, W, 4) in [0, 1]: straight colour, and the share of covered samples.
+        Surface and camera -> (H, W, 4) in [0, 1]: colour without premultiplied alpha, and coverage.
     views : int
-        Number of cameras of scenes with a COLMAP model, every eighth of which is a test view.
+        Number of cameras of scenes with a COLMAP model. Every eighth camera is a test view.
     around : mapping
-        "train" and "test" -> number of cameras of the scene with splits in files.
+        "train" and "test" -> number of cameras in scenes with stored splits.
     sizes : mapping
         Dataset -> (width, height) of its photographs.
     reduced : mapping
-        Mip-NeRF 360's folders of photographs -> the factor by which they are smaller than `sizes`.
+        Folder of Mip-NeRF 360's photographs -> reduction factor relative to `sizes`.
     quality : int
-        Of JPEG photographs.
+        Quality of JPEG photographs.
     levels : int
-        Levels of a channel in PNG photographs: with fewer than 256 they are smaller.
+        Levels per channel in PNG photographs; fewer than 256 give smaller files.
     points, scanned : int
         Number of points of an SfM model, and of DTU's laser scan.
     """
@@ -89,7 +89,7 @@ class World:
 def front_cameras(
     seed: int, size: tuple[int, int], names: list[str], *, y_down: bool, spread: float = 0.35
 ) -> list[Camera]:
-    """Return cameras that look at the world's middle from one side, one for each name."""
+    """Return forward-facing cameras that look at the centre of the world, one per name."""
     random, turn = np.random.default_rng(seed), Y_DOWN if y_down else np.eye(3)
     cameras = []
     for name in names:
@@ -239,9 +239,9 @@ def _write_mat(path: Path, values: dict[str, NDArray[Any]]) -> None:
 def on_surface(
     surface: Shown, count: int, seed: int, density: NDArray[np.float64] | float = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (count, 3) spread over the surface, and their colours without sheen.
+    """Return points (count, 3) on the surface and their colours without sheen.
 
-    They are spread evenly, or by a density of each face (F,).
+    The points are distributed evenly, or by a density per face (F,).
     """
     random = np.random.default_rng(seed)
     corners = surface.vertices[surface.faces]
@@ -257,7 +257,7 @@ def on_surface(
 def sfm_points(
     surface: Shown, cameras: list[Camera], count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Return points and colours as a reconstruction finds them: more where a place is large in images."""
+    """Return points and colours like a reconstruction, denser at parts that are large in the images."""
     middle = surface.vertices[surface.faces].mean(axis=1)
     density = np.mean([((middle - camera.center) ** 2).sum(axis=1) ** -1.0 for camera in cameras], axis=0)
     places, colors = on_surface(surface, count, 6, density)
@@ -265,12 +265,12 @@ def sfm_points(
 
 
 def coarse(image: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Return an image in [0, 1] rounded to so many levels."""
+    """Return an image in [0, 1] rounded to this number of levels."""
     return np.round(np.clip(image, 0, 1) * (levels - 1)) / (levels - 1)
 
 
 def write_photograph(path: Path, image: NDArray[Any], quality: int = 92) -> None:
-    """Write an image (H, W, 3 or 4), floats in [0, 1] or bytes, as the suffix says."""
+    """Write an image (H, W, 3 or 4), floats in [0, 1] or bytes, in the format of the suffix."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pixels = image if image.dtype == np.uint8 else to_bytes(image)
     options: dict[str, Any] = {"optimize": True} if path.suffix == ".png" else {"quality": quality}
@@ -286,7 +286,7 @@ def write_scenes(world: World, folder: Path) -> None:
 
 
 def place_of(dataset: str, world: World) -> str:
-    """Return the folder of a dataset's stub; DTU's scene has a name of its own in it."""
+    """Return the folder of a dataset's stub; DTU's scene keeps its official name."""
     return dataset if dataset == "dtu" else f"{dataset}/{world.name}"
 
 

@@ -1,6 +1,6 @@
-"""Meshes of a known surface as the methods that leave a mesh write them, in the official file layouts.
+"""Meshes of a known surface in the official file layouts of methods that output a mesh.
 
-These are made, not trained: every method's is the surface itself, with its colours as it stores them.
+The meshes are not trained: each is the surface itself, with colours in the storage of the method.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PLACES = {
     "sugar": f"sugarfine_{_FINE}_normalconsistency01_gaussperface6.obj",
     "frosting": f"frostingfine_{_FINE}_depth10_quantile01_gauss2000000_frostlevel001_proposal30.obj",
 }
-"""Method -> where its mesh lies below what its code calls the output of a scene."""
+"""Method -> path of its mesh below the output folder of a scene."""
 SQUARE = 10
 """Texels along each side of the square that two faces share, as SuGaR and Frosting lay them out."""
 

@@ -1,8 +1,8 @@
-"""Models of a known surface as a training of each method would leave them, in the official file layouts.
+"""Models of a known surface in the official file layouts of each method.
 
-These models are made, not trained: their appearance is computed from that of the surface, and coverage and
-noise are added as the methods have them. Soups overlap and differ in colour from triangle to triangle, which
-blending averages and a z-buffer does not.
+The models are not trained: their appearance is computed from the surface, with the coverage and noise of the
+method. Triangles of soups overlap and have noisy colours, which blending averages and a depth buffer does
+not.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
     Array = NDArray[np.float32]
 
 TRAINED = tuple(name for name in BUILT_IN if METHODS[name].native is not None)
-"""Methods with a representation of their own; this module makes a model of each."""
+"""Methods with their own representation; this module creates a model of each."""
 SH_C1 = 0.4886025119029199
 NOISE = 0.06
 """Standard deviation of a triangle's colour; blending averages over about a dozen."""
 SPREAD = 0.03
-"""Standard deviation of a triangle's place along its normal, in units of its longest edge."""
+"""Standard deviation of a triangle's offset along its normal, in units of its longest edge."""
 
 
 def write_models(folder: Path, surface: Surface, *, white: bool, layout: str) -> None:
-    """Write a model of every method below `folder`; `layout` is that of DiffSoup's, colmap or synthetic."""
+    """Write a model of every method below `folder`; `layout` is DiffSoup's layout, colmap or synthetic."""
     for method in TRAINED:
         (folder / method).mkdir(parents=True, exist_ok=True)
         _WRITERS[method](folder / method, surface, white, layout)
@@ -98,8 +98,8 @@ def _connected(surface: Surface) -> dict[str, Any]:
 def _diffsoup(folder: Path, surface: Surface, white: bool, layout: str) -> None:
     """A lattice of level 0: one sample at each corner, in the order of corners 2, 0, 1.
 
-    Features 0 to 2 are the colour. Where there is sheen feature 3 blends in the decoder's y =
-    sigmoid(slope d . light), d pointing to the camera, to which the colour is adapted: (1 - f3) f + f3 y is
+    Features 0 to 2 are the colour f. At sheen, feature 3 blends in y = sigmoid(slope d . light), computed by
+    the decoder, where d points to the camera. Colours are adapted to it, so that (1 - f3) f + f3 y equals
     color + gloss (-d . light) near d . light = 0.
     """
     random, corners = np.random.default_rng(3), surface.faces[:, [2, 0, 1]]

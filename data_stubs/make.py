@@ -1,8 +1,9 @@
-"""Make everything in this folder that is no script: `python -m data_stubs.make`. Same script, same bytes.
+"""Create the data in this folder: `python -m data_stubs.make`. The same scripts give the same bytes.
 
 An asset and a checkpoint with the structure of trained ones; a small scene in the layout of each dataset
-(`data_stubs.captures`). The models of them are trained: `data_stubs.trainings`. Photographs are compressed
-by Pillow, so their bytes depend on its version; their pixels do not, or in JPEG by a level.
+(`data_stubs.captures`). Models of the scenes are trained by `data_stubs.trainings`. Photographs are
+compressed by Pillow, so their bytes depend on its version; pixels of PNG files do not, and those in JPEG by
+one level.
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ from msb.scenes import Camera, turntable, write_cameras
 
 HERE = Path(__file__).parent
 SIZE = 36
-"""Side of the demo mesh's lattice, which gives about 35 thousand faces, a hundredth of a real export."""
+"""Side of the demo mesh's lattice; gives about 35 thousand faces, a hundredth of a real export."""
 
 CHECKPOINT_SIZE = 14
 """Side of the demo checkpoint's lattice."""
 
 
 def splat_like_asset(n: int = SIZE) -> Asset:
-    """Return a MeshSplatting-like asset: its structure from the generator, a colour for each direction.
+    """Return a MeshSplatting-like asset: structure from the generator, colours by direction.
 
-    Vertex opacities are logits as a trained model has them: mostly opaque, some not.
+    Vertex opacities are logits as in a trained model: most are opaque.
     """
     vertices, faces = splat_like(n)
     direction = vertices - np.float32(0.5)
@@ -65,7 +66,7 @@ def splat_like_asset(n: int = SIZE) -> Asset:
 
 
 def write_checkpoint(folder: Path, n: int = CHECKPOINT_SIZE) -> None:
-    """Write what a MeshSplatting training of the same kind of mesh leaves behind, SH degree 1."""
+    """Write a MeshSplatting checkpoint of the same kind of mesh, SH degree 1, like a training."""
     vertices, faces = splat_like(n)
     count, random = len(vertices), np.random.default_rng(1)
     direction = vertices - np.float32(0.5)
@@ -117,7 +118,7 @@ WORLD = captures.World(
     points=3000,
     scanned=3000,
 )
-"""What the shipped scenes show. Of Mip-NeRF 360's photographs those are left out that would be megabytes."""
+"""Content of the shipped scenes. Mip-NeRF 360's largest photographs are left out; they have megabytes."""
 
 
 if __name__ == "__main__":

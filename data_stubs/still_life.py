@@ -1,7 +1,7 @@
-"""What the stub scenes show: painted pebbles on a mosaic, on their own and before a wall.
+"""Content of the stub scenes: painted pebbles on a mosaic, alone and in front of a wall.
 
-Shapes are signed distances, z up, which give their surface (marching cubes), its normals, how much of the sky
-a place sees, and soft shadows. Vertices lie closer together than pixels, so a colour each is a texture.
+Shapes are signed distance functions, z up. They give the surface (marching cubes), normals, ambient occlusion
+and soft shadows. Vertices are closer together than pixels, so vertex colours serve as a texture.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
 STEP = 0.016
 """Side of a marching cube, about a pixel of the stub photographs."""
 BOX = np.array([[-1.1, -1.05, -0.76], [1.1, 0.85, 0.95]])
-"""What holds the pebbles."""
+"""Bounding box of the pebbles."""
 GROUND = -0.72
 """Height of the mosaic."""
 TABLE_RADIUS = 1.35
 ROOM_RADIUS = 9.0
 SUN = np.array([0.45, -0.55, 0.70]) / np.linalg.norm([0.45, -0.55, 0.70])
 SUN_WIDTH = 0.12
-"""Tangent of the angle from the middle of the light to its edge: how soft a shadow is."""
+"""Tangent of the light's angular radius; larger values give softer shadows."""
 SKY = 0.42
-"""Light from all around, where nothing hides it."""
+"""Ambient light of an unoccluded point."""
 SHEEN_POWER = 10.0
 
 STONE = 0.42
@@ -54,18 +54,18 @@ SKY_COLORS = np.array([[0.74, 0.70, 0.62], [0.38, 0.52, 0.66]])
 
 @dataclass(frozen=True)
 class LitSurface:
-    """A triangle mesh with the light that its vertices give back.
+    """A triangle mesh with lit vertices.
 
     Attributes
     ----------
     vertices : (V, 3) float64
     faces : (F, 3) int64
     color : (V, 3) float64
-        What every camera sees, in [0, 1].
+        View-independent colour in [0, 1].
     normal : (V, 3) float64
         Unit vectors.
     sheen : (V,) float64
-        What is added to every channel where a camera sees the sun mirrored.
+        Strength of the highlight, added to every channel.
     sun : (3,) float64
         Direction to the sun, a unit vector.
     """
@@ -78,7 +78,7 @@ class LitSurface:
     sun: Reals
 
     def seen_from(self, center: ArrayLike) -> Reals:
-        """Return the colours (V, 3) that a camera at `center` sees: Blinn and Phong's highlight on top.
+        """Return the colours (V, 3) for a camera at `center`, with a Blinn-Phong highlight.
 
         J. Blinn, "Models of light reflection for computer synthesized pictures" (1977).
         """
@@ -89,7 +89,7 @@ class LitSurface:
         return np.clip(self.color + (self.sheen * mirrored)[:, None], 0, 1)
 
     def turned(self, rotation: Reals) -> LitSurface:
-        """Return the surface and its light turned about the origin."""
+        """Return the surface and its light rotated about the origin."""
         return LitSurface(
             self.vertices @ rotation.T,
             self.faces,
@@ -102,9 +102,9 @@ class LitSurface:
 
 @dataclass(frozen=True)
 class Stone:
-    """A pebble: an ellipsoid that is turned about z, then tipped about x, a little uneven, or a ring.
+    """A pebble: a slightly uneven ellipsoid, rotated about z and then about x, or a ring.
 
-    `look` is the name of its paint: base and pattern.
+    `look` names its paint: base and pattern.
     """
 
     center: tuple[float, float, float]
@@ -123,7 +123,7 @@ class Stone:
         return np.asarray((points - self.center) @ axes)
 
     def distance(self, points: Reals) -> Reals:
-        """Return signed distances (n,), negative inside; near the stone they are true to a few percent."""
+        """Return signed distances (n,), negative inside; accurate to a few per cent near the stone."""
         local = self.local(points)
         if self.hole:
             around = np.hypot(local[:, 0], local[:, 1]) - self.radii[0]
@@ -132,7 +132,7 @@ class Stone:
         return _ellipsoid(local, self.radii) + 0.012 * np.sin(x + self.turn) * np.sin(y) * np.sin(z + 1)
 
     def painted(self, points: Reals) -> tuple[Reals, Reals]:
-        """Return the colours (n, 3) of places on the stone, and how much they shine (n,).
+        """Return the colours (n, 3) and the sheen (n,) of points on the stone.
 
         A wave goes around the middle, dots above and below it.
         """
@@ -167,9 +167,9 @@ def pebbles() -> LitSurface:
 
 @lru_cache(maxsize=1)
 def pebbles_before_a_wall() -> LitSurface:
-    """Return the same on a floor that reaches a round wall, which fill every pixel of cameras in front.
+    """Return the pebbles on a floor with a round wall, which fill every pixel of cameras in front.
 
-    What those cameras cannot see is left out.
+    Parts that those cameras cannot see are left out.
     """
     return _joined(_things(), _in_front(_mosaic(ROOM_RADIUS)), _in_front(_wall()))
 
@@ -181,7 +181,7 @@ def distance(points: Reals) -> Reals:
 
 
 def _ellipsoid(points: Reals, radii: ArrayLike) -> Reals:
-    """Return the distance to first order: f / |grad f| of f = |p / r| - 1."""
+    """Return the first-order distance f / |grad f| with f = |p / r| - 1."""
     outward = np.linalg.norm(points / radii, axis=1)
     slope = np.linalg.norm(points / np.square(radii), axis=1)
     return np.asarray(outward * (outward - 1) / np.maximum(slope, 1e-9))
@@ -251,7 +251,7 @@ def _wall() -> LitSurface:
 
 
 def _in_front(surface: LitSurface) -> LitSurface:
-    """Leave out what lies behind cameras on the side of negative y."""
+    """Remove the faces behind cameras on the side of negative y."""
     middle = surface.vertices[surface.faces].mean(axis=1)
     faces = surface.faces[middle[:, 1] > -0.25 * ROOM_RADIUS]
     used, faces = np.unique(faces, return_inverse=True)
@@ -280,7 +280,7 @@ def _rings(radii: Reals, heights: Reals) -> tuple[Reals, NDArray[np.int64]]:
 
 
 def _shaded(vertices: Reals, faces: NDArray[np.int64], paint: Paint) -> LitSurface:
-    """Light a part: what the sky and the sun give to each vertex, what is in the way taken off."""
+    """Light a part: ambient light and sun at each vertex, with occlusion and shadows."""
     albedo, sheen = paint(vertices)
     normal = _normals(vertices)
     facing = np.clip(normal @ SUN, 0, 1)
@@ -298,7 +298,7 @@ def _normals(vertices: Reals) -> Reals:
 
 
 def _sunlight(points: Reals) -> Reals:
-    """Return the share (n,) of the sun that places see, by the narrowest gap on the way to it."""
+    """Return the visible share (n,) of the sun, by the narrowest gap along the ray to it."""
     along, share = np.full(len(points), 0.01), np.ones(len(points))
     for _ in range(60):
         gap = distance(points + along[:, None] * SUN)
@@ -308,7 +308,8 @@ def _sunlight(points: Reals) -> Reals:
 
 
 def _open_sky(points: Reals, normal: Reals) -> Reals:
-    """Return how open (n,) the surroundings of places are: distances along the normal beside the way gone."""
+    """Return the ambient visibility (n,): the signed distance along the normal relative to the distance
+    walked."""
     hidden = np.zeros(len(points))
     for step in (0.04, 0.1, 0.2, 0.35):
         hidden += 0.55 * np.maximum(step - distance(points + step * normal), 0) / step / 2

@@ -1,7 +1,7 @@
-"""The known surfaces that tiny scenes show: a coloured pebble, alone and in front of a curved wall.
+"""Surfaces of the tiny scenes: a coloured pebble, alone and in front of a curved wall.
 
-Colours have a part that depends on the view direction, so that only renderers that evaluate a model's
-appearance can come close to the photographs.
+Colours depend partly on the view direction, so only renderers that evaluate a model's appearance can match
+the photographs.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ FREQUENCY = 5
 WALL_FREQUENCY = 4
 WALL_RADIUS = 9.0
 WALL_REACH = 0.2
-"""Cosine of the angle from its middle to which the wall goes: past what any camera sees, and no farther,
-since Triangle-Splatting mirrors what is behind a camera into the image."""
+"""Cosine of the wall's angular extent. It covers the view of every camera and ends there, because
+Triangle-Splatting mirrors geometry behind a camera into the image."""
 LIGHT = np.array([0.6, -0.5, 0.62])
-"""Direction of the sheen, a unit vector but for rounding: colours grow by `gloss` along it."""
+"""Direction of the sheen, a unit vector up to rounding; colours increase by `gloss` along it."""
 GLOSS = 0.16
 
 
@@ -47,13 +47,13 @@ class Surface:
     light: NDArray[np.float64]
 
     def seen_from(self, center: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the colours (V, 3) that a camera at `center` sees."""
+        """Return the colours (V, 3) for a camera at `center`."""
         ray = self.vertices - center
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
         return np.clip(self.color + (self.gloss * (ray @ self.light))[:, None], 0, 1)
 
     def turned(self, rotation: NDArray[np.float64]) -> Surface:
-        """Return the surface and its light turned about the origin."""
+        """Return the surface and its light rotated about the origin."""
         return Surface(self.vertices @ rotation.T, self.faces, self.color, self.gloss, rotation @ self.light)
 
 
@@ -68,7 +68,7 @@ def pebble() -> Surface:
 
 
 def walled() -> Surface:
-    """Return the pebble before a part of a large sphere, which has no sheen and fills every pixel."""
+    """Return the pebble in front of part of a large sphere, which has no sheen and fills every pixel."""
     stone = pebble()
     directions, faces = icosphere(WALL_FREQUENCY)
     faces = faces[directions[faces].mean(axis=1) @ -FRONT > WALL_REACH]

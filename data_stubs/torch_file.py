@@ -1,8 +1,8 @@
-"""Write what `torch.save` writes for a dictionary of tensors, without torch: for stubs, tests and benchmarks.
+"""Write a dictionary of tensors in the format of `torch.save` without torch, for stubs, tests and benchmarks.
 
 The file is a ZIP of stored members, `data.pkl` (protocol 2) beside one raw storage per tensor, each on a
-64-byte boundary (pytorch/pytorch: torch/serialization.py, caffe2/serialize). Tensors are written a piece at a
-time, so that one may be a memory map.
+64-byte boundary (pytorch/pytorch: torch/serialization.py, caffe2/serialize). Tensors are written in
+pieces, so one may be a memory map.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Train the models in `data_stubs/models`: `python -m data_stubs.trainings`, an hour on two cores.
 
-`--garden SCENE` trains the four models of docs/trained.md instead, of Mip-NeRF 360's garden at 1/16 of its
-size. `--jobs` trainings run beside each other, each on one core; `--only` names some. All end up in
-`--output`, those of the stub scenes in `data_stubs/models` as well. A training that was interrupted goes on.
-`--table` trains nothing and prints the table of what is there.
+`--garden SCENE` trains the four models of docs/trained.md instead, on Mip-NeRF 360's garden at 1/16 of its
+size. `--jobs` trainings run in parallel, each on one core; `--only` selects some. Results are in `--output`;
+models of the stub scenes are also copied to `data_stubs/models`. An interrupted training continues. `--table`
+prints a table of finished trainings without training.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from msb.registry import METHODS
 
 HERE = Path(__file__).parent
 _LEFT_OUT = "training.npz"
-"""The state of the training, many times as large as the model."""
+"""File of the training state, many times larger than the model."""
 
 _STUBS = {
     "walled": ("mipnerf360/pebble", "--image-folder", "images_4"),
     "pebble": ("nerf_synthetic/pebble", "--points", "data_stubs/scenes/dtu/scan1"),
 }
-"""Model -> its scene with options: before a wall, and on its own, which is DTU's scene, too."""
+"""Kind of scene -> its arguments: pebbles in front of a wall, and a single pebble, also in DTU's scene."""
 _STUB_OPTIONS = {
     "walled/two_dts": "--faces 2500 --sh-degree 1 --iterations 3500",
     "walled/triangle_splatting": "--faces 2500 --sh-degree 1 --iterations 4000",
@@ -86,7 +86,7 @@ def ship(output: Path, name: str) -> None:
 def table(folders: dict[str, Path]) -> str:
     """Return a Markdown table of trainings: name -> folder with `training.json`.
 
-    The last columns are the held-out PSNR in dB after such shares of the iterations.
+    The last columns are the PSNR (dB) of test views after these shares of the iterations.
     """
     shares = (0.1, 0.25, 0.5, 0.75, 1.0)
     titles = ["method", "scene", "triangles", "iterations", "minutes"]
@@ -109,7 +109,7 @@ def table(folders: dict[str, Path]) -> str:
 
 
 def main() -> int:
-    """Train, and return the exit status: that of the worst training."""
+    """Run all trainings; return the highest exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--garden", type=Path, metavar="SCENE")
     parser.add_argument("--output", type=Path, default=Path("out/trainings"))

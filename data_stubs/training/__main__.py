@@ -20,7 +20,7 @@ def main() -> int:
             raise
         print("error: training needs torch: pip install 'meshsplatbench[train]'", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:  # the second; the first ends after the iteration
+    except KeyboardInterrupt:  # the second Ctrl-C; the first one stops after the iteration
         return 130
     except MsbError as error:
         print(f"error: {error}", file=sys.stderr)
@@ -32,19 +32,29 @@ def _arguments() -> argparse.Namespace:
     add = parser.add_argument
     add("--scene", type=Path, required=True, help="folder of a scene, in a layout of docs/datasets.md")
     add("--method", required=True, help="two_dts, triangle_splatting, mesh_splatting or diffsoup")
-    add("--minutes", type=float, default=30, help="how long to train (30)")
-    add("--iterations", type=int, help="how long instead, which gives the same on machines of any speed")
-    add("--faces", type=int, default=8000, help="how many triangles at most (8000)")
-    add("--image-folder", help="folder of the photographs, such as images_2, instead of the rules' own")
-    add("--points", type=Path, help="folder of another scene whose SfM points to start from, for one without")
+    add("--minutes", type=float, default=30, help="minutes to train (30)")
+    add(
+        "--iterations",
+        type=int,
+        help="number of iterations instead of a time; the result does not depend on the machine",
+    )
+    add("--faces", type=int, default=8000, help="most triangles (8000)")
+    add(
+        "--image-folder", help="folder of the photographs, such as images_2, instead of the dataset's default"
+    )
+    add(
+        "--points",
+        type=Path,
+        help="folder of another scene with SfM points to start from, for a scene without points",
+    )
     add("--resolution", type=int, help="1, 2, 4 or 8 divide the photographs' size; any other is a width")
-    add("--sh-degree", type=int, default=2, choices=range(4), help="degree of the colours (2)")
+    add("--sh-degree", type=int, default=2, choices=range(4), help="degree of the spherical harmonics (2)")
     add("--rasterizer", default="3D", choices=("2D", "3D"), help="2DTS' rasterizer (3D)")
-    add("--gamma", type=float, default=50, help="2DTS' sharpness at the end; 1 is never sharpened (50)")
+    add("--gamma", type=float, default=50, help="2DTS' final sharpness; 1 disables sharpening (50)")
     add("--level", type=int, default=2, choices=range(6), help="level of DiffSoup's lattices (2)")
-    add("--seed", type=int, default=0, help="of all random numbers (0)")
+    add("--seed", type=int, default=0, help="seed of all random numbers (0)")
     add("--output", type=Path, default=Path("out/training"), help="folder of the model (out/training)")
-    add("--resume", action="store_true", help="go on with what is in the output folder")
+    add("--resume", action="store_true", help="continue the training in the output folder")
     return parser.parse_args()
 
 
@@ -85,7 +95,7 @@ def _train(options: argparse.Namespace) -> int:
         if stops:
             raise KeyboardInterrupt
         stops.append(number)
-        print("stopping after this iteration; --resume goes on", file=sys.stderr)
+        print("stopping after this iteration; continue with --resume", file=sys.stderr)
 
     signal.signal(signal.SIGINT, stop)
     training.run(lambda: bool(stops))

@@ -1,8 +1,8 @@
 """Front-to-back blending of pairs, with its derivative worked out by hand.
 
-For weights w_i = a_i T_i with T_i = (1 - a_0) ... (1 - a_(i-1)) of a pixel's pairs and the loss's derivative
-g by its colour, dL/da_i = T_i (g . c_i) - (sum of w_j (g . c_j) over j > i) / (1 - a_i). No transmittance is
-divided by another, so that nothing is lost where it is small.
+For weights w_i = a_i T_i with T_i = (1 - a_0) ... (1 - a_(i-1)) of a pixel's pairs and the derivative g of
+the loss by the colour, dL/da_i = T_i (g . c_i) - (sum of w_j (g . c_j) over j > i) / (1 - a_i).
+Transmittances are never divided by each other, so small ones keep their precision.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ class Blended(NamedTuple):
 def composite(
     alpha: torch.Tensor, color: torch.Tensor, pairs: Pairs, *, blends_crossing: bool, least: float = 1 / 255
 ) -> Blended:
-    """Return pairs blended front to back; those whose `alpha` (P,) is below `least` are skipped.
+    """Blend pairs front to back; pairs with `alpha` (P,) below `least` are skipped.
 
-    `color` is (C, G) of triangles or (C, P) of pairs; `blends_crossing` is as `msb.reference.blend.Rule`
-    has it.
+    `color` is (C, G) per triangle or (C, P) per pair; `blends_crossing` as in `msb.reference.blend.Rule`.
     """
     kept: dict[str, Any] = {}
     found, through = _Composite.apply(alpha, color, pairs, blends_crossing, least, kept)
@@ -105,7 +104,7 @@ class _Composite(torch.autograd.Function):
         for part, size in reversed(list(ranks.slices())):
             behind[part] = below[:size]
             below[:size] += terms[part]
-        # Behind what lets nothing through there is nothing.
+        # Nothing is visible behind an opaque pair.
         slope = (gained * before - behind / np.maximum(stays, 1e-30)) * blended
         return (
             torch.from_numpy(ranks.to_faces(slope)),

@@ -1,13 +1,12 @@
 """DiffSoup's image formation, differentiable; see `msb.methods.diffsoup.reference`.
 
-Evaluated, a pixel shows the nearest fragment whose opacity is at least 0.5: differentiable in the features,
-the decoder, and where in its triangle the fragment lies. In training a fragment of opacity a is there with
-probability a (upstream draws a threshold for each), and an edge is soft by one pixel, as if the pixel were
-sampled anywhere across it. What is drawn then is the *expectation* over these draws, in closed form: alpha
-blending of the fragments in order of depth, with a as alpha. So is the expected L1 loss, in which the colour
-of a fragment is replaced by its own distance from the photograph; that is least where every opacity is 0 or
-1. The estimator of both derivatives, by opacity and by the place of an edge, is this exact derivative of an
-expectation, without noise.
+In evaluation a pixel shows the nearest fragment with an opacity of at least 0.5. The image is differentiable
+by the features, the decoder, and the position of the fragment in its triangle. In training a fragment of
+opacity a exists with probability a (the official code draws a random threshold for each), and edges are soft
+by one pixel, as if the sample were anywhere in the pixel. We render the *expectation* over these draws in
+closed form: alpha blending of the fragments by depth, with a as alpha. The expected L1 loss has the same
+form, with the colour of a fragment replaced by its distance from the photograph. It is minimal when every
+opacity is 0 or 1. Its derivatives by opacity and by edge positions are exact and without noise.
 """
 
 from __future__ import annotations
@@ -43,12 +42,12 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 LEAST = 1 / 255
-"""Fragments of less weight are left out of the expectation."""
+"""Fragments with a smaller weight are left out of the expectation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expected(Drawn):
-    """The expectation of the image, and of the mean absolute difference from a photograph, a number."""
+    """The expected image, and the expected mean absolute difference from a photograph (a number)."""
 
     l1: torch.Tensor | None = None
 
@@ -62,9 +61,9 @@ def draw(
     settings: Mapping[str, Any],
     photograph: torch.Tensor | None = None,
 ) -> Drawn:
-    """Return what `camera` sees of `parameters`, which are those of the official file.
+    """Return the image of `parameters` (as in the official file) from `camera`.
 
-    With a photograph (H, W, 3) the result is an `Expected`: the L1 loss is towards it.
+    With a photograph (H, W, 3) the result is an `Expected`, with the L1 loss against it.
     """
     layout, up = settings["layout"], settings["layout"] != "colmap"
     mvp, inverse = diffsoup_projection(camera, layout, settings["z_near"], settings["z_far"], np.float64)
@@ -108,7 +107,7 @@ def decode(parameters: Parameters, features: torch.Tensor, encoding: torch.Tenso
 
 @dataclass(frozen=True, eq=False)
 class _Fragments:
-    """Those that are blended, or the one each pixel shows; opacity (P,), barycentric coordinates (3, P)."""
+    """The pairs that are blended or shown, their opacity (P,) and barycentric coordinates (3, P)."""
 
     pairs: Pairs
     opacity: torch.Tensor
@@ -159,7 +158,7 @@ def _fragments(
 
 
 def _rows(clip: torch.Tensor, width: int, height: int) -> torch.Tensor:
-    """Return rows of the numerators of barycentric coordinates at samples, of corners (G, 3, 4).
+    """Return the rows of the numerators of barycentric coordinates, for corners (G, 3, 4).
 
     Their sum is positive inside; a sample's x and y are columns and rows, not NDC.
     """
@@ -178,7 +177,7 @@ def _rows(clip: torch.Tensor, width: int, height: int) -> torch.Tensor:
 def _opacity(
     parameters: Parameters, pairs: Pairs, rows: torch.Tensor, barycentrics: torch.Tensor, level: int
 ) -> torch.Tensor:
-    """Return the probability that a fragment is there: its opacity, less across the pixel of an edge."""
+    """Return the probability that a fragment exists: its opacity, reduced across the pixel of an edge."""
     inside = _inside(barycentrics)
     number = np.repeat(pairs.faces, pairs.counts)
     table = parameters["alpha_acc"]
@@ -188,7 +187,7 @@ def _opacity(
 
 
 def _inside(barycentrics: torch.Tensor) -> torch.Tensor:
-    """Return coordinates of at most half a pixel outside of a triangle drawn to its edge."""
+    """Return barycentric coordinates with points up to half a pixel outside moved to the edge."""
     positive = barycentrics.clamp(min=0)
     return positive / positive.sum(0)
 

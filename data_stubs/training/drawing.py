@@ -1,4 +1,4 @@
-"""What a method's image formation takes and returns."""
+"""Input and output of a method's image formation."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from data_stubs.training.pairs import Pairs
 
     Parameters = Mapping[str, torch.Tensor]
-    """Names as in the official files -> values as in the official files."""
+    """Parameter name -> value, both as in the official files."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """An image (H, W, 3) over its background, not clamped, with derivatives, and the triangles it shows.
+    """A differentiable image (H, W, 3) over its background, not clamped, and its visible triangles.
 
-    `weight` (P,) is alpha T of each pair. Of `pairs`, `scale` samples are a pixel along each axis, and row
-    0 is the image's last if it is `flipped`.
+    `weight` (P,) is alpha T of each pair. `pairs` has `scale` samples per pixel along each axis; if
+    `flipped`, its row 0 is the last row of the image.
     """
 
     image: torch.Tensor
@@ -32,13 +32,13 @@ class Drawn:
     flipped: bool = False
 
     def peaks(self, faces: int) -> NDArray[np.float32]:
-        """Return the largest weight of each of `faces` triangles; 0 for those not seen."""
+        """Return the largest weight of each of `faces` triangles; 0 for invisible ones."""
         found = np.zeros(faces, np.float32)
         found[self.pairs.faces] = self.pairs.highest(self.weight)
         return found
 
     def shares(self, faces: int) -> NDArray[np.float32]:
-        """Return how many samples' worth each of `faces` triangles contributes: the sum of its weights."""
+        """Return the contribution of each of `faces` triangles: the sum of its weights over all samples."""
         found = np.zeros(faces, np.float32)
         found[self.pairs.faces] = self.pairs.total(self.weight)
         return found
@@ -57,12 +57,12 @@ def picture(
 
 
 def per_pair_dtype(parameters: Parameters) -> Any:
-    """Return NumPy's name of the parameters' dtype, which is that of all per-pair arithmetic."""
+    """Return NumPy's name of the parameters' dtype, which all per-pair arithmetic uses."""
     one = next(iter(parameters.values()))
     return np.dtype(np.float64 if one.dtype == torch.float64 else np.float32)
 
 
 def as_float64(values: torch.Tensor) -> NDArray[np.float64]:
-    """Return numbers without their derivative."""
+    """Return an array detached from its derivative."""
     found: NDArray[np.float64] = values.detach().double().numpy()
     return found

@@ -1,4 +1,4 @@
-"""The official files of each method, written without torch's own writer: `data_stubs.torch_file`."""
+"""Write the official files of each method without torch (see `data_stubs.torch_file`)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def write_state_dict(
     folder: Path, iteration: int, values: Mapping[str, Any], capture: Capture, degree: int
 ) -> None:
-    """Write what the training of Triangle-Splatting or MeshSplatting leaves behind."""
+    """Write the output files of Triangle-Splatting or MeshSplatting."""
     arguments = {
         "sh_degree": degree,
         **capture.about,
@@ -58,7 +58,7 @@ def write_2dts(
 
 
 def write_diffsoup(folder: Path, values: Mapping[str, Any]) -> None:
-    """Write DiffSoup's only file."""
+    """Write DiffSoup's file."""
     _torch(folder / "final_params.pt", dict(values), "final_params")
 
 

@@ -1,7 +1,6 @@
-"""Triangles on the screen, differentiable: torch's twins of what the references compute per triangle.
+"""Differentiable screen geometry of triangles: torch versions of the per-triangle code of the references.
 
-Everything here is float64, and in the order of operations of the references, so that a pixel on an edge falls
-to the same side.
+Everything is float64 and in the references' order of operations, so pixels on edges get the same side.
 """
 
 from __future__ import annotations
@@ -58,7 +57,7 @@ def ndc_to_pixel(ndc: torch.Tensor, size: int) -> torch.Tensor:
 
 
 def to_samples(points: torch.Tensor, view: SplattingCamera) -> torch.Tensor:
-    """Return where points (..., 3) are on the raster of the Triangle-Splatting family, (..., 2)."""
+    """Return the raster coordinates (..., 2) of points (..., 3) in the Triangle-Splatting family."""
     h = transform(view.full_projection, points)
     inverse = 1 / (h[..., 3] + 1e-7)
     x = ndc_to_pixel(h[..., 0] * inverse, view.width) + float(view.shift[0])

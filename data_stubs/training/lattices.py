@@ -23,19 +23,19 @@ if TYPE_CHECKING:
 
 _START, _GROWN, _LAST_CHANGE = 0.5, 0.4, 0.5
 _BINARY = 0.75
-"""The time from which the image is that of evaluation, with opacity cut at 0.5."""
+"""Share of the training after which images are drawn as in evaluation, with opacity cut at 0.5."""
 MIN_PEAK = 0.05
 MIN_EDGE = 4.0
 _NEAR_FAR = {"colmap": (0.5, 100.0), "synthetic": (0.1, 10.0)}
 
 
 class DiffSoup(Model):
-    """Places, lattices of eight logits, and the decoder.
+    """Positions, lattices of eight logits, and the decoder.
 
-    The lattices are the sum of a coarse and a fine one, as upstream's are of several levels. Simplified from
-    the official training: random thresholds are replaced by their expectation (`diffsoup.draw`), triangles
-    that err most are split at their longest edge, and after three quarters of the time opacity is cut at 0.5
-    and features and decoder alone go on.
+    Each lattice is the sum of a coarse and a fine one; official lattices have several levels. Simplified from
+    the official training: random thresholds are replaced by their expectation (`diffsoup.draw`), and
+    triangles with the largest errors are split at their longest edge. After three quarters of the training
+    opacity is cut at 0.5, and only features and decoder are optimised.
     """
 
     method = "diffsoup"

@@ -1,4 +1,4 @@
-"""The training loop: photographs in random order, structure changed from time to time, progress and state."""
+"""The training loop: random order of photographs, periodic changes of structure, progress and state."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ EVERY = 100
 """Iterations between changes of structure."""
 _LINE_SECONDS, _STATE_SECONDS = 10.0, 120.0
 _EVALUATIONS = 20
-_NOTE = "optimised by our trainer, with the method's own image formation, not by its official training"
+_NOTE = "optimised by our trainer with the method's image formation, not by its official training"
 
 
 @dataclass(frozen=True)
 class Length:
-    """How long a training lasts: `minutes`, or `iterations`, which give the same on every machine."""
+    """Length of a training: `minutes`, or `iterations`, whose result does not depend on the machine."""
 
     minutes: float
     iterations: int | None
@@ -42,7 +42,7 @@ class Length:
 
 
 class Training:
-    """A model on its way; `folder` receives the official files, the state and the log."""
+    """A model in training; `folder` receives the official files, the state and the log."""
 
     def __init__(self, model: Model, length: Length, folder: Path, command: dict[str, Any]) -> None:
         self.model, self.length, self.folder = model, length, folder
@@ -55,11 +55,11 @@ class Training:
         self._seen = Statistics(model.faces)
 
     def resume(self) -> None:
-        """Take up what is in the folder."""
+        """Continue the training stored in the folder."""
         arrays, about = read_state(self.folder / FILE)
         for name in ("method", "options"):
             if about.get(name) != self._about[name]:
-                text = f"{self.folder / FILE} is of another training: its {name} is {about.get(name)}"
+                text = f"{self.folder / FILE} belongs to another training: its {name} is {about.get(name)}"
                 raise UsageError("USAGE", text)
         try:
             self.model.restore(arrays)
@@ -69,9 +69,7 @@ class Training:
             self._seen = Statistics(self.model.faces)
             self._seen.peak, self._seen.error = arrays["seen/peak"], arrays["seen/error"]
         except (KeyError, TypeError, ValueError) as error:
-            text = (
-                f"{self.folder / FILE} lacks what a training goes on with ({type(error).__name__}: {error})"
-            )
+            text = f"{self.folder / FILE} lacks data that --resume needs ({type(error).__name__}: {error})"
             raise UsageError("USAGE", text) from None
 
     @property
@@ -80,7 +78,7 @@ class Training:
         return self.length.progress(self.iteration, self.seconds)
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Train until the time is over, or until `stopped` says so; then everything is written."""
+        """Train until the time is over or `stopped` returns true, then write everything."""
         said = saved = time.monotonic()
         last_evaluation = len(self.log) / _EVALUATIONS
         while self.progress < 1 and not stopped():
@@ -97,7 +95,7 @@ class Training:
             if now - saved > _STATE_SECONDS:
                 saved = now
                 self.save()
-        if self.progress >= 1 and self.losses:  # none where a finished training is resumed
+        if self.progress >= 1 and self.losses:  # empty if a finished training is resumed
             self._evaluate(self.model.settings(1.0))
         self.save()
         self.write()
@@ -114,13 +112,13 @@ class Training:
         model.adam.step(model.rates(progress))
         self.losses.append(loss.item())
         self.iteration += 1
-        # Not before every view has been seen.
+        # Only after every view has been used.
         if self.iteration % max(EVERY, len(self._views)) == 0:
             model.restructure(progress, self._seen)
             self._seen = Statistics(model.faces)
 
     def held_out(self, settings: dict[str, Any]) -> list[float]:
-        """Return the PSNR of each held-out view, in dB, as `msb` computes it."""
+        """Return the PSNR of each test view in dB."""
         found = []
         with torch.no_grad():
             for camera, photograph in self.model.capture.test:

@@ -1,4 +1,4 @@
-"""What is minimised: L1 and D-SSIM, as in the 3DGS family."""
+"""The loss: L1 and D-SSIM, as in the 3DGS family."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from typing import Any
 import torch
 
 SHARE = 0.2
-"""Of D-SSIM in the loss."""
+"""Share of D-SSIM in the loss."""
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2
 
 
 class Photograph:
-    """An image (H, W, 3) that others are compared with."""
+    """A target image (H, W, 3)."""
 
     def __init__(self, image: torch.Tensor) -> None:
         self.image = image
@@ -54,7 +54,7 @@ def photometric(image: torch.Tensor, photograph: Photograph) -> torch.Tensor:
 
 
 class _Blurred(torch.autograd.Function):
-    """Planes (C, H, W) under the window; it is symmetric, so the derivative is the same blur."""
+    """Planes (C, H, W) blurred by the window; it is symmetric, so the derivative is the same blur."""
 
     @staticmethod
     def forward(ctx: Any, planes: torch.Tensor) -> torch.Tensor:

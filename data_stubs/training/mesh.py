@@ -1,4 +1,4 @@
-"""MeshSplatting: triangles that share vertices, in the end opaque."""
+"""MeshSplatting: triangles with shared vertices, opaque at the end of training."""
 
 from __future__ import annotations
 
@@ -23,29 +23,31 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 _START_VERTICES = 0.35
-"""Vertices to start from, per triangle in the end."""
+"""Initial vertices per final triangle."""
 _START_FACES = 0.8
 _MOST_POINTS = 50_000
 _LONGEST = 4.0
-"""Edges of a triangle to start from are at most so many times as long as those around it."""
+"""Longest edge of an initial triangle, relative to the mean edge length around it."""
 _GROWN, _LAST_CHANGE = 0.6, 0.75
 _AT_REST, _OPAQUE = 0.35, 0.7
-"""The times from which places change no more, and faces are opaque with hard edges. Derivatives by place miss
-what an edge uncovers, the more the harder it is: with them the loss grows."""
+"""Shares of the training after which positions are frozen, and faces are opaque with hard edges.
+
+Derivatives by position ignore the background that an edge uncovers. With hard edges they increase the loss.
+"""
 _NEIGHBOURS = 14
 MIN_PEAK = 0.1
 MIN_EDGE = 2.5
-"""In pixels: a shorter edge is not split."""
+"""Shortest edge that is split, in pixels."""
 FINEST = 4
 """Samples per pixel along each axis in the official evaluation."""
 
 
 class MeshSplatting(Model):
-    """Places, opacity and SH of shared vertices.
+    """Positions, opacity and SH of shared vertices.
 
-    Simplified from the official training: it starts from a surface through the points, drops faces that show
-    little, and splits the longest edges of faces that err, with all faces at an edge, so that what was
-    connected stays so.
+    Simplified from the official training: it starts from a surface through the points, drops faces that
+    contribute little, and splits the longest edges of faces with large errors. All faces at an edge are split
+    together, so connected faces stay connected.
     """
 
     method = "mesh_splatting"
@@ -103,7 +105,7 @@ class MeshSplatting(Model):
         places = self.parameters["triangles_points"].detach().numpy()
         edges = np.linalg.norm(places[self.indices] - places[np.roll(self.indices, -1, axis=1)], axis=2)
         wide = edges.max(axis=1) > MIN_EDGE * self._pixel[self.indices].mean(axis=1)
-        # A small triangle lies between samples and is part of the surface all the same.
+        # A small triangle between samples still belongs to the surface.
         kept = (seen.peak > MIN_PEAK) | ~wide
         faces, error, edges, wide = self.indices[kept], seen.error[kept], edges[kept], wide[kept]
         grown = between(progress, 0, _GROWN)
@@ -149,10 +151,10 @@ class MeshSplatting(Model):
 
 
 def surface_like(points: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    """Return at most `count` triangles that join points (N, 3) to a surface.
+    """Return at most `count` triangles that connect points (N, 3) to a surface.
 
-    Around each point, those near it are triangulated in the plane they suggest (Delaunay). Triangles on which
-    two corners agree are taken first, those with the shortest edges for the place before others.
+    The neighbourhood of each point is triangulated in its tangent plane (Delaunay). Triangles found from at
+    least two of their corners come first, then those with the shortest edges relative to the local spacing.
     """
     distances, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
     around = points[near] - points[:, None]
@@ -179,9 +181,9 @@ def split_edges(
     Returns
     -------
     faces : (F', 3)
-        New vertices have the numbers from `vertices` on.
+        New vertices are numbered from `vertices`.
     middles : (M, 2)
-        The two vertices between which each new one is.
+        The two vertices of each split edge.
     """
     ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
     _, edge = np.unique(ends[:, 0] * vertices + ends[:, 1], return_inverse=True)
@@ -205,6 +207,6 @@ def split_edges(
 
 
 def _used(faces: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the vertices that faces use, and the faces with numbers among them."""
+    """Return the used vertices, and the faces with indices into them."""
     used, numbers = np.unique(faces, return_inverse=True)
     return used, numbers.reshape(-1, 3)

@@ -31,7 +31,7 @@ def draw(
     background: NDArray[np.float64],
     settings: Mapping[str, Any],
 ) -> Drawn:
-    """Return what `camera` sees of `parameters`, which are those of the official file.
+    """Return the image of `parameters` (as in the official file) from `camera`.
 
     `settings` has `sh_degree`, `supersample`, `opacity_floor` and `sigma`.
     """

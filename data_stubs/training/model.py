@@ -1,4 +1,4 @@
-"""What every method's model can do for the loop that optimises it."""
+"""Base class of trainable models."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Options:
-    """What is asked for: at most `faces` triangles, SH up to `sh_degree`, random numbers from `seed`.
+    """Options of a training: most `faces`, `sh_degree`, and the `seed` of random numbers.
 
-    `rasterizer` and `gamma` are 2DTS' rasterizer and final sharpness, `level` is that of DiffSoup's lattices.
+    `rasterizer` and `gamma` are 2DTS' rasterizer and final sharpness; `level` is the level of DiffSoup's
+    lattices.
     """
 
     faces: int = 8000
@@ -38,10 +39,10 @@ class Options:
 
 
 class Statistics:
-    """What was seen of each triangle since the last change of structure.
+    """Statistics of each triangle since the last change of structure.
 
-    `peak` (F,) is the largest weight it had at any sample, `error` (F,) its share of the images' absolute
-    errors: weights times errors, summed.
+    `peak` (F,) is its largest weight at any sample. `error` (F,) is the sum of its weights times the absolute
+    errors of the images.
     """
 
     def __init__(self, faces: int) -> None:
@@ -60,7 +61,7 @@ class Statistics:
 
 
 class Model(ABC):
-    """A method's parameters with what is done to them; a subclass is one method."""
+    """The parameters of a model and the operations on them; each method is a subclass."""
 
     method: str
 
@@ -72,7 +73,7 @@ class Model(ABC):
 
     @property
     def parameters(self) -> dict[str, torch.Tensor]:
-        """Name -> what is optimised."""
+        """Name -> optimised tensor."""
         return self.adam.parameters
 
     @property
@@ -82,23 +83,23 @@ class Model(ABC):
 
     @abstractmethod
     def start(self) -> dict[str, torch.Tensor]:
-        """Return the parameters to start from."""
+        """Return the initial parameters."""
 
     @abstractmethod
     def settings(self, progress: float) -> dict[str, Any]:
-        """Return the settings of the image formation at a time from 0 to 1; those at 1 are the file's."""
+        """Return the settings of the image formation at time 0 to 1; at 1 they equal the file's."""
 
     @abstractmethod
     def draw(self, camera: Camera, settings: Mapping[str, Any]) -> Drawn:
-        """Return what `camera` sees."""
+        """Return the image from `camera`."""
 
     @abstractmethod
     def rates(self, progress: float) -> dict[str, Any]:
-        """Return the rate of each parameter."""
+        """Return the learning rate of each parameter."""
 
     @abstractmethod
     def restructure(self, progress: float, seen: Statistics) -> None:
-        """Drop triangles that show nothing, and split some of those that err most."""
+        """Remove invisible triangles, and split some with large errors."""
 
     @abstractmethod
     def write(self, folder: Path, iteration: int, settings: Mapping[str, Any]) -> None:
@@ -107,33 +108,33 @@ class Model(ABC):
     def loss(
         self, camera: Camera, photograph: losses.Photograph, progress: float
     ) -> tuple[torch.Tensor, Drawn]:
-        """Return what is minimised, and the image."""
+        """Return the loss and the image."""
         drawn = self.draw(camera, self.settings(progress))
         return losses.photometric(drawn.image, photograph), drawn
 
     def structure(self) -> dict[str, NDArray[Any]]:
-        """Return what else the model consists of."""
+        """Return the non-optimised state of the model."""
         return {}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back what `structure` and `Adam.state` returned."""
+        """Restore the values of `structure` and `Adam.state`."""
         self.adam.restore(state)
 
 
 def between(progress: float, start: float, end: float) -> float:
-    """Return how far `progress` is from `start` to `end`, from 0 to 1."""
+    """Return the position of `progress` between `start` and `end`, clamped to 0 to 1."""
     return min(max((progress - start) / (end - start), 0.0), 1.0)
 
 
 def geometric(first: float, last: float, share: float) -> float:
-    """Return `first` at 0, `last` at 1, and equal factors in equal times between."""
+    """Interpolate geometrically between `first` at 0 and `last` at 1."""
     return float(first ** (1 - share) * last**share)
 
 
 def worst(scores: NDArray[Any], allowed: NDArray[np.bool_], count: int, random: np.random.Generator) -> Any:
-    """Return the numbers of `count` of those allowed, drawn with odds as the scores have them."""
+    """Draw `count` allowed indices without replacement, with probabilities proportional to the scores."""
     with np.errstate(divide="ignore"):
-        # The largest of log score + Gumbel noise: drawing without replacement, in one pass.
+        # Gumbel top-k: the largest log score + noise are a draw without replacement.
         keys = np.log(np.where(allowed, scores, 0)) + random.gumbel(size=len(scores))
     count = min(count, int(np.isfinite(keys).sum()))
     return np.sort(np.argpartition(-keys, max(count - 1, 0))[:count]) if count else np.zeros(0, np.int64)

@@ -1,4 +1,4 @@
-"""Adam, with a rate for each parameter, whose rows may come and go."""
+"""Adam with a learning rate per parameter, for parameters whose rows may be added and removed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _BETAS, _EPS = (0.9, 0.99), 1e-15
 class Adam:
     """Adam without bias towards the start (Kingma and Ba 2015), over named parameters.
 
-    The second decay is 0.99, not 0.999: a run has thousands of steps, not tens of thousands.
+    The second decay is 0.99 instead of 0.999, because a run has thousands of steps, not tens of thousands.
     """
 
     def __init__(self, parameters: dict[str, torch.Tensor]) -> None:
@@ -25,7 +25,7 @@ class Adam:
 
     @torch.no_grad()
     def step(self, rates: Mapping[str, float | torch.Tensor]) -> None:
-        """Change every parameter that has a derivative and a rate, and forget the derivatives."""
+        """Update every parameter with a derivative and a rate, and clear the derivatives."""
         self.steps += 1
         corrections = [1 - beta**self.steps for beta in _BETAS]
         for name, parameter in self.parameters.items():
@@ -57,7 +57,7 @@ class Adam:
         return found
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Take back what `state` returned."""
+        """Restore a value of `state`."""
         self.steps = int(state["adam/steps"])
         for name in self.parameters:
             self.parameters[name] = torch.from_numpy(state[f"parameter/{name}"].copy()).requires_grad_()

@@ -1,8 +1,8 @@
-"""What is computed per pair of a triangle and a pixel, each with its derivative worked out by hand.
+"""Functions per pair of a triangle and a pixel, with hand-derived derivatives.
 
-Arrays are flat, one number a pair, in the order of `Pairs`; values of triangles have one row for each of
-`Pairs.faces`. NumPy computes most of it: where arrays are limited by memory it is as fast as torch, and its
-sums over runs are many times faster.
+Arrays are flat with one number per pair, in the order of `Pairs`; values of triangles have one row per entry
+of `Pairs.faces`. Most of it uses NumPy, which is as fast as torch for memory-bound arrays and many times
+faster at sums over runs.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Spread(torch.autograd.Function):
 
 
 class Highest(torch.autograd.Function):
-    """(3, P) -> the largest of each three, (P,); the first of equals has the derivative."""
+    """(3, P) -> the maximum of each column, (P,); the first of equal values gets the derivative."""
 
     @staticmethod
     def forward(ctx: Any, values: torch.Tensor) -> torch.Tensor:
@@ -148,6 +148,6 @@ class GaussianAlpha(torch.autograd.Function):
     def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, None, None]:
         safe, power, opacity, falloff, below = ctx.saved
         for_opacity = grad * torch.from_numpy(below.astype(grad.numpy().dtype)) * falloff
-        # A power beyond float32 has a falloff of 0.
+        # The fall-off is 0 if the power overflows float32.
         slope = (power.clamp(max=1e6) / safe).mul_(-ctx.gamma)
         return for_opacity * opacity * slope, for_opacity, None, None

@@ -1,9 +1,9 @@
-"""Pairs of a triangle and a pixel it may colour: found row by row, and ordered front to back in every pixel.
+"""Pairs of a triangle and a pixel that it may colour, in front-to-back order per pixel.
 
-A triangle's pixels are those inside three half-planes and inside its tiles. They are listed triangle after
-triangle, nearest first, which makes sums over a triangle sums over a run of the list. What is behind one
-another is needed pixel by pixel: `Ranks` is the same list by rank, first the front pair of every pixel, then
-the second ones, and so on; pixels with the longest lists come first, so that each rank is a slice.
+The pixels of a triangle are inside three half-planes and inside its tiles. Pairs are listed by triangle,
+nearest triangle first, so a sum over a triangle is a sum over a run of the list. Blending needs the order per
+pixel: `Ranks` lists the same pairs by rank, first the front pair of every pixel, then the second, and so on.
+Pixels with the longest lists come first, so each rank is a slice.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 TILE = 16
 _MARGIN = 1e-3
-"""Pixels by which the ends of a row are taken wider; who computes a pair's weight decides."""
+"""Margin of a row in pixels; pairs outside the triangle get weight 0 later."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
     """P pairs of G triangles and a raster of `width` x `height` samples.
 
-    `faces` (G,) are the triangles that have pairs, as they are drawn; `starts` and `counts` (G,) say where
-    each one's are. `x`, `y` (P,) are the samples' columns and rows, `pixel` is y width + x. A pixel's pairs
-    are ordered by `key`, from 1 to 4, if there is one, and equal ones by their number.
+    `faces` (G,) are the triangles with pairs, in drawing order; `starts` and `counts` (G,) delimit their
+    pairs. `x`, `y` (P,) are columns and rows of samples, and `pixel` is y width + x. The pairs of a pixel are
+    ordered by `key` (1 to 4) if it is given, and by index if keys are equal.
     """
 
     width: int
@@ -45,19 +45,19 @@ class Pairs:
 
     @property
     def dtype(self) -> Any:
-        """Of all that is computed per pair."""
+        """The dtype of all values per pair."""
         return self.x.dtype
 
     def spread(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the value of each pair's triangle, (P,), of (G,)."""
+        """Expand values per triangle (G,) to pairs (P,)."""
         return np.repeat(values.astype(self.dtype), self.counts)
 
     def total(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the sums (G,) over each triangle's pairs, of (P,)."""
+        """Sum values per pair (P,) over each triangle, (G,)."""
         return np.add.reduceat(values, self.starts) if len(self.starts) else np.zeros(0, self.dtype)
 
     def highest(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the largest of each triangle's pairs, (G,), of (P,)."""
+        """Return the maximum of values per pair (P,) over each triangle, (G,)."""
         return np.maximum.reduceat(values, self.starts) if len(self.starts) else np.zeros(0, self.dtype)
 
     @cached_property
@@ -66,7 +66,7 @@ class Pairs:
         return Ranks.of(self.pixel, self.key)
 
     def only(self, kept: NDArray[np.bool_], key: NDArray[np.float32] | None = None) -> Pairs:
-        """Return the pairs of `kept` (P,), to be ordered by `key` (P,), if it is given."""
+        """Return the pairs selected by `kept` (P,), ordered by `key` (P,) if it is given."""
         counts = np.add.reduceat(kept, self.starts, dtype=np.int64) if len(self.starts) else self.counts
         some = counts > 0
         counts = counts[some]
@@ -84,7 +84,7 @@ class Pairs:
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """P pairs, rank by rank: their numbers in `Pairs`, their pixels (Q,), and how many have each rank.
+    """P pairs by rank: their indices in `Pairs`, their pixels (Q,), and the number of pairs per rank.
 
     Pixels with the longest lists come first.
     """
@@ -95,8 +95,8 @@ class Ranks:
 
     @classmethod
     def of(cls, pixel: NDArray[np.int32], key: NDArray[np.float32] | None = None) -> Ranks:
-        """Return the order of pairs whose pixels are `pixel`; see `Pairs.key`."""
-        # One sort of unique numbers, which is several times as fast as a stable sort of the pixels.
+        """Return the order of pairs with pixel indices `pixel`; see `Pairs.key`."""
+        # Sorting unique numbers is several times as fast as a stable sort of the pixels.
         bits = max(len(pixel) - 1, 1).bit_length()
         by_pixel = pixel.astype(np.int64)
         if key is not None:
@@ -105,7 +105,7 @@ class Ranks:
         by_pixel.sort()
         by_pixel &= (1 << bits) - 1
         lengths = np.bincount(pixel)
-        # Numbers of 16 bits are sorted digit by digit, several times as fast.
+        # 16-bit numbers are radix-sorted, several times as fast.
         short = -lengths.astype(np.int16) if lengths.max(initial=0) < 1 << 15 else -lengths
         pixels = np.argsort(short, kind="stable")[: np.count_nonzero(lengths)]
         starts = (np.cumsum(lengths) - lengths)[pixels]
@@ -119,14 +119,14 @@ class Ranks:
         return cls(pair, pixels, sizes)
 
     def slices(self) -> Iterator[tuple[slice, int]]:
-        """Yield where each rank is, and how many pixels have it."""
+        """Yield the slice of each rank, and its number of pixels."""
         done = 0
         for size in self.sizes:
             yield slice(done, done + size), size
             done += size
 
     def by_rank(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return pixels' values (Q,), in the order of `pixels`, for every pair, (P,)."""
+        """Expand values per pixel (Q,), in the order of `pixels`, to pairs (P,)."""
         return (
             np.concatenate([values[:size] for size in self.sizes])
             if self.sizes
@@ -134,14 +134,14 @@ class Ranks:
         )
 
     def add_up(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the sums (Q,) over each pixel's pairs, of (P,)."""
+        """Sum values per pair (P,) over each pixel, (Q,)."""
         found = np.zeros(len(self.pixels), values.dtype)
         for part, size in self.slices():
             found[:size] += values[part]
         return found
 
     def to_faces(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return values (P,) by rank in the order of `Pairs`."""
+        """Reorder values (P,) from rank order to the order of `Pairs`."""
         found = np.zeros_like(values)
         found[self.pair] = values
         return found
@@ -151,7 +151,7 @@ Box = tuple["NDArray[np.int64]", "NDArray[np.int64]"]
 
 
 def tile_box(rectangles: Rectangles, width: int, height: int) -> Box:
-    """Return the first and last samples of triangles' tiles, as `make_pairs` takes them."""
+    """Return the first and last samples of triangles' tiles, for `make_pairs`."""
     limit = np.array([width, height])
     return np.minimum(rectangles.low * TILE, limit), np.minimum(rectangles.high * TILE, limit) - 1
 
@@ -164,17 +164,17 @@ def make_pairs(
     height: int,
     dtype: Any,
 ) -> Pairs:
-    """Return the pairs of `faces` (K,), in the order in which they are drawn, and the samples inside.
+    """Return the pairs of `faces` (K,), given in drawing order, and the samples inside them.
 
-    A triangle's rows (a, b, c) of `planes` (F, 3, 3) have inside where a x + b y + c >= 0: what they
-    enclose may be a little too wide, never too narrow. `box` holds the first and last samples of each, (F,
-    2).
+    A sample is inside if a x + b y + c >= 0 for all three rows (a, b, c) of `planes` (F, 3, 3). The
+    half-planes may be slightly too wide, never too narrow. `box` (F, 2) holds the first and last samples of
+    each triangle.
     """
     planes = planes[faces]
     first, last = box[0][faces], box[1][faces]
     with np.errstate(all="ignore"):
         rows = _heights(planes)
-    # NaN where two edges are parallel: then all rows of the box.
+    # NaN if two edges are parallel; then use all rows of the box.
     low = np.fmax(first[:, 1], np.floor(rows[0]) - 1)
     high = np.fmin(last[:, 1], np.ceil(rows[1]) + 1)
     rows_of = np.maximum(high - low + 1, 0).astype(np.int64)
@@ -209,7 +209,7 @@ def make_pairs(
 
 
 def _heights(planes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and greatest y of the corners of what three half-planes enclose."""
+    """Return the smallest and largest y of the triangle enclosed by three half-planes."""
     corners = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
         (a, b, c), (d, e, f) = planes[:, i].T, planes[:, j].T
@@ -218,6 +218,6 @@ def _heights(planes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 
 def front_to_back(depth: NDArray[Any], kept: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the numbers of the triangles kept in the official order: by float32 depth, then number."""
+    """Return the indices of kept triangles in the official order: by float32 depth, then index."""
     faces = np.flatnonzero(kept)
     return faces[np.argsort(depth[faces].astype(np.float32), kind="stable")]

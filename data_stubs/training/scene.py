@@ -1,4 +1,4 @@
-"""A scene as the trainer needs it: cameras and photographs as `msb` compares them, points to start from."""
+"""A scene for the trainer: cameras and photographs as in `msb`, and initial points."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _RANDOM_POINTS = 4000
 class Capture:
     """A scene's views with their photographs (H, W, 3) over the background, in [0, 1], and its points.
 
-    `about` is what the official files say of the data; of a `synthetic` scene DiffSoup has a script of its
-    own.
+    `about` is the text about the data in official files. DiffSoup has a separate script for `synthetic`
+    scenes.
     """
 
     train: list[tuple[Camera, NDArray[np.float32]]]
@@ -51,9 +51,10 @@ def read_capture(
     *,
     points: Path | None = None,
 ) -> Capture:
-    """Read the scene at `path` as `msb run` evaluates `method` on it.
+    """Read the scene at `path` with the evaluation rules of `method`.
 
-    `points` is the folder of another scene in the same frame, whose SfM points are taken in place of its own.
+    `points` is the folder of another scene in the same coordinate frame; its SfM points replace those of the
+    scene.
     """
     at = scene_at(Path(path), dataset_of(path), method, image_folder=image_folder, resolution=resolution)
     scene = at.read()
@@ -77,7 +78,7 @@ def read_capture(
 
 
 def _anywhere(cameras: list[Camera], random: np.random.Generator) -> NDArray[np.float64]:
-    """Return points in the ball that the cameras look at: around where their axes come nearest to meeting."""
+    """Return random points in the ball around the point nearest to all camera axes."""
     axes = np.stack([camera.world_to_camera[2, :3] for camera in cameras])
     centers = np.stack([camera.center for camera in cameras])
     across = np.eye(3) - axes[:, :, None] * axes[:, None]

@@ -1,4 +1,4 @@
-"""Triangle-Splatting and 2DTS: free triangles, each with an opacity and a colour of its own."""
+"""Triangle-Splatting and 2DTS: unconnected triangles, each with its opacity and colour."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
 
 _START = 0.5
-"""Share of the triangles that there are from the beginning, if there are points enough."""
+"""Share of the triangles that exist at the start, if the scene has enough points."""
 _GROWN = 0.5
-"""The time at which all are there."""
+"""Share of the training after which all triangles exist."""
 _LAST_CHANGE = 0.8
 MIN_PEAK = 0.02
-"""A triangle that never had more weight is dropped (Triangle-Splatting: importance threshold 0.022)."""
+"""Triangles whose weight never exceeds this are removed (Triangle-Splatting: threshold 0.022)."""
 
 
 class Soup(Model):
     """N triangles whose corners are the parameter `corners`, (N, 3, 3).
 
-    Simplified from Triangle-Splatting's training: what contributes little is dropped, and triangles drawn
-    with odds of the errors they take part in are split into four at the middles of their edges.
+    Simplified from Triangle-Splatting's training: triangles that contribute little are removed, and triangles
+    drawn with probabilities proportional to their errors are split into four at their edge midpoints.
     """
 
     corners: str
@@ -44,7 +44,7 @@ class Soup(Model):
     opacity_start: float
     size_start: float
     min_edge: float
-    """In pixels: a triangle whose longest edge is shorter is not split."""
+    """Shortest longest edge of a triangle that is split, in pixels."""
 
     @property
     def faces(self) -> int:
@@ -52,7 +52,7 @@ class Soup(Model):
 
     @abstractmethod
     def more(self, count: int) -> dict[str, torch.Tensor]:
-        """Return further parameters of `count` triangles to start from."""
+        """Return the other initial parameters of `count` triangles."""
 
     def start(self) -> dict[str, torch.Tensor]:
         points, colors = chosen(
@@ -72,7 +72,7 @@ class Soup(Model):
         }
 
     def _measure(self, triangles: NDArray[np.float32]) -> None:
-        """Note how large a pixel is at each triangle: places change by shares of it."""
+        """Store the size of a pixel at each triangle; position steps are relative to it."""
         self._pixel = pixel_sizes(triangles.mean(axis=1).astype(np.float64), self.cameras)
 
     def rates(self, progress: float) -> dict[str, Any]:
@@ -114,7 +114,7 @@ class Soup(Model):
 
 
 def quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the four triangles that the middles of the edges make of each, (4 N, 3, 3)."""
+    """Split each triangle into four at its edge midpoints, (4 N, 3, 3)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
@@ -122,7 +122,7 @@ def quartered(corners: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 class TriangleSplatting(Soup):
-    """Places, opacity, sigma and SH of each triangle."""
+    """Positions, opacity, sigma and SH of each triangle."""
 
     method = "triangle_splatting"
     corners, opacity, color, rest = "triangles_points", "opacity", "features_dc", "features_rest"
@@ -155,7 +155,7 @@ class TriangleSplatting(Soup):
 
 
 class TwoDTS(Soup):
-    """Places, opacity and SH of each triangle; one gamma, annealed from 1 to hard edges."""
+    """Positions, opacity and SH of each triangle; one gamma, annealed from 1 to hard edges."""
 
     method = "two_dts"
     corners, opacity, color, rest = "_vertex", "_opacity", "_f_dc", "_f_rest"

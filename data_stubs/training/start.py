@@ -1,4 +1,4 @@
-"""What optimisation starts from: triangles at a scene's points, in the surface that the points suggest."""
+"""Initial triangles at the points of a scene, tangent to the surface through the points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NEIGHBOURS = 8
 def chosen(
     points: NDArray[np.float64], colors: NDArray[np.float64], count: int, random: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return at most `count` of the points and their colours, without equal ones."""
+    """Return at most `count` distinct points and their colours."""
     _, first = np.unique(points.round(9), axis=0, return_index=True)
     if len(first) > count:
         first = random.choice(first, count, replace=False)
@@ -31,9 +31,9 @@ def chosen(
 def spread_out(
     points: NDArray[np.float64], spacing: NDArray[np.float32], count: int, random: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Return the numbers of at most `count` of points (N, 3) that lie far apart, in units of `spacing` (N,).
+    """Return the indices of at most `count` points (N, 3), spread out in units of `spacing` (N,).
 
-    Each is the farthest from all before it (farthest-point sampling).
+    Farthest-point sampling: each point is the farthest from all previous ones.
     """
     taken = [int(random.integers(len(points)))]
     nearest = np.full(len(points), np.inf)
@@ -47,9 +47,9 @@ def spread_out(
 def triangles_at(
     points: NDArray[np.float64], scale: float, random: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Return an equilateral triangle at each point, (N, 3, 3), in the plane of the points around it.
+    """Return an equilateral triangle at each point, (N, 3, 3), in the plane of its neighbours.
 
-    Its corners are `scale` times as far away as the three nearest points are on average.
+    Its circumradius is `scale` times the mean distance to the three nearest points.
     """
     distances, near = cKDTree(points).query(points, min(_NEIGHBOURS + 1, len(points)))
     around = points[near] - points[near].mean(axis=1, keepdims=True)
@@ -74,7 +74,7 @@ def pixel_sizes(points: NDArray[np.float64], cameras: Sequence[Camera]) -> NDArr
         z = seen[:, 2]
         with np.errstate(all="ignore"):
             x, y = np.abs(seen[:, 0] / z) * camera.fx, np.abs(seen[:, 1] / z) * camera.fy
-        # A little beyond the image's borders, too.
+        # Include a margin around the image.
         inside = (z > 0.05) & (x < 0.6 * camera.width) & (y < 0.6 * camera.height)
         best = np.where(inside, np.minimum(best, z / camera.fx), best)
     usual = np.median(best[np.isfinite(best)]) if np.isfinite(best).any() else 1e-3

@@ -1,4 +1,4 @@
-"""The state of a training: one .npz of arrays and JSON, which nothing in it can execute."""
+"""The state of a training: one .npz with arrays and JSON, without executable content."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ _ABOUT = "about"
 
 
 def write_state(path: Path, arrays: dict[str, NDArray[Any]], about: dict[str, Any]) -> None:
-    """Write arrays and what JSON can hold, in the place of what is there."""
+    """Write arrays and JSON data, replacing an earlier state."""
     text = np.frombuffer(json.dumps(about).encode(), np.uint8)
     with new_file(path) as file:
         write_npz(file, {**arrays, _ABOUT: text})
 
 
 def read_state(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return what `write_state` wrote."""
+    """Read a file of `write_state`."""
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            # Nothing is compressed, so what is larger than its file was not written here.
+            # Arrays are not compressed, so larger arrays than the file were not written by us.
             if sum(member.file_size for member in file.zip.infolist()) > path.stat().st_size:
                 raise ValueError("its arrays are larger than the file")
             arrays = {name: file[name] for name in file.files}
         about = json.loads(bytes(arrays.pop(_ABOUT)))
         if not isinstance(about, dict) or not all(isinstance(one, np.ndarray) for one in arrays.values()):
-            raise TypeError("it holds something else")
+            raise TypeError("it has other contents")
     except Exception as error:  # zipfile and NumPy raise many kinds
-        text = f"{path}: it is no state of a training that can be resumed ({type(error).__name__})"
+        text = f"{path}: it is not the state of a training ({type(error).__name__})"
         raise UsageError("USAGE", text) from None
     return arrays, about

@@ -32,7 +32,7 @@ def draw(
     background: NDArray[np.float64],
     settings: Mapping[str, Any],
 ) -> Drawn:
-    """Return what `camera` sees of `parameters`, which are those of the official file.
+    """Return the image of `parameters` (as in the official file) from `camera`.
 
     `settings` has `sh_degree` and `view_dir`.
     """
@@ -67,7 +67,7 @@ def draw(
 def window_planes(
     windows: Windows, opacity: NDArray[np.float64], sigma: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return half-planes (F, 3, 3) that hold where alpha reaches 1/255, as `make_pairs` takes them."""
+    """Return half-planes (F, 3, 3) for `make_pairs` that contain all samples with alpha of at least 1/255."""
     phi = (1 / (255 * np.maximum(opacity, 1 / 255))) ** (1 / sigma) * (1 - 1e-6)
     offset = windows.edge_offset - (phi * windows.inradius[:, 2])[:, None]
     return -np.concatenate([windows.edge_normal, offset[..., None]], axis=2)

@@ -47,9 +47,9 @@ def draw(
     background: NDArray[np.float64],
     settings: Mapping[str, Any],
 ) -> Drawn:
-    """Return what `camera` sees of `parameters`, which are those of the official file.
+    """Return the image of `parameters` (as in the official file) from `camera`.
 
-    `settings` are those of the method in `msb`, all of them.
+    `settings` has all settings of the method.
     """
     scale, gamma = settings["render_up_scale"] or 1, float(settings["gamma"])
     view = splatting_camera(camera, NEAR, FAR, np.float64, scale)

@@ -1,13 +1,13 @@
-"""Measure what an engine's choices cost: `python -m tools.figures.losses`.
+"""Measure the loss of an engine's choices of order and sampling: `python -m tools.figures.losses`.
 
 Every golden view (tests/golden, or the folders given) is drawn on the dedicated tier with each order and
-sampling, and compared with the official image, on pixels that rounding does not decide. The synthetic
+sampling, and compared with the official image at pixels that do not depend on rounding. The synthetic
 captures of benchmarks/dedicated.py, which have no official image, are compared with our official rendering.
-Prints a table by method, and one by scene; --picture FILE.png also shows one view of
-each method.
+Prints a table by method, and one by scene. --picture FILE.png also writes an image with one view of each
+method.
 
 `python -m tools.figures.losses --causes docs/images` measures the causes of `msb why` on the stub models
-instead, prints their table, and writes a picture of each cause, of the method that loses most.
+instead. It prints their table, and writes an image of each cause with the method that loses most.
 """
 
 from __future__ import annotations
@@ -41,25 +41,25 @@ CHOICES: dict[str, dict[str, str]] = {
     "both: `engine`, `none`": {"order": "none", "sampling": "engine"},
 }
 SINGLE = {"supersample": 1}
-"""MeshSplatting is measured with one sample a pixel, too, as an engine has."""
+"""MeshSplatting is also measured with one sample per pixel, as in an engine."""
 CAPTURE = 100_000
 """Faces of the synthetic captures."""
 SHOWN = ("orb_diffuse/0", "torus_sh0_white/0", "bumpy_sphere_sh3/0", "soup_l1_black_noview/0")
 
 STUBS = ROOT / "data_stubs"
 SIZE = 448, 336
-"""Pixels of the views in which causes are measured and shown."""
+"""Size of the views for causes, in pixels."""
 GAP = 8
-"""Pixels between the two halves of such a picture."""
+"""Gap between the two halves of such an image, in pixels."""
 WIDTH = 900
-"""Of the picture, pixels."""
+"""Size of the image of each view, in pixels."""
 
 Figures = dict[str, list[float]]
 """Choice -> PSNR of views in dB."""
 
 
 class Row(NamedTuple):
-    """Of the longer table; `note` is what was changed."""
+    """A row of the longer table; `note` names the changed setting."""
 
     method: str
     scene: str
@@ -75,7 +75,7 @@ def draw(asset: msb.Asset, camera: msb.Camera, **options: Any) -> NDArray[np.flo
 
 
 def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], list[Any]]:
-    """Return the figures by method and scene, and the rows of the picture."""
+    """Return the figures by method and scene, and the rows of the image."""
     found: dict[Row, Figures] = {}
     strips = []
     for method in OFFICIAL:
@@ -95,7 +95,7 @@ def golden(roots: list[Path], device: str | None) -> tuple[dict[Row, Figures], l
 
 
 def captures(device: str | None) -> dict[Row, Figures]:
-    """Return the figures of the benchmark's models, which have no order that a user could know of."""
+    """Return the figures of the benchmark's synthetic models, whose faces are in random order."""
     found = {}
     for method in BLENDED:
         asset, camera = capture(method, CAPTURE), capture_camera(620, 411)
@@ -147,7 +147,7 @@ def save(strips: list[NDArray[np.float32]], path: Path) -> None:
 
 
 def causes(folder: Path) -> str:
-    """Write a picture of each cause on the stub models into `folder`, and return their table."""
+    """Write an image of each cause on the stub models into `folder`, and return their table."""
     cameras = [camera.resized(*SIZE) for camera in msb.read_cameras(STUBS / "scenes/mipnerf360/pebble")[:4]]
     found = {method: why(msb.open(STUBS / "models" / "walled" / method), cameras) for method in OFFICIAL}
     head = ["cause", *(TITLES[method] for method in found)]

@@ -1,4 +1,4 @@
-"""Make the pictures of the README: `python -m tools.figures.pictures`."""
+"""Create the images of the README: `python -m tools.figures.pictures`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PAPER = TerminalTheme(
         *[(30, 80, 170), (130, 50, 140), (0, 120, 130), (120, 124, 130)],
     ],
 )
-# After the frame of Textualize/rich (MIT), which loads a web font; this one needs nothing from anywhere.
+# Like the frame of Textualize/rich (MIT), but without a web font.
 FRAME = """<svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg">
 <style>
 .{unique_id}-matrix {{ font-family: ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace;
@@ -41,7 +41,7 @@ FRAME = """<svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="http
 
 
 class Recorded(Output):
-    """Output that one console records."""
+    """Output that a console records."""
 
     def console(self) -> Console:
         return CONSOLE
@@ -51,7 +51,7 @@ CONSOLE = Console(record=True, width=WIDTH, file=io.StringIO(), force_terminal=T
 
 
 def audit_picture() -> str:
-    """Return the audit of the demo asset as a terminal shows it."""
+    """Return an SVG of a terminal with the audit of the demo asset."""
     path = ROOT / "data_stubs" / "splat_like.triasset"
     console = CONSOLE
     console.print(f"[bold]$[/bold] msb-audit --paper data_stubs/{path.name}\n")

@@ -1,8 +1,8 @@
-"""Measure what a port's mistakes cost: `python -m tools.figures.porting`.
+"""Measure the loss of typical porting mistakes: `python -m tools.figures.porting`.
 
-The WGSL of the dedicated tier is changed as a port might have it, one mistake at a time. Every golden view
-that the mistake touches is drawn and compared with the official image, clamped to [0, 1], on pixels that
-rounding does not decide, without rounding to bytes. Prints the table of benchmarks/pages/porting.md.
+Each run puts one mistake into the WGSL of the dedicated tier. Every affected golden view is drawn, clamped to
+[0, 1] without rounding to bytes, and compared with the official image at pixels that do not depend on
+rounding. Prints the table of benchmarks/pages/porting.md.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BYTES, HALF = "rgba8unorm", renderer.HALF
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is changed: texts of the WGSL, blend factors, the targets' format, settings of the method."""
+    """One mistake: replaced WGSL text, blend factors, format of the targets, settings of the method."""
 
     title: str
     texts: Mapping[str, str] = field(default_factory=dict)
@@ -131,7 +131,7 @@ MISTAKES = [
 
 
 def drawn(view: View, mistake: Mistake) -> float:
-    """Return the PSNR in dB of a view that is drawn with a mistake."""
+    """Return the PSNR (dB) of a view drawn with a mistake."""
     made = renderer.make_plan
 
     def plan(*args: Any, **options: Any) -> Plan:
@@ -149,7 +149,7 @@ def drawn(view: View, mistake: Mistake) -> float:
 
 
 def figures(method: str, mistake: Mistake) -> str:
-    """Return median and least PSNR over the views of a method, "-" where the mistake cannot be made."""
+    """Return median and minimum PSNR over the views of a method; "-" if the mistake does not apply."""
     found = []
     for view in golden_views(method) if mistake.settings.keys() <= METHODS[method].settings.keys() else ():
         try:

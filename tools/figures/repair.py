@@ -1,11 +1,11 @@
-"""Measure trials and repairs of single meshes, and draw the pictures of docs/trial.md and docs/repair.md.
+"""Measure trials and repairs of single meshes, and create the images of docs/trial.md and docs/repair.md.
 
     python -m tools.figures.repair                      all models of data_stubs, and a torus
-    python -m tools.figures.repair splat_like torus     these alone
-    python -m tools.figures.repair vase=mesh.ply        a mesh of your own, by a title of `TITLES`
+    python -m tools.figures.repair splat_like torus     these only
+    python -m tools.figures.repair vase=mesh.ply        your mesh, with a title of `TITLES`
 
-The figures are kept in benchmarks/results/repair-figures.json, which `python -m benchmarks.pages` prints; a
-mesh that is not measured again keeps its figures. The pictures are of `PICTURED`.
+The figures are stored in benchmarks/results/repair-figures.json, which `python -m benchmarks.pages` prints.
+Other meshes keep their figures. `PICTURED` selects the meshes of the images.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ROOT = Path(__file__).parents[2]
 STUBS = ROOT / "data_stubs"
 FIGURES, IMAGES = ROOT / "benchmarks" / "results" / "repair-figures.json", ROOT / "docs" / "images"
 COMPARED = ("torus", "walled_mesh_splatting", "splat_like", "vase")
-"""Of these the repairs are compared."""
+"""Meshes whose repairs are compared."""
 PICTURED = {
     "torus": ("uv", "decimate_25", "collision", "solid"),
     "splat_like": ("uv", "decimate_25", "subdivide", "solid"),
@@ -44,7 +44,7 @@ TILE = (300, 225)
 
 
 def paths() -> dict[str, Path]:
-    """Return where the meshes are that are kept here."""
+    """Return the paths of the stored meshes."""
     models = {f"{path.parent.name}_{path.name}": path for path in (STUBS / "models").glob("*/*")}
     known = {name: path for name, path in models.items() if name in TITLES}
     return {**known, "splat_like": STUBS / "splat_like.triasset"}
@@ -66,7 +66,7 @@ def torus(around_it: int = 48, through: int = 24) -> msb.Asset:
 
 
 def measure(asset: msb.Asset, name: str, pictures: Path) -> dict[str, Any]:
-    """Return the audit's verdict, the trials, and the repairs where they are compared; write pictures."""
+    """Return the verdict, the trials and, for `COMPARED` meshes, the repairs; write images."""
     pictures.mkdir()
     found: dict[str, Any] = {"faces": asset.manifest.face_count, "verdict": msb.audit(asset).verdict}
     views = choose_views(asset, size=(960, 720))
@@ -80,7 +80,7 @@ def measure(asset: msb.Asset, name: str, pictures: Path) -> dict[str, Any]:
 
 
 def sheet(rows: list[list[Path]]) -> Image.Image:
-    """Return pictures side by side, each cut to the middle of what it shows."""
+    """Return images side by side, each cropped around its content."""
     width, height = TILE
     made = Image.new("RGB", (width * max(map(len, rows)), height * len(rows)), "white")
     for number, row in enumerate(rows):
@@ -98,7 +98,7 @@ def sheet(rows: list[list[Path]]) -> Image.Image:
 
 
 def main() -> None:
-    """Measure the chosen meshes, and draw the pictures of those that were measured."""
+    """Measure the selected meshes, and create their images."""
     given = dict(word.split("=", 1) for word in sys.argv[1:] if "=" in word)
     wanted = [word for word in sys.argv[1:] if "=" not in word]
     sources: dict[str, Path | None] = {

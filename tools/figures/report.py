@@ -1,4 +1,4 @@
-"""Make the report's pictures of the demo: `python -m tools.figures.report`; needs Chromium."""
+"""Create images of the demo's report: `python -m tools.figures.report`; needs Chromium."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PROTOCOL = ROOT / "data_stubs" / "protocol.toml"
 IMAGES = ROOT / "docs" / "images"
 VERDICT = "verdict-mipnerf360-pebble-mesh_splatting.html"
 COLORS = 256
-"""Of the palette: a third of the bytes, no text gets harder to read."""
+"""Colours of the palette: a third of the bytes, and text stays readable."""
 
 
 def demo_report(folder: Path) -> Path:
@@ -27,10 +27,10 @@ def demo_report(folder: Path) -> Path:
 
 
 def screenshot(page: Path, width: int, height: int, name: str) -> None:
-    """Write what a browser of this many CSS pixels shows of `page`."""
+    """Write a screenshot of `page` in a browser window of this size in CSS pixels."""
     browser = shutil.which("chromium") or shutil.which("google-chrome") or "chromium"
     with tempfile.TemporaryDirectory() as folder:
-        # A window has a least width; a frame has not.
+        # A window has a minimum width; a frame does not.
         frame = Path(folder) / "frame.html"
         style = f"border:0;width:{width}px;height:{height}px"
         frame.write_text(f'<body style="margin:0"><iframe src="{page.as_uri()}" style="{style}"></iframe>')
@@ -48,4 +48,6 @@ if __name__ == "__main__":
         screenshot(made / "index.html", 1280, 1900, "report.png")
         screenshot(made / "index.html", 390, 1400, "report_phone.png")
         screenshot(made / VERDICT, 1280, 1640, "report_verdict.png")
-        screenshot(made / VERDICT, 390, 704, "report_verdict_phone.png")  # style.css shows it on phones
+        screenshot(
+            made / VERDICT, 390, 704, "report_verdict_phone.png"
+        )  # style.css shows it on narrow screens

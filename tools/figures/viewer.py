@@ -1,4 +1,4 @@
-"""Make the viewers' pictures of the demo asset: `python -m tools.figures.viewer` (extra: view)."""
+"""Create images of the viewers with the demo asset: `python -m tools.figures.viewer` (extra: view)."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ ASSET = STUBS / "splat_like.triasset"
 TRAINED = STUBS / "models" / "pebble" / "triangle_splatting"
 SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 SHADES = 5
-"""Bits of each channel that are kept in the figure: a third of the bytes, no colour moves visibly."""
+"""Bits per channel in the figure: a third of the bytes, without a visible change."""
 
 
 def demo_model() -> ViewModel:
-    """Return the demo asset as the viewer has it."""
+    """Return the demo asset as the viewer's model."""
     mesh = read_viewed_mesh(ASSET)
     return build_model(mesh, *audit_arrays(mesh.vertices, mesh.faces, attributes=mesh.attributes))
 
@@ -47,7 +47,7 @@ def viewer_picture(model: ViewModel) -> Image.Image:
     state.visible = {"nonmanifold_edges", "multifan_vertices", "nonmanifold_edge_endpoints"}
     viewer = TopologyViewer(model, off_screen=True, state=state)
     try:
-        # A vertex of both kinds, with few enough fans to be read at a glance, in front of the rest.
+        # Choose a vertex of both kinds at the front, with few fans.
         fans = model.analysis.fans
         both = (fans.groups_per_vertex > 1) & (fans.fans_per_vertex >= 4) & (fans.fans_per_vertex <= 6)
         both &= np.isin(np.arange(len(both)), model.layers["nonmanifold_edge_endpoints"].numbers)
@@ -77,13 +77,13 @@ def compare_picture(layout: Layout, size: tuple[int, int]) -> Image.Image:
     comparison = Comparison("pebble.triasset", asset, tiers, missing, views=(view,))
     state = CompareState.first(comparison, layout=layout)
     with TierRenderers(state.comparison) as renderers:
-        renderers.shoot_all(view, state.wanted_tiers())  # once before: drivers take their time at first
+        renderers.shoot_all(view, state.wanted_tiers())  # warm up: the first frame of a driver is slow
         shots = renderers.shoot_all(view, state.wanted_tiers())
     return Image.fromarray(compose_tiers(state, shots, size).image)
 
 
 def repaired_picture() -> Image.Image:
-    """Return what `msb view --repaired` shows of the demo asset without its debris and small holes."""
+    """Return the image of `msb view --repaired` with the demo asset without debris and small holes."""
     before = read_viewed_mesh(ASSET)
     plan = ["orient", "pair", "debris", "close"]
     done = msb.repair(ASSET, plan, debris_faces=2).asset
@@ -101,7 +101,7 @@ def repaired_picture() -> Image.Image:
 
 
 def tutorial_picture() -> Image.Image:
-    """Return what the guide's `msb compare` writes."""
+    """Return the image written by `msb compare` in the guide."""
     with tempfile.TemporaryDirectory() as folder:
         asset, picture = Path(folder) / "pebble.triasset", Path(folder) / "compare.png"
         msb.save(msb.open(STUBS / "models" / "walled" / "mesh_splatting"), asset)

@@ -1,6 +1,6 @@
-"""What the site needs beside docs/: pages of other folders, links by titles, the code's own tables.
+"""Hooks of the site: pages outside of docs/, titles of links, and tables from the code.
 
-MkDocs calls these functions by their names (mkdocs.yml, hooks).
+MkDocs calls these functions by name (mkdocs.yml, hooks).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ BEFORE_A_UNIT = re.compile(r"(?<=\d) (?=(?:%|dB|[kKMGT]i?B|ms|s)(?!\w))")
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages that lie outside of docs/: those of the root and of benchmarks/."""
+    """Add pages from the root and from benchmarks/."""
     from mkdocs.structure.files import File
 
     for name, page in PAGES.items():
@@ -40,7 +40,7 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Add the tables that the code has for a page, and lead links to pages, by their titles."""
+    """Add the code's tables of a page, and name links to pages by their titles."""
     if page.file.src_uri in AT_THE_END:
         markdown = f"{markdown}\n\n{AT_THE_END[page.file.src_uri]()}"
     folder = (ROOT / "docs" / page.file.src_uri).parent
@@ -53,10 +53,10 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
 
 def _by_title(folder: Path, target: str, anchor: str | None) -> str:
-    """Return the link with the title of the section or page as its text, where the text was a file's name."""
+    """Return a link whose text is the title of its target, if the text was a file name."""
     from markdown.extensions.toc import slugify
 
-    place = Path(os.path.normpath(folder / target))  # a page of another folder has none in docs/
+    place = Path(os.path.normpath(folder / target))  # pages of other folders are not in docs/
     text = (place if place.exists() else ROOT / target).read_text(encoding="utf-8")
     heads = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
     title = next((head for head in heads if slugify(head, "-") == anchor), heads[0])
@@ -64,7 +64,7 @@ def _by_title(folder: Path, target: str, anchor: str | None) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Keep together what must not part at the end of a line: an option, and a number with its unit."""
+    """Prevent line breaks inside an option, and between a number and its unit."""
     pieces = TAGS.split(html)
     in_code = False
     for number, piece in enumerate(pieces):
@@ -78,12 +78,12 @@ def on_page_content(html: str, **_: Any) -> str:
 
 
 def on_post_template(output_content: str, **_: Any) -> str:
-    """Treat pages that are no document (404) alike."""
+    """Apply the same to pages without a document (404)."""
     return on_post_page(output_content)
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Put our own script in the place of one that the search plugin would fetch from elsewhere."""
+    """Replace a script that the search plugin would load from the network."""
     shim = Path(__file__).with_name("search_frame.js").read_text(encoding="utf-8")
     output = re.sub(
         r'<script src="https://unpkg[^"]*"></script>', lambda _: f"<script>{shim}</script>", output
@@ -92,5 +92,5 @@ def on_post_page(output: str, **_: Any) -> str:
     if fetched:
         from mkdocs.exceptions import PluginError
 
-        raise PluginError(f"a page asks the network for {fetched[0]}")
+        raise PluginError(f"a page would load from the network: {fetched[0]}")
     return output.replace("path - like</code>", "path-like</code>")

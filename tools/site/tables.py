@@ -1,6 +1,6 @@
-"""The code's own tables, which the site appends to pages of docs/ (hooks.py).
+"""Tables generated from the code, which the site appends to pages of docs/ (hooks.py).
 
-`python -m tools.site.tables errors` (or definitions, or datasets) prints the end of docs/errors.md.
+`python -m tools.site.tables errors` (or definitions, or datasets) prints the tables of docs/errors.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _COMPOSITING = {
 
 
 def datasets() -> str:
-    """Return a table of datasets and their scenes, and those of the rules by which methods read them."""
+    """Return tables of the datasets with their scenes, and of the methods' rules to read them."""
     lines = ["| dataset | scenes | over | folder above |", "|---|---|---|---|"]
     for key, dataset in DATASETS.items():
         groups: dict[str, list[str]] = {}
@@ -85,7 +85,7 @@ def errors() -> str:
 
 
 def definitions() -> str:
-    """Return one table of all that is audited, then a section for each quantity."""
+    """Return a table of all audited quantities, then a section for each."""
     lines = ["| key | symbol | meaning | formula |", "|---|---|---|---|"]
     for entry in EXPLANATIONS.values():
         symbol = f"`{entry.symbol}`" if entry.symbol else ""
