@@ -1,1 +1,1 @@
-"""Coverage-guided fuzzing of every reader: ``python -m fuzz --help``. CONTRIBUTING.md says what was run."""
+"""Coverage-guided fuzzing of every reader: ``python -m fuzz --help``. See CONTRIBUTING.md."""

@@ -18,14 +18,15 @@ from fuzz.targets import TARGETS
 from msb.base.extras import install, is_installed
 
 ROUND = 60
-"""Seconds of one worker: code that atheris 3.0 has instrumented leaks some KB an execution."""
+"""Seconds of one worker. Code instrumented by atheris 3.0 leaks some KB per execution, so workers are
+replaced."""
 SLACK = 300
-"""Seconds a worker may take beyond its time: for imports, seeds, and the last input."""
+"""Extra seconds of a worker for imports, seeds, and the last input."""
 
 
 @dataclass
 class Outcome:
-    """What came of one target. `coverage` counts edges of the instrumented code, ours and libraries'."""
+    """Outcome of one target. `coverage` counts edges of instrumented code, ours and of libraries."""
 
     target: str
     executions: int = 0
@@ -35,7 +36,7 @@ class Outcome:
 
 
 def fuzz(name: str, *, seconds: int, corpus: Path, findings: Path) -> Outcome:
-    """Fuzz one target for `seconds`, in one process after another, and print its line."""
+    """Fuzz one target for `seconds` in successive processes, and print its line."""
     outcome = Outcome(name)
     (corpus / name).mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + seconds
@@ -54,7 +55,7 @@ def fuzz(name: str, *, seconds: int, corpus: Path, findings: Path) -> Outcome:
 
 
 def _run(outcome: Outcome, seconds: int, corpus: Path, findings: Path) -> bool:
-    """Run one worker, add what it did to `outcome`, and return whether it died."""
+    """Run one worker, add its results to `outcome`, and return whether it died."""
     command = [sys.executable, "-m", "fuzz.worker", outcome.target, str(seconds), str(corpus), str(findings)]
     with tempfile.TemporaryDirectory(prefix="msb-fuzz-", ignore_cleanup_errors=True) as scratch:
         environment = {**os.environ, "TMPDIR": scratch, "OPENBLAS_NUM_THREADS": "1"}
@@ -77,18 +78,20 @@ def _run(outcome: Outcome, seconds: int, corpus: Path, findings: Path) -> bool:
 
 
 def main() -> int:
-    """Run what the command line asks for; return 1 if there are findings."""
+    """Run the requested targets; return 1 if there are findings."""
     parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help="; ".join(TARGETS))
     parser.add_argument("--all", action="store_true", help="every target")
-    parser.add_argument("--seconds", type=int, default=60, help="of each target (default 60)")
-    parser.add_argument("--jobs", type=int, default=1, help="targets at a time (default 1)")
-    parser.add_argument("--findings", type=Path, default=Path("fuzz-findings"), help="folder of what failed")
-    parser.add_argument("--corpus", type=Path, help="folder of inputs to keep for the next time")
+    parser.add_argument("--seconds", type=int, default=60, help="seconds per target (default 60)")
+    parser.add_argument("--jobs", type=int, default=1, help="targets in parallel (default 1)")
+    parser.add_argument(
+        "--findings", type=Path, default=Path("fuzz-findings"), help="folder of failing inputs"
+    )
+    parser.add_argument("--corpus", type=Path, help="folder of inputs to reuse")
     options = parser.parse_args()
     unknown = [name for name in options.targets if name not in TARGETS]
     if unknown or not (options.targets or options.all):
-        parser.error(f"there is no target {', '.join(unknown)}" if unknown else "name a target, or --all")
+        parser.error(f"unknown target {', '.join(unknown)}" if unknown else "name a target, or pass --all")
     if not is_installed("atheris"):
         parser.error(f"atheris is not installed: {install('fuzz')}")
     names = list(TARGETS) if options.all else options.targets

@@ -1,4 +1,4 @@
-"""What a process that is fed hostile bytes may not do; doing it ends the process at once."""
+"""Guard for processes that read hostile bytes: a forbidden action ends the process at once."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 MEMORY = 1 << 30
-"""Bytes of address space beyond those that the interpreter and its libraries have taken."""
+"""Allowed growth of the address space in bytes, beyond the interpreter and its libraries."""
 FORBIDDEN_STATUS = 99
 _FORBIDDEN = (
     "subprocess.",
@@ -54,24 +54,25 @@ _HARMLESS = ("os.scandir", "os.listdir")
 
 
 def limit_memory() -> None:
-    """Cap this process's address space."""
+    """Limit the address space of this process."""
     most = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
 def peak_mib(status: Iterable[str]) -> int:
-    """Return the peak of this process's resident memory from the lines of /proc/self/status.
+    """Return the peak resident memory of this process from the lines of /proc/self/status.
 
-    Not from `getrusage`, whose peak a process inherits from the one that forked it: pytest may be large.
+    The peak of `getrusage` is inherited from the parent process, and pytest may be large.
     """
     return next(int(line.split()[1]) >> 10 for line in status if line.startswith("VmHWM"))
 
 
 class Guard:
-    """Forbid this process, while the ``with`` block runs, what reading a file must never do.
+    """Forbid all actions that a reader must never take, while the ``with`` block runs.
 
-    It may write below `scratch` only, and run no code that is not installed: modules may still be imported.
-    `report` is told what was done, and where, before the process ends; an exception could be caught.
+    The process may write below `scratch` only, and run installed code only; modules may still be imported.
+    Before the process ends, `report` receives the action and its place. (An exception could be caught by the
+    reader.)
     """
 
     def __init__(self, scratch: Path, report: Callable[[str], None]) -> None:
@@ -92,7 +93,7 @@ class Guard:
         if not self._active:
             return
         if event == "exec":
-            # Source that came with the input has no file among the installed ones.
+            # Source from the input does not belong to an installed file.
             name = getattr(arguments[0], "co_filename", "")
             if not name.startswith(self._code):
                 self._end(f"exec of code from {name!r}")
@@ -113,15 +114,15 @@ class Guard:
         return os.path.realpath(os.fsdecode(name)).startswith(self._inside)
 
     def _end(self, what: str) -> None:
-        self._active = False  # the report is written by this process, too
+        self._active = False  # allow this process to write the report
         self._report(f"forbidden: {what}\n" + "".join(traceback.format_stack()))
         os._exit(FORBIDDEN_STATUS)
 
 
 class ClosedGuard(Guard):
-    """Forbid, besides, all imports and code, and all files but what `inside` names and what lies below it.
+    """Also forbid all imports and code, and all files except `inside` and files below it.
 
-    What is imported on first use must be imported before.
+    Modules that are imported on first use must be imported before.
     """
 
     inside = ""
@@ -132,8 +133,8 @@ class ClosedGuard(Guard):
         if event == "open":
             name, mode, flags = arguments
             if isinstance(name, int):
-                return  # what was opened before
-            # Relative to the folder that is read: an opened folder's descriptor is not told.
+                return  # an already open descriptor
+            # Relative to the folder that is read; the descriptor of an opened folder is not passed on.
             path = os.path.normpath(os.path.join(self.inside, os.fsdecode(name)))  # noqa: PTH118
             writes = isinstance(flags, int) and flags & _WRITES
             if writes or not (path + os.sep).startswith(self.inside + os.sep):

@@ -1,4 +1,4 @@
-"""How each reader is called: functions of a path, whose value counts for nothing."""
+"""Calls of each reader: functions of a path, whose return value is ignored."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msb.errors import shorten
 
 
 def asset(path: Path) -> None:
-    """Validate and load; what is loaded is what its manifest says, in memory that nobody writes to."""
+    """Validate and load; check that buffers match the manifest and are read-only."""
     from msb.asset import load, validate
     from msb.asset.manifest import DTYPES
 
@@ -31,7 +31,7 @@ def asset(path: Path) -> None:
 
 
 def checkpoint(path: Path) -> None:
-    """Read, and touch every value as a careless user would: again and again where it is shared."""
+    """Read, and visit every value like a careless user: shared values several times."""
     from msb.adapters.checkpoint import read_checkpoint as read
 
     _touch(read(path), path.stat().st_size)
@@ -82,7 +82,7 @@ def cfg_args(path: Path) -> None:
 
 
 def mesh(path: Path) -> None:
-    """Read a mesh; compressed arrays are decoded here, since the guard lets no reader start a child."""
+    """Read a mesh; compressed arrays are decoded in this process, because the guard forbids child processes."""
     from unittest.mock import patch
 
     from msb.meshes import read_mesh as read
@@ -105,7 +105,7 @@ def materials(path: Path) -> None:
 
 
 def texture(path: Path) -> None:
-    """Decode an image; what was declared is what there is, and no more than is allowed."""
+    """Decode an image; check its size against the declared size and the limit."""
     from msb.asset.texture import MAX_SIDE
     from msb.meshes.images import Decoder
 
@@ -189,7 +189,7 @@ def gate(path: Path) -> None:
 
 
 def report(path: Path) -> None:
-    """Read a results folder of one record and make every table, page and finding of it, without figures."""
+    """Read a results folder with one record and create its tables, pages and findings, without figures."""
     from msb.bench.records import read_result
     from msb.report.collect import collect
     from msb.report.findings import find
@@ -224,7 +224,7 @@ def renderer_timing(path: Path) -> None:
 
 
 def page(path: Path) -> None:
-    """Read a page of the dedicated tier, and see that its images are those of its test views."""
+    """Read a page of the dedicated tier, and check that its images match its test views."""
     from msb.engines.dedicated_page.page import read_page as read
 
     _, scene, images = read(path)
@@ -234,7 +234,7 @@ def page(path: Path) -> None:
 
 
 def training(path: Path) -> None:
-    """Read the state of a training, whose arrays are no larger than its file."""
+    """Read the state of a training; its arrays may not exceed its file size."""
     from data_stubs.training.state import read_state as read
 
     arrays, _ = read(path)

@@ -1,4 +1,4 @@
-"""What a run keeps beside its results, to know what need not be done again: targets that read it back."""
+"""Targets that read the files in which a run records finished work."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ PHOTOGRAPH = b"no image is read to know its hash"
 
 
 def model_task(root: Path) -> ModelTask:
-    """Return the order to make ready a model that is nowhere."""
+    """Return the task to prepare a model that does not exist."""
     return ModelTask(root, "run", "capture", "desk", "two_dts", Path("model.triasset"))
 
 
 def read_model(path: Path) -> None:
-    """Read what a run knows of a model; where it believes that, every file is as it was."""
+    """Read the record of a model; if it is accepted, every file must be unchanged."""
     from msb.bench.digest import stamp
     from msb.bench.models import known_model
 
@@ -32,7 +32,7 @@ def read_model(path: Path) -> None:
 
 
 def models() -> list[bytes]:
-    """Return what is known of a model whose files are there, are not, and cannot be."""
+    """Return records of a model whose files exist, are missing, and are impossible."""
     from msb.bench.digest import stamp
     from msb.bench.models import Model
     from msb.bench.records import File
@@ -57,7 +57,7 @@ def views() -> Views:
 
 
 def read_hashes(path: Path) -> None:
-    """Compare photographs with the hashes that a run kept of them."""
+    """Compare photographs with the hashes of a run."""
     from msb.bench.photographs import _what_differs
 
     _what_differs(path.parent, views())
@@ -72,7 +72,7 @@ def hashes() -> list[bytes]:
 
 
 def read_run(path: Path) -> None:
-    """Ask who holds the folder, and whether it is our run."""
+    """Read the lock of the folder, and whether it belongs to this run."""
     from msb.bench.folder import _holder, check_run
 
     _holder(path.parent)
@@ -80,7 +80,7 @@ def read_run(path: Path) -> None:
 
 
 def runs() -> list[bytes]:
-    """Return what a run says of itself, and what another one does."""
+    """Return the lock of this run, and of another one."""
     about = {"host": "a", "process": 1, "since": "Mon Nov 23 12:00:00 2026"}
     return [json.dumps({"run": run, **about}).encode() for run in ("run", "another")]
 

@@ -1,4 +1,4 @@
-"""Contents to start from: shipped stubs, what the tests build, and their bad files."""
+"""Seeds: shipped stubs, files built by the tests, and their bad files."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ def checkpoints() -> Iterator[bytes]:
 
 
 def pickles() -> Iterator[bytes]:
-    """Return programs of the pickle machine: whole, and those of the corpus."""
+    """Return programs of the pickle machine: valid ones, and the corpus."""
     yield assemble.GOOD
     for case in BAD_PICKLES:
         try:
             with zipfile.ZipFile(io.BytesIO(case.make())) as archive:
                 yield from (archive.read(name) for name in archive.namelist() if name.endswith("data.pkl"))
         except (OSError, ValueError, RuntimeError, zipfile.BadZipFile):
-            continue  # a case about something else
+            continue  # not a case of a program
 
 
 @cache
@@ -101,7 +101,7 @@ def web_export() -> dict[str, bytes]:
 
 
 def meshes(suffix: str) -> Iterator[bytes]:
-    """Return small meshes of a format, whole and broken; one that we write, if we write the format."""
+    """Return small meshes of a format, valid and broken; one written by us, if we write the format."""
     if suffix in written_suffixes():
         stream = io.BytesIO()
         write_mesh(Mesh(np.array(SQUARE), np.array(SQUARE_FACES)), stream, suffix=suffix)
@@ -125,7 +125,7 @@ def materials() -> list[bytes]:
 
 
 def glb_texts() -> Iterator[bytes]:
-    """Return the JSON chunks of the GLBs there are."""
+    """Return the JSON chunks of the GLB seeds."""
     for content in meshes(".glb"):
         if len(content) >= 20:
             yield content[20 : 20 + struct.unpack_from("<I", content, 12)[0]]
@@ -137,7 +137,7 @@ def around_gltf(text: bytes) -> bytes:
 
 
 def cameras(kind: str, file: str) -> Iterator[bytes]:
-    """Return contents of one file of a source of cameras, a good one and broken ones."""
+    """Return contents of one file of a camera source, valid and broken."""
     yield CAMERAS[kind][file]
     yield from (files[file] for files, *_ in BAD_CAMERAS.values() if file in files)
 
@@ -263,7 +263,7 @@ def renderer_timings() -> list[bytes]:
 
 @cache
 def pages() -> list[bytes]:
-    """Return what of a page is read again: its scene and its test views, of each way to store an array."""
+    """Return the parts of a page that are read again: scene and test views, for each storage of arrays."""
     from msb.engines.dedicated_page.stored import store
 
     view = {"width": 5, "height": 3}
@@ -325,5 +325,5 @@ def benchmarks() -> list[bytes]:
 
 
 def stub(*names: str) -> Callable[[], Iterable[bytes]]:
-    """Return what returns the contents of shipped files."""
+    """Return a function that returns the contents of shipped files."""
     return lambda: [(STUBS / name).read_bytes() for name in names]

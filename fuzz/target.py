@@ -1,4 +1,4 @@
-"""What a fuzz target is: a file of hostile bytes at a place, and the reader that is given it."""
+"""A fuzz target: a file of hostile bytes, and the reader of its path."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from msb.errors import MsbError
 
 LONGEST = 1 << 14
-"""Bytes of a seed; longer ones slow the search down and seldom lead to other code."""
+"""Most bytes of a seed; longer ones slow the search down and rarely reach other code."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class Target:
     Attributes
     ----------
     read : callable
-        Given the path of the file; what it returns counts for nothing.
+        Takes the path of the file; its return value is ignored.
     seeds : callable
-        Return contents to start from, good and bad.
+        Return valid and broken contents.
     file : str
-        Where the hostile file lies below the target's own folder; its suffix may say what it is.
+        Path of the hostile file below the target's folder; its suffix may select the format.
     wrap : callable, optional
-        What becomes of the bytes before they are written: an archive around them with the right checksums.
+        Transforms the bytes before they are written, for example into an archive with correct checksums.
     beside : mapping
-        Good files that the reader needs besides, path below the folder -> content.
+        Other valid files that the reader needs: path below the folder -> content.
     """
 
     read: Callable[[Path], Any]
@@ -39,14 +39,14 @@ class Target:
     beside: Mapping[str, bytes] = field(default_factory=dict)
 
     def small_seeds(self) -> list[bytes]:
-        """Return the seeds of at most `LONGEST` bytes, each once, in their order."""
+        """Return the distinct seeds of at most `LONGEST` bytes, in order."""
         return [seed for seed in dict.fromkeys(self.seeds()) if len(seed) <= LONGEST]
 
     def at(self, folder: Path) -> Callable[[bytes], MsbError | None]:
-        """Return the function to fuzz, which keeps its files below the empty folder `folder`.
+        """Return the function to fuzz, which writes its files below the empty folder `folder`.
 
-        It returns the error of a reader that refuses with one clear line, None of one that gives a value; all
-        else is a finding, and raised.
+        It returns the reader's error if the file is rejected with one clear line, and None if it is read.
+        Anything else is a finding, and raised.
         """
         path = folder / self.file
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ class Target:
             (folder / name).write_bytes(content)
 
         def feed(data: bytes) -> MsbError | None:
-            # A new file each time: a reader may still map the old one.
+            # Use a new file each time, because a reader may still map the old one.
             with contextlib.suppress(FileNotFoundError):
                 path.unlink()
             path.write_bytes(self.wrap(data))
@@ -70,7 +70,7 @@ class Target:
 
 
 def check_line(error: MsbError) -> None:
-    """Hold an error to what is promised of all: a registered code, one printable line, not endless."""
+    """Check an error: a registered code, and one printable line of limited length."""
     line = str(error)
     assert error.code in error.codes, error.code
     assert line.isprintable(), f"{error.code}: not printable"

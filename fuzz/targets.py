@@ -16,9 +16,9 @@ from tests.scenes.bad_cameras import SMALL as CAMERAS
 
 
 def model_target(method: str) -> Target:
-    """Return the target of one adapter: the program is hostile, the archive around it is sound.
+    """Return the target of one adapter: a hostile program in a valid archive.
 
-    A method of which there is no small torch file reads meshes.
+    Methods without a small torch file read meshes.
     """
     if method not in models.VALUES:
         return Target(
@@ -33,7 +33,7 @@ def model_target(method: str) -> Target:
 
 
 def web_target(name: str) -> Target:
-    """Return the target of one file of a DiffSoup web export; the others are good."""
+    """Return the target of one file of a DiffSoup web export; the other files are valid."""
     beside = {other: content for other, content in seeds.web_export().items() if other != name}
     return Target(
         lambda path: readers.export(path.parent), lambda: [seeds.web_export()[name]], name, beside=beside
@@ -41,19 +41,19 @@ def web_target(name: str) -> Target:
 
 
 def mesh_target(suffix: str) -> Target:
-    """Return the target of one format of meshes."""
+    """Return the target of a mesh format."""
     return Target(readers.mesh, lambda: seeds.meshes(suffix), f"mesh{suffix}")
 
 
 def camera_target(kind: str, file: str, read: Callable[[Path], None] = readers.camera_folder) -> Target:
-    """Return the target of one file of a source of cameras; the other files of the `kind` are good."""
+    """Return the target of one file of a camera source; the other files of the `kind` are valid."""
 
     beside = {name: data for name, data in CAMERAS[kind].items() if name != file}
     return Target(read, lambda: seeds.cameras(kind, file), file, beside=beside)
 
 
 def dtu_target(file: str) -> Target:
-    """Return the target of one file of DTU's evaluation data; the others are good."""
+    """Return the target of one file of DTU's evaluation data; the other files are valid."""
     files = seeds.dtu_files()
     return Target(
         readers.dtu, lambda: [files[file]], file, beside={n: data for n, data in files.items() if n != file}
@@ -112,8 +112,8 @@ TARGETS: dict[str, Target] = {
     "page": Target(readers.page, seeds.pages, "page.html"),
     "training": Target(readers.training, seeds.trainings, "training.npz"),
 }
-"""Reader of files from outside -> target: assets, checkpoints, meshes, cameras, images, TOML, results."""
-if find_spec("msb.bench") is not None:  # a capability that can be removed
+"""Name -> target of every reader: assets, checkpoints, meshes, cameras, images, TOML, results."""
+if find_spec("msb.bench") is not None:  # msb.bench can be removed
     from fuzz import bench_targets
 
     TARGETS |= bench_targets.TARGETS

@@ -15,13 +15,13 @@ from pathlib import Path
 import atheris
 
 INPUT_SECONDS = 5
-"""What one input may take, of wall time on a busy machine and with every branch counted."""
+"""Wall time limit of one input, on a busy machine with instrumented code."""
 INSTRUMENTED = ["msb", "tomllib", "yaml", "zipfile"]
-"""What decides where the search goes on: our code, and parsers in Python that let their errors out."""
+"""Instrumented packages, which guide the search: ours, and Python parsers that leak their errors."""
 
 
 class Findings:
-    """The inputs a target did not survive, each with what happened, one for each place in the code."""
+    """Failing inputs of a target, each with its failure, one per place in the code."""
 
     def __init__(self, folder: Path, target: str) -> None:
         self.folder = folder / target
@@ -29,7 +29,7 @@ class Findings:
         self.seen: set[str] = set()
 
     def keep(self, place: str, text: str) -> None:
-        """Write the current input and `text`, unless there was one of this `place`."""
+        """Write the current input and `text`, unless this `place` already has a finding."""
         if place in self.seen:
             return
         self.seen.add(place)
@@ -39,7 +39,7 @@ class Findings:
         (self.folder / f"{name}.txt").write_text(text)
 
     def raised(self, error: BaseException) -> None:
-        """Keep an exception; those that are raised in one line by one kind of error are one finding."""
+        """Record an exception; exceptions of one type from one line are one finding."""
         frames = traceback.extract_tb(error.__traceback__)
         last = next(
             (frame for frame in reversed(frames) if f"{os.sep}msb{os.sep}" in frame.filename), frames[-1]
@@ -50,12 +50,12 @@ class Findings:
         )
 
     def forbidden(self, text: str) -> None:
-        """Keep what the guard saw."""
+        """Record an action that the guard stopped."""
         self.keep(text.partition("\n")[0], text)
 
 
 def main(name: str, seconds: int, corpus: Path, findings: Path) -> None:
-    """Fuzz the target `name`; new inputs go to the folder `corpus`, what it did not survive to `findings`."""
+    """Fuzz the target `name`; new inputs go to the folder `corpus`, failing ones to `findings`."""
     with atheris.instrument_imports(include=INSTRUMENTED):
         from fuzz.guard import Guard, limit_memory
         from fuzz.targets import TARGETS
@@ -76,13 +76,13 @@ def main(name: str, seconds: int, corpus: Path, findings: Path) -> None:
             except Exception as error:
                 found.raised(error)
             if (spent := time.process_time() - start) > INPUT_SECONDS:
-                found.keep(f"time {name}", f"{spent:.1f} s of processor time\n")
+                found.keep(f"time {name}", f"{spent:.1f} s of CPU time\n")
 
-        # What is imported on first use is imported, and instrumented, now.
+        # Import and instrument modules now that are otherwise imported on first use.
         for seed in target.small_seeds():
             one(seed, contextlib.nullcontext())
             (corpus / hashlib.sha256(seed).hexdigest()[:16]).write_bytes(seed)
-    warnings.simplefilter("error")  # a user would see them, in place of our one line
+    warnings.simplefilter("error")  # a user would see them instead of our one line
     limit_memory()
     artifacts = findings / name / "libfuzzer-"
     artifacts.parent.mkdir(parents=True, exist_ok=True)
