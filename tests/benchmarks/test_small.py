@@ -19,7 +19,7 @@ SMALL = {
     "dedicated": "--faces 2000 --method two_dts --size 160 120 --rounds 1",
     "export": "--triangles 2000 --rounds 1",
     "repair": "--sizes 5 --rounds 1",
-    "scale": "--faces 2000 --method triangle_splatting_plus --step audit --step dedicated --step weigh --step page",
+    "scale": "--faces 2000 --method triangle_splatting_plus --step dedicated --step weigh --step page",
     "sizes": "--faces 2000 --command info",
     "standard": "--scenes large --tools msb --rounds 1",
 }
