@@ -6,9 +6,9 @@ reports read; all other keys are kept as they are. A new key of a writer needs n
 
 from dataclasses import asdict
 from math import inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
 from msb.bench.checked import Amount, Count, Record
 from msb.metrics.images import most_psnr
@@ -145,23 +145,12 @@ class Strategy(Document):
     picture: str | None
 
 
-def _kind(row: Any) -> str:
-    """Return which of the two kinds of strategies JSON data, or a model, is."""
-    why = row.get("why") if isinstance(row, dict) else getattr(row, "why", None)
-    return "made" if why is None else "failed"
-
-
 class RepairDocument(Document):
     """Output of `msb repair --compare --json`."""
 
     schema_: Literal["msb.repair_compare/1"] = Field(alias="schema")
     views: str
-    strategies: tuple[
-        Annotated[
-            Annotated[Strategy, Tag("made")] | Annotated[FailedStrategy, Tag("failed")], Discriminator(_kind)
-        ],
-        ...,
-    ]
+    strategies: tuple[Strategy | FailedStrategy, ...]
 
     @field_validator("strategies")
     @classmethod

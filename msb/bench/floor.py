@@ -46,7 +46,7 @@ def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) 
                     renderer,
                     [camera],
                     scene.background,
-                    frames=min(job.frames, _FRAMES),
+                    frames=min(job.timing.frames, _FRAMES),
                     seconds=0,
                     device_kind=kind,
                 )

@@ -72,13 +72,9 @@ class Results:
         """Return the place of a bake of a model; `model` is its label, else its method."""
         return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
 
-    def video(self, dataset: str, scene: str, model: str) -> Path:
-        """Return the film that shows the conditions side by side; `model` is its label, else its method."""
-        return self.root / "videos" / dataset / scene / f"{model}.mp4"
-
-    def grid(self, dataset: str, scene: str) -> Path:
-        """Return the film that shows all models of a scene below each other."""
-        return self.root / "videos" / dataset / f"{scene}.mp4"
+    def video(self, *names: str) -> Path:
+        """Return the film of dataset, scene and model, or of all models of a scene below each other."""
+        return self.root.joinpath("videos", *names[:-1], f"{names[-1]}.mp4")
 
 
 @contextlib.contextmanager

@@ -18,7 +18,7 @@ from msb.bench.job import Inputs, Job, Part
 from msb.bench.models import Model
 from msb.bench.parts import compared_tasks, mask_files, scan_number
 from msb.bench.photographs import Views, numbers_of, views_of
-from msb.bench.protocol_tables import TrialTable, WalkTable
+from msb.bench.protocol_tables import ChamferTable, TrialTable, WalkTable
 from msb.bench.quality import metrics_digest
 from msb.bench.renders import find_renders
 from msb.bench.walk import flight
@@ -87,8 +87,8 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
             parts |= _of_mesh(job)
             if job.trial is not None and job.trial.compare:
                 parts["repairs"] = _repairs(job, job.trial)
-        if job.cell.dataset == "dtu" and job.chamfer_data is not None:
-            parts["chamfer"] = _chamfer(job, known)
+        if job.cell.dataset == "dtu" and job.chamfer is not None:
+            parts["chamfer"] = _chamfer(job, job.chamfer, known)
     else:
         parts["quality"] = {**views, **_images(job, known), "metrics": known.metrics(job.vgg_weights)}
         if job.walk is not None:
@@ -98,12 +98,12 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
                 "definition": f"blur {BLUR:g}, reach {REACH}, depths {SAME:g}",
                 "film": "mp4" if is_installed("av") else "none",
             }
-        if condition != "non_engine" and job.frames:
+        if condition != "non_engine" and job.timing.frames:
             parts["timing"] = {
                 "cameras": job.views.cameras,
                 **_images(job, known),
                 "device": _device(known.device),
-                "clock": f"{job.frames} frames, {job.seconds:g} s",
+                "clock": f"{job.timing.frames} frames, {job.timing.seconds:g} s",
             }
         if job.cell.bake is not None:
             parts |= _of_mesh(job)
@@ -148,7 +148,6 @@ def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:
 
 def _repairs(job: Job, wanted: TrialTable) -> Inputs:
     """Return what decides the comparison of repairs."""
-    from msb.base.extras import is_installed
     from msb.repair.plan import BY_PEER
     from msb.trial.repairs import STRATEGIES
 
@@ -196,17 +195,16 @@ def scan_files(data: Path, scene: str) -> list[Path]:
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 
 
-def _chamfer(job: Job, known: Known) -> Inputs:
+def _chamfer(job: Job, wanted: ChamferTable, known: Known) -> Inputs:
     from msb.metrics import identity
 
-    assert job.chamfer_data is not None
     scene = job.scene.read()
     data: list[Path] = []
     masks: list[Path] = []
     with contextlib.suppress(MsbError):  # the part will say it again, and in full
-        data = scan_files(job.chamfer_data, job.cell.scene)
+        data = scan_files(Path(wanted.data), job.cell.scene)
         masks = mask_files(scene)
-    about = identity("chamfer_dtu", seed=job.chamfer_seed).to_dict()
+    about = identity("chamfer_dtu", seed=wanted.seed).to_dict()
     return {
         "mesh": _asset(job) if job.mesh is None else known.hash(job.mesh),
         "scan": digest([known.hash(path) for path in data]),

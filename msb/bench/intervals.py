@@ -74,12 +74,12 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
     if not np.isfinite(values).all():
         return Interval(None, over, reason="a value is not finite")
     if len(values) < 2:
-        return Interval(None, over, reason="one view has no spread")
+        return Interval(None, over, reason="a single view has no spread")
     # Around one of the values: where all are equal there is nothing to round.
     mean = float(values[0] + (values - values[0]).mean())
     error = float(np.std(values - values[0], ddof=1)) / len(values) ** 0.5
     if error <= _SAME * abs(mean):
-        return Interval((mean, mean), over, reason=f"{over} give one and the same value, which has no spread")
+        return Interval((mean, mean), over, reason=f"{over} give the same value, so there is no spread")
     from scipy.special import stdtr, stdtrit
 
     half = float(stdtrit(len(values) - 1, 1 - LEVEL / 2)) * error

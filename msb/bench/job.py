@@ -8,7 +8,7 @@ from typing import Any, Literal
 from msb.bench.folder import Results
 from msb.bench.models import Model
 from msb.bench.photographs import Views
-from msb.bench.protocol_tables import TrialTable, WalkTable
+from msb.bench.protocol_tables import ChamferTable, TimingTable, TrialTable, WalkTable
 from msb.bench.records import TIER_OF, Cell, Status
 from msb.registry import Tier
 from msb.scenes.datasets import SceneAt
@@ -49,10 +49,9 @@ class Job:
     renderer_timing: Path | None = None
     device: str | None = None
     vgg_weights: Path | None = None
-    frames: int = 0
-    seconds: float = 0.0
-    chamfer_data: Path | None = None
-    chamfer_seed: int = 0
+    timing: TimingTable = field(default_factory=TimingTable)
+    # Its path is absolute.
+    chamfer: ChamferTable | None = None
     trial: TrialTable | None = None
     walk: WalkTable | None = None
     # What the model's training did otherwise, as `trained_otherwise` says it.

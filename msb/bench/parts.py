@@ -8,6 +8,7 @@ from typing import Any, get_args
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.base.atomic import new_folder
 from msb.base.limits import Limits
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
@@ -37,15 +38,15 @@ def measure_timing(job: Job) -> dict[str, Any]:
     with open_renderer(job) as renderer:
         about = machine(job.device, engine=renderer.device_info)
         kind = about["device"]["kind"]
-        options: dict[str, Any] = {"device_kind": kind if kind in ("gpu", "cpu") else "other"}
-        options |= {"frames": job.frames, "seconds": job.seconds}
-        timed = profile(renderer, scene.test, scene.background, **options)
-        memory = grouped(timed.memory, timed.memory_groups, driver_memory(about["device"]))
-    floor = measure_floor(job, scene, options["device_kind"])
+        kind = kind if kind in ("gpu", "cpu") else "other"
+        options = job.timing.model_dump()
+        timed = profile(renderer, scene.test, scene.background, device_kind=kind, **options)
+        memory = group_memory(timed.memory, timed.memory_groups, driver_memory(about["device"]))
+    floor = measure_floor(job, scene, kind)
     return {"timing": timed.timing, "memory": memory, "floor": floor, "device": about}
 
 
-def grouped(
+def group_memory(
     uses: Mapping[str, int], groups: Mapping[str, str], driver: tuple[int | None, str | None] = (None, None)
 ) -> Memory:
     """Return a renderer's `memory` by its `memory_groups`; a use without a group counts as scratch.
@@ -69,8 +70,6 @@ def measure_audit(job: Job) -> dict[str, Any]:
 
 def _to_try(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
     """Return a cell's mesh, the cameras that look at it, what is tried, and the limits of each library."""
-    from msb.base.limits import Limits
-
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
@@ -82,7 +81,6 @@ def measure_trial(job: Job) -> dict[str, Any]:
 
     The cell's folder gets a picture of each.
     """
-    from msb.base.atomic import new_folder
     from msb.trial.run import try_asset
 
     asset, cameras, wanted, limits = _to_try(job)
@@ -112,7 +110,6 @@ def measure_repairs(job: Job) -> dict[str, Any]:
 
     The cell's folder gets a picture of each.
     """
-    from msb.base.atomic import new_folder
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
 
@@ -130,16 +127,16 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
     from msb.metrics.image_files import read_mask, read_pixels
     from msb.scenes.datasets import read_matrices
 
-    assert job.chamfer_data is not None
+    assert job.chamfer is not None
     scan = scan_number(job.cell.scene)
-    data = read_dtu_scan(job.chamfer_data, scan)
+    data = read_dtu_scan(Path(job.chamfer.data), scan)
     scene = checked_scene(job.scene, job.views)
     vertices, faces, source = _mesh(job)
     world, scale = read_matrices(scene.root / "cameras.npz")
     alone = scene.mask_source == "mask_folder"
     masks = (read_mask(file) if alone else read_pixels(file, ("RGBA",))[..., 3] for file in mask_files(scene))
     culled = cull_dtu(vertices, faces, world, scale, masks)
-    distances = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
+    distances = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer.seed)
     about = {"scan": scan, "metric": distances.pop("identity"), "mesh": source}
     return {"chamfer": ChamferDocument.of({**distances, **about})}
 

@@ -57,7 +57,7 @@ class Planned:
     cell: Cell
     # The parts to be computed; None if there is nothing to do, or nothing can be done.
     job: Job | None
-    # The reason to compute each part, or to "bake": "new", "failed before", "asked for", what changed, or
+    # The reason to compute each part, or to "bake": "new", "failed before", "requested", what changed, or
     # what is wrong with its record or a rendering.
     why: Mapping[str, str] = field(default_factory=dict)
     # "done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`.
@@ -203,7 +203,7 @@ class Planner:
         )
         if not self.redo and (made := known_bake(task)) is not None:
             return self._one(pair, made, cell)
-        why = "asked for" if self.redo else "changed" if task.path.exists() else "new"
+        why = "requested" if self.redo else "changed" if task.path.exists() else "new"
         return Planned(cell, None, {"bake": why}, bake=task)
 
     def with_bake(self, cell: Cell, made: Model | Exception) -> Planned:
@@ -288,10 +288,8 @@ class Planner:
             renderer_timing=path(method.non_engine_timing) if cell.condition == "non_engine" else None,
             device=protocol.device,
             vgg_weights=path(protocol.metrics.vgg_weights),
-            frames=protocol.timing.frames,
-            seconds=protocol.timing.seconds,
-            chamfer_data=None if chamfer is None else path(chamfer.data),
-            chamfer_seed=0 if chamfer is None else chamfer.seed,
+            timing=protocol.timing,
+            chamfer=chamfer and chamfer.model_copy(update={"data": str(path(chamfer.data))}),
             walk=protocol.walk if _is_walked(protocol.walk, cell) else None,
             trial=protocol.trial if cell.condition == "exported_mesh" or cell.bake else None,
             trained=trained,
@@ -325,7 +323,7 @@ class Planner:
                 self.known.warnings[f"warning: {error}; the cell is computed again"] = None
         reasons: dict[Part, str] = {}
         for part, inputs in wanted.items():
-            why = "asked for" if self.redo else bad or _difference(part, inputs, old)
+            why = "requested" if self.redo else bad or _difference(part, inputs, old)
             if why is None and part == "quality" and old is not None:
                 why = _image_changed(job.folder, old)
             if why is not None:

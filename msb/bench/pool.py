@@ -12,7 +12,7 @@ import sys
 import threading
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -62,13 +62,14 @@ def run_all(
     waiting = list(tasks)
     while waiting:
         suspects = 1 if alone else workers.jobs
-        answers = _one_by_one(workers, function, waiting) if alone else _at_once(workers, function, waiting)
+        numbers = range(len(waiting))
         broken = []
-        for number, answer in answers:
-            if isinstance(answer, BrokenExecutor):
-                broken.append(number)
-            else:
-                yield waiting[number], answer
+        for group in ([number] for number in numbers) if alone else [numbers]:
+            for number, answer in _at_once(workers, function, {k: waiting[k] for k in group}):
+                if isinstance(answer, BrokenExecutor):
+                    broken.append(number)
+                else:
+                    yield waiting[number], answer
         broken.sort()
         for number in broken[:suspects]:
             again: Answer | Exception = _answer(_submitted(workers.executor(), function, waiting[number]))
@@ -77,10 +78,10 @@ def run_all(
 
 
 def _at_once(
-    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
+    workers: Workers, function: Callable[[Task], Answer], tasks: Mapping[int, Task]
 ) -> Iterator[tuple[int, Answer | Exception]]:
     executor = workers.executor()
-    futures = {_submitted(executor, function, task): number for number, task in enumerate(tasks)}
+    futures = {_submitted(executor, function, task): number for number, task in tasks.items()}
     try:
         for future in as_completed(futures):
             number, answer = futures.pop(future), _answer(future)
@@ -89,13 +90,6 @@ def _at_once(
     finally:
         for future in futures:
             future.cancel()
-
-
-def _one_by_one(
-    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
-) -> Iterator[tuple[int, Answer | Exception]]:
-    for number, task in enumerate(tasks):
-        yield number, _answer(_submitted(workers.executor(), function, task))
 
 
 def _submitted(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:

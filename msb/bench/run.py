@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from msb.adapters.training_cameras import CAMERAS
 from msb.base.atomic import new_file
@@ -36,8 +36,8 @@ from msb.scenes import write_cameras
 _INTERNAL_STATUS = 70
 
 
-class Watch(Protocol):
-    """The interface by which a run reports its progress."""
+class Watch:
+    """The interface by which a run reports its progress; this one ignores all reports."""
 
     def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
         """Begin a stage, which says how far it is; call the function with the name of each ended task."""
@@ -46,10 +46,6 @@ class Watch(Protocol):
     def note(self, text: str) -> None:
         """Report a line of text."""
         return
-
-
-class _Nobody(Watch):
-    """Hears nothing."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +108,7 @@ def run_protocol(
     writes nothing; its report holds the plan.
     """
     start = time.perf_counter()
-    watch = watch or _Nobody()
+    watch = watch or Watch()
     if scheduler is not None:
         check_address(scheduler)
     if dry:
@@ -336,9 +332,7 @@ def _row(results: Results, planned: Planned, seconds: float) -> Row:
         result = None
     if planned.status == "failed" and planned.reason is not None:
         return Row(planned, result, seconds, {"cell": planned.reason})
-    reasons: dict[str, Reason] = {}
-    if result is not None:
-        reasons = dict(result.reasons)
-        if result.status == "failed" and result.reason is not None:
-            reasons["cell"] = result.reason
+    reasons = {} if result is None else dict(result.reasons)
+    if result is not None and result.status == "failed" and result.reason is not None:
+        reasons["cell"] = result.reason
     return Row(planned, result, seconds, reasons)

@@ -16,14 +16,13 @@ import stat
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, NoReturn
 
 from pydantic import Field
 
-from msb.asset.strict_zip import Member, Policy, read_members
+from msb.asset.strict_zip import Policy, read_members
 from msb.base.files import file_sha256, map_file
 from msb.base.version import __version__
 from msb.bench.checked import Name, Record, Sha256, checked, parse_json
@@ -288,51 +287,40 @@ def read_submission(path: Path) -> Submission:
         FILE_NOT_FOUND or FILE_UNREADABLE; RECORD_INVALID: it is no archive as `write_submission` makes it, a
         member's hash is not that in the list, a member is missing or unlisted, too large, or not valid.
     """
-    return _Reader(path).read()
+    data = map_file(path, _MAX_FILE + 1)
+    if len(data) > _MAX_FILE:
+        raise _invalid(path, f"it is longer than {_MAX_FILE:,} bytes")
+    members = read_members(data, _Members(path))
 
-
-class _Reader:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.data = map_file(path, _MAX_FILE + 1)
-        if len(self.data) > _MAX_FILE:
-            raise InputError("RECORD_INVALID", f"it is longer than {_MAX_FILE:,} bytes", file=path)
-        self.members = read_members(self.data, _Members(path))
-
-    @cached_property
-    def about(self) -> About:
-        if ABOUT not in self.members:
-            raise self.bad(f"there is no {ABOUT} in it, as msb submit writes")
-        about = checked(About, self.document(ABOUT, _MAX_ABOUT), file=self.path, code="RECORD_INVALID")
-        if others := about.files.keys() ^ (self.members.keys() - {ABOUT}):
-            raise self.bad(f"{shorten(min(others), 60)} is in its list or in the file, and not in both")
-        return about
-
-    def read(self) -> Submission:
-        about = self.about
-        records, pictures = [], {}
-        for name, sha256 in about.files.items():
-            if hashlib.sha256(self.content(name, MAX_BYTES)).hexdigest() != sha256:
-                raise self.bad(f"{name} is not the one that was submitted: its SHA-256 is another")
-            if name.startswith("records/"):
-                records.append(checked_result(self.document(name, MAX_BYTES), file=f"{self.path}: {name}"))
-            else:
-                pictures[name] = self.content(name, _MAX_PICTURE)
-        cells = [record.cell for record in records]
-        if len({cell.names for cell in cells}) < len(cells) or not cells:
-            raise self.bad("it holds no record" if not cells else "it holds two records of one cell")
-        if missing := {shown.file for shown in about.pictures} - pictures.keys():
-            raise self.bad(f"the picture {shorten(min(missing), 60)} is not in it")
-        return Submission(self.path, hashlib.sha256(self.data).hexdigest(), about, tuple(records), pictures)
-
-    def bad(self, text: str) -> InputError:
-        return InputError("RECORD_INVALID", text, file=self.path)
-
-    def content(self, name: str, most: int) -> bytes:
-        member: Member = self.members[name]
+    def content(name: str, most: int) -> bytes:
+        member = members[name]
         if member.size > most:
-            raise self.bad(f"{name} has {member.size:,} bytes; {most:,} are allowed")
-        return bytes(self.data[member.offset : member.offset + member.size])
+            raise _invalid(path, f"{name} has {member.size:,} bytes; {most:,} are allowed")
+        return bytes(data[member.offset : member.offset + member.size])
 
-    def document(self, name: str, most: int) -> Any:
-        return parse_json(self.content(name, most), most, file=f"{self.path}: {name}")
+    def document(name: str, most: int) -> Any:
+        return parse_json(content(name, most), most, file=f"{path}: {name}")
+
+    if ABOUT not in members:
+        raise _invalid(path, f"there is no {ABOUT} in it, as msb submit writes")
+    about = checked(About, document(ABOUT, _MAX_ABOUT), file=path, code="RECORD_INVALID")
+    if others := about.files.keys() ^ (members.keys() - {ABOUT}):
+        raise _invalid(path, f"{shorten(min(others), 60)} is in its list or in the file, and not in both")
+    records, pictures = [], {}
+    for name, sha256 in about.files.items():
+        if hashlib.sha256(content(name, MAX_BYTES)).hexdigest() != sha256:
+            raise _invalid(path, f"{name} is not the one that was submitted: its SHA-256 is another")
+        if name.startswith("records/"):
+            records.append(checked_result(document(name, MAX_BYTES), file=f"{path}: {name}"))
+        else:
+            pictures[name] = content(name, _MAX_PICTURE)
+    cells = {record.cell.names for record in records}
+    if len(cells) < len(records) or not records:
+        raise _invalid(path, "it holds no record" if not records else "it holds two records of one cell")
+    if missing := {shown.file for shown in about.pictures} - pictures.keys():
+        raise _invalid(path, f"the picture {shorten(min(missing), 60)} is not in it")
+    return Submission(path, hashlib.sha256(data).hexdigest(), about, tuple(records), pictures)
+
+
+def _invalid(path: Path, text: str) -> InputError:
+    return InputError("RECORD_INVALID", text, file=path)

@@ -40,65 +40,15 @@ _SMALLEST = 240
 
 
 @dataclass(frozen=True)
-class VideoTask:
-    """The order to make one film of a method on a scene."""
+class FilmTask:
+    """The order to make one film: of a method on a scene, or of all methods of a scene."""
 
-    # Those of the conditions shown, in the order shown.
+    # Dataset and scene, and the model if the film is of one.
+    names: tuple[str, ...]
+    # Those of the conditions shown, in the order shown; of several methods the first of each.
     jobs: tuple[Job, ...]
     options: VideosTable
     # The hash of all inputs that decide the film.
-    inputs: str
-
-    @property
-    def name(self) -> str:
-        """What progress shows."""
-        cell = self.jobs[0].cell
-        return " ".join(cell.names[:3])
-
-    @property
-    def path(self) -> Path:
-        """The film's."""
-        return Results(self.jobs[0].root).video(*self.jobs[0].cell.names[:3])
-
-
-def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
-    """Return the films to be made: those of finished cells that have no film, or an outdated one.
-
-    A flight shows what can be rendered; official renderings and photographs exist at the test views only.
-    """
-    groups: dict[tuple[str, ...], list[Job]] = {}
-    for job in jobs:
-        shown = job.cell.condition in ("dedicated", "standard")
-        if shown or (job.cell.condition == "non_engine" and options.path == "test"):
-            groups.setdefault(job.cell.names[:3], []).append(job)
-    tasks = []
-    for group in groups.values():
-        held: list[tuple[Job, Any]] = []
-        for job in group:
-            with contextlib.suppress(MsbError):
-                result = Results(job.root).read(job.cell)
-                if result.status == "done":
-                    held.append((job, result.inputs["quality"]))
-        if held:
-            inputs = digest(
-                [options.model_dump(), [(job.cell.condition_name, inputs) for job, inputs in held]]
-            )
-            task = VideoTask(tuple(job for job, _ in held), options, inputs)
-            if _about(task.path).get("inputs") != task.inputs:
-                tasks.append(task)
-    return tasks
-
-
-@dataclass(frozen=True)
-class GridTask:
-    """The order to put the films of a scene's methods below each other."""
-
-    root: Path
-    run: str
-    # Dataset and scene.
-    names: tuple[str, str]
-    models: tuple[str, ...]
-    options: VideosTable
     inputs: str
 
     @property
@@ -109,24 +59,58 @@ class GridTask:
     @property
     def path(self) -> Path:
         """The film's."""
-        return Results(self.root).grid(*self.names)
+        return Results(self.jobs[0].root).video(*self.names)
+
+    @property
+    def is_made(self) -> bool:
+        """Whether the film is there and still holds."""
+        return _about(self.path).get("inputs") == self.inputs
 
 
-def grid_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[GridTask]:
+def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
+    """Return the films to be made: those of finished cells that have no film, or an outdated one.
+
+    A flight shows what can be rendered; official renderings and photographs exist at the test views only.
+    """
+    groups: dict[tuple[str, ...], list[Job]] = {}
+    for job in jobs:
+        shown = job.cell.condition in ("dedicated", "standard")
+        if shown or (job.cell.condition == "non_engine" and options.path == "test"):
+            groups.setdefault(job.cell.names[:3], []).append(job)
+    tasks = []
+    for names, group in groups.items():
+        held: list[tuple[Job, Any]] = []
+        for job in group:
+            with contextlib.suppress(MsbError):
+                result = Results(job.root).read(job.cell)
+                if result.status == "done":
+                    held.append((job, result.inputs["quality"]))
+        if held:
+            inputs = digest(
+                [options.model_dump(), [(job.cell.condition_name, inputs) for job, inputs in held]]
+            )
+            tasks.append(FilmTask(names, tuple(job for job, _ in held), options, inputs))
+    return [task for task in tasks if not task.is_made]
+
+
+def grid_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
     """Return the films of several methods to be made, of those whose own films are there."""
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
         dataset, scene, model, _ = job.cell.names
-        scenes.setdefault((dataset, scene), {})[model] = job
+        scenes.setdefault((dataset, scene), {}).setdefault(model, job)
     tasks = []
     for names, models in scenes.items():
-        first = next(iter(models.values()))
-        inputs = {model: _about(Results(first.root).video(*names, model)).get("inputs") for model in models}
-        made = tuple(model for model, own in inputs.items() if own is not None)
-        task = GridTask(first.root, first.run, names, made, options, digest(["grid", inputs]))
-        if len(made) > 1 and _about(task.path).get("inputs") != task.inputs:
-            tasks.append(task)
-    return tasks
+        inputs = {model: _about(_film(job)).get("inputs") for model, job in models.items()}
+        made = tuple(job for model, job in models.items() if inputs[model] is not None)
+        if len(made) > 1:
+            tasks.append(FilmTask(names, made, options, digest(["grid", inputs])))
+    return [task for task in tasks if not task.is_made]
+
+
+def _film(job: Job) -> Path:
+    """Return the film of a job's model on its scene."""
+    return Results(job.root).video(*job.cell.names[:3])
 
 
 def _about(film: Path) -> dict[str, Any]:
@@ -138,7 +122,7 @@ def _about(film: Path) -> dict[str, Any]:
     return {}
 
 
-def write_video(task: VideoTask) -> None:
+def write_video(task: FilmTask) -> None:
     """Render and write a film, and beside it a file that says what it shows."""
     first = task.jobs[0]
     check_run(first.root, first.run)
@@ -155,19 +139,19 @@ def write_video(task: VideoTask) -> None:
     _write_about(task, columns=titles)
 
 
-def write_grid(task: GridTask) -> None:
+def write_grid(task: FilmTask) -> None:
     """Write the film of a scene's methods below each other, each cut from its own film, and what it shows."""
-    check_run(task.root, task.run)
-    films = [Results(task.root).video(*task.names, model) for model in task.models]
+    check_run(task.jobs[0].root, task.jobs[0].run)
+    films, models = [_film(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
     shown = [_about(film)["columns"] for film in films]
     # Most first: they have the order of all.
     columns = list(
         dict.fromkeys(title for titles in sorted(shown, key=len, reverse=True) for title in titles)
     )
     rows = zip(*(_panels(film, titles) for film, titles in zip(films, shown, strict=True)), strict=False)
-    titles = [METHODS[model].title if model in METHODS else model for model in task.models]
+    titles = [METHODS[model].title if model in METHODS else model for model in models]
     write_film(task.path, (_grid(row, columns, titles) for row in rows), task.options.fps)
-    _write_about(task, columns=columns, rows=list(task.models))
+    _write_about(task, columns=columns, rows=models)
 
 
 def _panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
@@ -193,21 +177,14 @@ def _grid(
     return np.asarray(picture, np.float32) / np.float32(255)
 
 
-def _write_about(task: VideoTask | GridTask, **shown: list[str]) -> None:
-    about = {
-        "schema": SCHEMA,
-        "inputs": task.inputs,
-        **shown,
-        "path": task.options.path,
-        "frames": task.options.frames,
-        "fps": task.options.fps,
-    }
+def _write_about(task: FilmTask, **shown: list[str]) -> None:
+    about = {"schema": SCHEMA, "inputs": task.inputs, **shown, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
         file.write(json.dumps(about, indent=1).encode() + b"\n")
 
 
 def _flight(
-    task: VideoTask,
+    task: FilmTask,
     cameras: Sequence[Camera],
     background: tuple[float, float, float],
     stack: contextlib.ExitStack,
@@ -217,7 +194,7 @@ def _flight(
         yield [to_bytes(renderer.render(camera, background).image) for renderer in renderers]
 
 
-def _held(task: VideoTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
+def _held(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
     """Yield the test views as they are on disk, each for the same time."""
     folders = [task.jobs[0].photographs, *(job.folder / "images" for job in task.jobs)]
     last, row = None, []

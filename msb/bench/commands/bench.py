@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from msb.base.option import Option
 from msb.bench.timing import Timing
@@ -13,9 +14,6 @@ from msb.cli.command import Typed, command
 from msb.cli.output import JsonOutput, Output
 from msb.errors import GateFailed, InputError, UsageError, shorten
 from msb.render.options import NO_CAMERAS, Drawing, Source, Tier, Views
-
-if TYPE_CHECKING:
-    from msb.bench.profile import Profile
 
 SCHEMA = "msb.bench/1"
 _TURNTABLE = 8
@@ -115,7 +113,7 @@ def bench(
         "driver_memory_reason": reason,
     }
     if output.prints_text:
-        _print(record, found, old, output)
+        _print(record, old, output)
     output.write_json(record)
     if old is not None:
         for key in _SAME:
@@ -166,40 +164,42 @@ def _is_record(data: dict[str, Any]) -> bool:
     )
 
 
-def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, output: Output) -> None:
+def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -> None:
     device = record["machine"]["device"]
     modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
     output.line(
         f"{record['path']}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
-        f"{record['views']} views of {', '.join(record['sizes'])}, {found.timing.frames} frames"
+        f"{record['views']} views of {', '.join(record['sizes'])}, {record['frames']} frames"
     )
     output.line(f"{record['renderer']} on {device['platform']}: {device['name']}")
     rows = []
-    for label, unit, value, before in _rows(found, record["driver_memory_bytes"], output.verbose > 0):
+    for label, unit, get in _rows(record, output.verbose > 0):
+        value = get(record)
         cells = [label, _number(value, unit)]
         if old:
-            was = before(old)
+            was = get(old)
             cells += [_number(was, unit), f"{value / was:.2f}"] if was else ["-", "-"]
         rows.append(cells)
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
     output.table(headers, rows[:3] if output.quiet else rows, right=range(1, len(headers)))
 
 
-def _rows(found: Profile, driver: int | None, everything: bool) -> Any:
-    """Yield label, unit, value, and how to find the value in an older record."""
-    yield "frames per second", "", found.timing.fps, lambda old: old["fps"]
-    yield "device P50", "ms", found.timing.p50_ms, lambda old: old["device_ms"].get("p50")
-    yield "device P95", "ms", found.timing.p95_ms, lambda old: old["device_ms"].get("p95")
-    yield "busy P50", "ms", found.timing.busy_p50_ms, lambda old: old["busy_ms"].get("p50")
-    for name, value in found.timing.stages_ms.items():
-        yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
-    total = sum(found.memory.values())
-    yield "memory, all views", "B", total, lambda old: sum(old["memory_bytes"].values())
-    for use, size in sorted(found.memory.items(), key=lambda item: -item[1]):
+def _rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, Callable[[Any], Any]]]:
+    """Yield label, unit, and how to find the value in this record or an older one."""
+    yield "frames per second", "", lambda one: one["fps"]
+    yield "device P50", "ms", lambda one: one["device_ms"].get("p50")
+    yield "device P95", "ms", lambda one: one["device_ms"].get("p95")
+    yield "busy P50", "ms", lambda one: one["busy_ms"].get("p50")
+    for name in record["stages_ms"]:
+        yield f"  {name}", "ms", lambda one, name=name: one["stages_ms"].get(name)
+    memory = record["memory_bytes"]
+    total = sum(memory.values())
+    yield "memory, all views", "B", lambda one: sum(one["memory_bytes"].values())
+    for use, size in sorted(memory.items(), key=lambda item: -item[1]):
         if everything or size >= total / 100:
-            yield f"  {use}", "B", size, lambda old, use=use: old["memory_bytes"].get(use, 0)
-    if driver is not None:
-        yield "process, by the driver", "B", driver, lambda old: old.get("driver_memory_bytes")
+            yield f"  {use}", "B", lambda one, use=use: one["memory_bytes"].get(use, 0)
+    if record["driver_memory_bytes"] is not None:
+        yield "process, by the driver", "B", lambda one: one.get("driver_memory_bytes")
 
 
 def _number(value: float, unit: str) -> str:

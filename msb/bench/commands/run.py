@@ -294,10 +294,10 @@ def _state(row: Row, *, dry: bool) -> str:
     if failed is not None and not (dry and planned.status == "pending"):
         return "blocked" if dry else f"failed: {failed.code}"  # by what is said below, once for all
     if planned.status == "done":
-        return "as before"
+        return "unchanged"
     why = dict.fromkeys(planned.why.values())
     reasons = "" if list(why) == ["new"] else f": {'; '.join(why)}"
-    return f"{'to do' if dry else 'done now'}{reasons}"
+    return f"{'pending' if dry else 'computed'}{reasons}"
 
 
 @contextlib.contextmanager
