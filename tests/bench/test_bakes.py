@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from msb.bench.bakes import bake_key
+from msb.bench.bakes import hash_bake_inputs
 from msb.bench.models import Model
-from msb.bench.photographs import views_of
+from msb.bench.photographs import describe_views
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import File, Result
 from msb.bench.run import run_protocol
@@ -54,7 +54,7 @@ def test_invalid_bake_tables_are_rejected(tmp_path: Path, tail: str, pointer: st
 
 def test_the_key_of_a_bake_depends_on_its_inputs_and_not_on_its_place() -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble", dataset="nerf_synthetic")
-    views, asset = views_of(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
+    views, asset = describe_views(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
     facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None}
     model = Model(**facts, asset=asset, training={}, stamps=(), key="")
     options = {"teacher": "dedicated", "seconds": 60.0}
@@ -63,16 +63,16 @@ def test_the_key_of_a_bake_depends_on_its_inputs_and_not_on_its_place() -> None:
         return model.model_copy(update={"asset": asset.model_copy(update=changes)})
 
     keys = [
-        bake_key(model, options, {}, scene, views),
-        bake_key(model, {**options, "seconds": 61.0}, {}, scene, views),
-        bake_key(model, {**options, "teacher": "photographs"}, {}, scene, views),
-        bake_key(model, options, {"gamma": 2.0}, scene, views),
-        bake_key(model, options, {}, replace(scene, train=scene.train[1:]), views),
-        bake_key(model, options, {}, scene, replace(views, photographs="others")),
-        bake_key(moved(sha256="1" * 64), options, {}, scene, views),
+        hash_bake_inputs(model, options, {}, scene, views),
+        hash_bake_inputs(model, {**options, "seconds": 61.0}, {}, scene, views),
+        hash_bake_inputs(model, {**options, "teacher": "photographs"}, {}, scene, views),
+        hash_bake_inputs(model, options, {"gamma": 2.0}, scene, views),
+        hash_bake_inputs(model, options, {}, replace(scene, train=scene.train[1:]), views),
+        hash_bake_inputs(model, options, {}, scene, replace(views, photographs="others")),
+        hash_bake_inputs(moved(sha256="1" * 64), options, {}, scene, views),
     ]
     assert len(set(keys)) == len(keys)
-    assert bake_key(moved(path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
+    assert hash_bake_inputs(moved(path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
 
 
 def test_masks_are_inputs_of_a_bake_from_photographs(tmp_path: Path) -> None:
@@ -83,7 +83,8 @@ def test_masks_are_inputs_of_a_bake_from_photographs(tmp_path: Path) -> None:
     before, after = [], []
     for keys in (before, after):
         keys += [
-            bake_key(model, {"teacher": name}, {}, scene, views) for name in ("dedicated", "photographs")
+            hash_bake_inputs(model, {"teacher": name}, {}, scene, views)
+            for name in ("dedicated", "photographs")
         ]
         next((root / "mask").iterdir()).write_bytes(b"another")
     assert [old == new for old, new in zip(before, after, strict=True)] == [True, False]

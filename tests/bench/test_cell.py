@@ -11,12 +11,12 @@ import pytest
 from msb.bench import cell as cells
 from msb.bench import parts
 from msb.bench.cell import compute
-from msb.bench.folder import Results, exclusive
-from msb.bench.inputs import Known
-from msb.bench.job import Done, Job, Part
+from msb.bench.folder import Results, lock_results
+from msb.bench.inputs import KnownFacts
+from msb.bench.job import Job, JobOutcome, PartName
 from msb.bench.models import prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
-from msb.bench.plan import Planned, Planner, pairs_of
+from msb.bench.plan import Planned, Planner, find_pairs
 from msb.bench.protocol import ProtocolFile
 from msb.bench.records import Reason, read_result
 from msb.metrics import registry
@@ -35,11 +35,11 @@ class Bench:
 
     def plan(self, only: str, *, redo: bool = False) -> Planned:
         """Return the plan of the one cell that `only` selects."""
-        pairs = pairs_of(self.file)
+        pairs = find_pairs(self.file)
         models: dict[Any, Any] = {
             pair: prepare_model(pair.task(self.file.results, self.run)) for pair in pairs
         }
-        (planned,) = Planner(self.file, self.run, Known(), [only], redo=redo).plan(pairs, models)
+        (planned,) = Planner(self.file, self.run, KnownFacts(), [only], redo=redo).plan(pairs, models)
         return planned
 
     def job(self, only: str) -> Job:
@@ -48,23 +48,23 @@ class Bench:
         write_photographs(PhotographTask(self.file.results, self.run, job.scene, job.views))
         return job
 
-    def compute(self, only: str, *names: str) -> Done:
+    def compute(self, only: str, *names: str) -> JobOutcome:
         job = self.job(only)
         return compute(replace(job, parts={part: job.parts[part] for part in names}))
 
-    def record(self, done: Done) -> Any:
+    def record(self, done: JobOutcome) -> Any:
         return read_result(Results(self.file.results).record(done.cell))
 
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     file = protocol(tmp_path, ("mesh_splatting",))
-    with exclusive(file.results) as run:
+    with lock_results(file.results) as run:
         yield Bench(file, run)
 
 
 @pytest.fixture
-def measures(monkeypatch: pytest.MonkeyPatch) -> dict[Part, Any]:
+def measures(monkeypatch: pytest.MonkeyPatch) -> dict[PartName, Any]:
     """The functions that compute parts; images and timings are replaced by ones that need no time."""
     monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
     monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
@@ -139,11 +139,11 @@ def test_a_timing_keeps_the_images_and_vice_versa(bench: Bench) -> None:
     assert set(third.inputs) == {"quality", "timing"}
 
 
-def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict[Part, Any]) -> None:
+def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict[PartName, Any]) -> None:
     """The new asset's run ends before its timing, its protocol has no timing, or the timing crashes."""
 
-    def measure(job: Job, part: Part) -> Any:
-        return bench.record(compute(replace(job, parts={part: job.wanted[part]})))
+    def measure(job: Job, part: PartName) -> Any:
+        return bench.record(compute(replace(job, parts={part: job.requested[part]})))
 
     old = bench.job("dedicated")
     measure(old, "quality")
@@ -151,16 +151,16 @@ def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict
     assert measure(old, "quality").timing == timing(), "a valid timing stays"
 
     asset = old.model.asset.model_copy(update={"sha256": "1" * 64})
-    wanted = {part: {**inputs, "asset": "1" * 16} for part, inputs in old.wanted.items()}
-    new = replace(old, model=old.model.model_copy(update={"asset": asset}), wanted=wanted)
-    untimed = replace(new, wanted={"quality": wanted["quality"]})
+    requested = {part: {**inputs, "asset": "1" * 16} for part, inputs in old.requested.items()}
+    new = replace(old, model=old.model.model_copy(update={"asset": asset}), requested=requested)
+    untimed = replace(new, requested={"quality": requested["quality"]})
     for job in (new, untimed):
         measure(old, "timing")
         record = measure(job, "quality")
         assert (record.asset, record.timing, set(record.inputs)) == (asset, None, {"quality"})
 
     measure(old, "timing")
-    died = replace(new, parts={"timing": wanted["timing"]})
+    died = replace(new, parts={"timing": requested["timing"]})
     cells.write_lost(died, Reason(code="INTERNAL", message="it died"))
     record = read_result(Results(bench.file.results).record(died.cell))
     assert (record.timing, record.reasons["timing"].message) == (None, "it died")
@@ -169,17 +169,17 @@ def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict
 @pytest.mark.parametrize("appears", [True, False])
 @pytest.mark.parametrize(("option", "kept"), [("order", None), ("metrics", timing())])
 def test_a_timing_is_dropped_only_if_an_option_that_affects_it_changed(
-    bench: Bench, measures: dict[Part, Any], appears: bool, option: str, kept: object
+    bench: Bench, measures: dict[PartName, Any], appears: bool, option: str, kept: object
 ) -> None:
     """The protocol requests no timing any more, and one option of the images appears or disappears."""
     job = bench.job("dedicated")
     timed = {"order": "global"} if option == "order" and not appears else {}
-    images = {name: text for name, text in job.wanted["quality"].items() if name != option}
+    images = {name: text for name, text in job.requested["quality"].items() if name != option}
     with_option = {**images, option: "global"}
     before, after = (images, with_option) if appears else (with_option, images)
-    wanted = {"quality": before, "timing": {**job.wanted["timing"], **timed}}
-    compute(replace(job, parts=wanted, wanted=wanted))
-    later = replace(job, parts={"quality": after}, wanted={"quality": after})
+    requested = {"quality": before, "timing": {**job.requested["timing"], **timed}}
+    compute(replace(job, parts=requested, requested=requested))
+    later = replace(job, parts={"quality": after}, requested={"quality": after})
     assert bench.record(compute(later)).timing == kept
 
 
@@ -256,6 +256,6 @@ def test_float_renderings_are_checked_before_they_become_bytes(
 
 
 def test_the_scan_number_is_read_from_the_scene_name() -> None:
-    assert parts.scan_number("scan24") == 24
+    assert parts.parse_scan_number("scan24") == 24
     with pytest.raises(Exception, match="METRIC_ARGUMENT"):
-        parts.scan_number("garden")
+        parts.parse_scan_number("garden")

@@ -10,9 +10,9 @@ from PIL import Image
 
 from msb.adapters.exporter import export
 from msb.asset import write_asset
-from msb.bench.missing import Missing
-from msb.bench.models import method_of
-from msb.bench.protocol import ProtocolFile, example, parse_protocol
+from msb.bench.missing_inputs import Missing
+from msb.bench.models import detect_method
+from msb.bench.protocol import ProtocolFile, parse_protocol, read_example
 from msb.bench.run import Report, run_protocol
 from msb.errors import UsageError
 from msb.scenes import read_scene
@@ -26,7 +26,7 @@ def find(report: Report, word: str) -> Missing:
 
 
 def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_path: Path) -> None:
-    report = run_protocol(parse_protocol(example("paper"), tmp_path / "paper.toml"), dry=True)
+    report = run_protocol(parse_protocol(read_example("paper"), tmp_path / "paper.toml"), dry=True)
     assert report.exit_status == 3
     assert list(tmp_path.iterdir()) == []
     # Extras depend on this machine and are not counted.
@@ -76,7 +76,7 @@ non_engine = "reference"
 
 def test_a_folder_with_a_manifest_is_an_asset_under_any_name(tmp_path: Path) -> None:
     write_asset(export(PEBBLE / "two_dts"), tmp_path / "model", "folder")
-    assert method_of(tmp_path / "model") == "two_dts"
+    assert detect_method(tmp_path / "model") == "two_dts"
     model = json.dumps(str(tmp_path / "model"))
     text = protocol(tmp_path, ("two_dts",)).text.decode()
     text = text.replace(json.dumps(str(PEBBLE / "{method}")), model).replace('"two_dts"', '"auto"')

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import msb
-from msb.bench.floor import one_triangle
+from msb.bench.floor import take_one_triangle
 from msb.bench.parts import group_memory
 from msb.bench.profile import profile
 from msb.render.backend import SETTLED_AT, Drawn
@@ -67,7 +67,7 @@ def test_cameras_alternate_until_frames_and_seconds_are_reached() -> None:
     assert timed[:4] == ["a", "b", "a", "b"]
     assert len(renderer.drawn) == 1 + result.timing.frames
     assert len(timed) > 5
-    with pytest.raises(ValueError, match="no camera"):
+    with pytest.raises(ValueError, match="cameras is empty"):
         profile(renderer, [], frames=1)
 
 
@@ -100,7 +100,7 @@ def test_memory_of_an_unknown_use_is_scratch() -> None:
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"])
 def test_one_triangle_keeps_all_buffers_of_the_first_triangle(method: str) -> None:
     whole = msb.export(PEBBLE / method)
-    single = one_triangle(whole)
+    single = take_one_triangle(whole)
     assert (single.manifest.face_count, single.manifest.vertex_count) == (1, 3)
     corners = whole.buffers["indices"][0]
     np.testing.assert_array_equal(single.buffers["positions"], whole.buffers["positions"][corners])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from msb.bench.commands.run import stage_lines
+from msb.bench.commands.run import draw_stage
 from msb.bench.progress import Left, Stage
 from msb.bench.run import run_protocol
 from tests.bench.protocols import Notes, protocol
@@ -80,7 +80,7 @@ def test_the_progress_bar_takes_two_lines(seconds: float) -> None:
     stage = Stage("cells", [name, "b", "c"], "aab", then=["timing", "videos"], at_once=2, clock=lambda: 0.0)
     stage.end(0, seconds)
     text = io.StringIO()
-    Console(file=text, width=80, color_system=None, force_terminal=True).print(stage_lines(stage))
+    Console(file=text, width=80, color_system=None, force_terminal=True).print(draw_stage(stage))
     bar, second = text.getvalue().splitlines()
     assert bar.split()[:2] == ["cells", "1/3"]
     assert len(bar) == 80

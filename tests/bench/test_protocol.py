@@ -5,7 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from msb.bench.protocol import example, overrides, parse_protocol, read_protocol, single_protocol
+from msb.bench.protocol import (
+    get_overrides,
+    make_single_protocol,
+    parse_protocol,
+    read_example,
+    read_protocol,
+)
 from msb.errors import MsbError
 from msb.registry import METHODS
 from msb.scenes.datasets import DATASETS
@@ -54,11 +60,11 @@ def test_doubled_braces_are_single_braces() -> None:
 def test_settings_none_switches_off() -> None:
     text = MINIMAL + 'settings = { ste_threshold = "none", gamma = 20 }\n'
     method = parse_protocol(text.encode(), "p.toml").protocol.methods[0]
-    assert overrides(method) == {"ste_threshold": None, "gamma": 20}
+    assert get_overrides(method) == {"ste_threshold": None, "gamma": 20}
 
 
 def test_the_paper_example_has_the_papers_scenes_rows_and_sizes() -> None:
-    protocol = parse_protocol(example("paper"), "paper.toml").protocol
+    protocol = parse_protocol(read_example("paper"), "paper.toml").protocol
     assert {table.name: set(table.scenes) for table in protocol.datasets} == {
         name: set(dataset.scenes) for name, dataset in DATASETS.items()
     }
@@ -81,13 +87,13 @@ def test_the_paper_example_has_the_papers_scenes_rows_and_sizes() -> None:
 OURS = '[[methods]]\nname = "mesh"\nmodel = "x"\nlabel = "Ours"\n'
 VARIANT = '[[variants]]\nlabel = "{}"\norder = "global"\n'
 WRONG = {
-    "a = ": "it is not TOML",
-    "a = " + "[" * 4000: "it is not TOML",
-    "\xff": "it is not TOML",
+    "a = ": "the file is not valid TOML",
+    "a = " + "[" * 4000: "the file is not valid TOML",
+    "\xff": "the file is not valid TOML",
     "": "/datasets",
     "[timng]\nframes = 3\n" + MINIMAL: "/timng",
     MINIMAL + "nonsense = 1\n": "/methods/0/nonsense",
-    MINIMAL + "resolution = 2020-01-01\n": "it holds",
+    MINIMAL + "resolution = 2020-01-01\n": "the file contains",
     MINIMAL.replace("two_dts", "nerf"): "/methods/0/name",
     MINIMAL.replace("{scene}", "{sceen}"): "/methods/0/model",
     MINIMAL.replace('"two_dts"', '"auto"'): "/methods/0/model",
@@ -100,7 +106,7 @@ WRONG = {
     MINIMAL + 'datasets = ["dtu"]\n': "/methods/0/datasets",
     MINIMAL + "background = [1, 1, 2]\n": "/methods/0/background/2",
     MINIMAL + "[timing]\nframes = -1\n": "/timing/frames",
-    MINIMAL + "[timing]\nseconds = nan\n": "it holds",
+    MINIMAL + "[timing]\nseconds = nan\n": "the file contains",
     MINIMAL + "[chamfer]\n": "/chamfer/data",
     MINIMAL + '[trial]\ntasks = ["uvs"]\n': "/trial/tasks",
     MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
@@ -141,19 +147,21 @@ def test_missing_and_too_long_files(tmp_path: Path) -> None:
 
 def test_a_protocol_of_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    file = single_protocol(PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference")
+    file = make_single_protocol(
+        PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference"
+    )
     assert file.results == tmp_path / "two_dts-scan1-results"
     assert file.protocol.datasets[0].name == "dtu"
     assert file.protocol.methods[0].non_engine == "reference"
     assert parse_protocol(file.text, file.path) == file
     with pytest.raises(MsbError, match="SCENE_LAYOUT"):
-        single_protocol(PEBBLE / "two_dts", tmp_path)
+        make_single_protocol(PEBBLE / "two_dts", tmp_path)
 
 
 def test_braces_in_file_names_are_kept(tmp_path: Path) -> None:
     folder = tmp_path / "{x}{scene}}"
     shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", folder / "scan1")
-    file = single_protocol(folder / "model", folder / "scan1", non_engine=str(folder / "renders"))
+    file = make_single_protocol(folder / "model", folder / "scan1", non_engine=str(folder / "renders"))
     dataset, method = file.protocol.datasets[0], file.protocol.methods[0]
     for given, name in ((dataset.path, "scan1"), (method.model, "model"), (method.non_engine, "renders")):
         assert file.resolve(given, scene="s", dataset="d", method="m") == folder / name

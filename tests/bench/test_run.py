@@ -16,9 +16,9 @@ import msb
 from data_stubs.made_meshes import PLACES
 from msb import metrics
 from msb.bench.commands.run import RunOutput
-from msb.bench.folder import Results, exclusive
+from msb.bench.folder import Results, lock_results
 from msb.bench.gaps import scene_gaps
-from msb.bench.protocol import ProtocolFile, example, parse_protocol
+from msb.bench.protocol import ProtocolFile, parse_protocol, read_example
 from msb.bench.protocol_tables import MethodTable
 from msb.bench.records import CONDITIONS, read_result
 from msb.bench.run import run_protocol
@@ -202,7 +202,7 @@ def test_one_run_at_a_time_and_temporary_files_are_removed(again: ProtocolFile) 
     (again.results / "cells" / ".result.json.0123456789ab.part").write_text("half")
     (again.results / ".images.0123456789ab.part").mkdir()
     (again.results / ".keep.part").write_text("a file of the user")
-    with exclusive(again.results), pytest.raises(MsbError, match="RESULTS_BUSY"):
+    with lock_results(again.results), pytest.raises(MsbError, match="RESULTS_BUSY"):
         run_protocol(again)
     run_protocol(again)
     assert sorted(path.name for path in again.results.rglob("*.part")) == [".keep.part"]
@@ -344,7 +344,7 @@ def test_wrong_usage_is_one_line(msb: Msb, tmp_path: Path, args: list[str], code
 @pytest.mark.parametrize("name", ["paper", pytest.param("demo", marks=of_the_whole)])
 def test_an_example_is_a_valid_protocol(msb: Msb, name: str) -> None:
     result = msb("run", "--example", name, "-q")
-    assert (result.status, result.err, result.out.encode()) == (0, "", example(name))
+    assert (result.status, result.err, result.out.encode()) == (0, "", read_example(name))
     assert parse_protocol(result.out.encode(), "p.toml").protocol.methods
     msb("run --example", name, "--json", "-").ends(2, "USAGE: ")
 

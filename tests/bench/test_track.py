@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from msb.bench.gaps import slowdown
-from msb.bench.nvml import Gpus, driver_memory
+from msb.bench.nvml import Gpus, read_driver_memory
 from msb.bench.records import RendererTiming, read_renderer_timing
 from msb.bench.run import run_protocol
 from msb.bench.track import WHOLE_COMMAND, read_track, track
@@ -129,10 +129,10 @@ def test_driver_memory_is_that_of_this_process(
     monkeypatch: pytest.MonkeyPatch, held: dict[int, int | None], expected: int | None
 ) -> None:
     monkeypatch.setitem(sys.modules, "pynvml", nvml(held, 700))
-    size, reason = driver_memory({"kind": "gpu", "name": "A GPU"})
+    size, reason = read_driver_memory({"kind": "gpu", "name": "A GPU"})
     assert size == expected
     assert (reason is None) == (expected is not None)
-    assert driver_memory({"kind": "cpu"})[0] is None
+    assert read_driver_memory({"kind": "cpu"})[0] is None
 
 
 def test_a_missing_library_or_driver_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from msb.bench.folder import exclusive
-from msb.bench.photographs import HASHES, PhotographTask, views_of, write_photographs
+from msb.bench.folder import lock_results
+from msb.bench.photographs import HASHES, PhotographTask, describe_views, write_photographs
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import InputError, MsbError
@@ -44,8 +44,8 @@ def task(tmp_path: Path) -> Iterator[PhotographTask]:
     """The task of a scene whose ground truth has been written."""
     path = STUBS / "scenes" / "nerf_synthetic" / "pebble"
     at = SceneAt("nerf_synthetic", "pebble", path, None, None, (1.0, 1.0, 1.0), "gs_fov")
-    with exclusive(tmp_path) as run:
-        order = PhotographTask(tmp_path, run, at, views_of(at.read()))
+    with lock_results(tmp_path) as run:
+        order = PhotographTask(tmp_path, run, at, describe_views(at.read()))
         assert write_photographs(order) is None
         yield order
 
