@@ -84,7 +84,7 @@ def _faces(result: Result) -> float | None:
 
 
 def _tasks(result: Result) -> float | None:
-    """Return the number of tasks that work, including those that work with limitations."""
+    """Return the number of tasks that work, with or without limitations."""
     trials = [] if result.trial is None else result.trial.trials
     return sum(trial.outcome in ("works", "care") for trial in trials) if trials else None
 
@@ -191,7 +191,7 @@ def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
 
 
 def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean:
-    """Return the average over `scenes`, in which every scene has equal weight.
+    """Return the average over `scenes` with equal weights.
 
     An average of P95 is therefore the average of the scenes' percentiles, not a percentile of all frames. The
     average of Mip-NeRF 360 is over nine scenes, not over its indoor and outdoor averages.

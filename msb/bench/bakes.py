@@ -69,7 +69,7 @@ class BakeTask:
 def make_bake_options(table: BakeTable, method: str) -> dict[str, Any]:
     """Return the options of `msb.bake`; the default supervision is the native rendering of the method.
 
-    A method without a renderer of its own is supervised by photographs.
+    Meshes without a method's renderer are supervised by photographs.
     """
     is_native = lookup(method).supports("dedicated")
     return {"teacher": "dedicated" if is_native else "photographs", **table.options}
@@ -98,7 +98,7 @@ def hash_bake_inputs(
 
 
 def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None:
-    """Return the finished bake of a task, or None if there is none or an input or its file changed.
+    """Return the finished bake of a task, or None if it is missing, outdated or damaged.
 
     With `run`, only a bake of that run is returned.
     """

@@ -104,7 +104,7 @@ def _write(job: Job, record: dict[str, Any]) -> Result:
 
 
 def _read_old(job: Job) -> Result | None:
-    """Return the earlier record of the cell, or None if there is no valid one."""
+    """Return the earlier record of the cell, or None if it is missing or invalid."""
     try:
         return Results(job.root).read(job.cell)
     except MsbError:

@@ -55,7 +55,7 @@ class AuditDocument(Document):
             # vf_ratio is vertices per face and may be larger than 1.
             most = _MAX_SHARE if name.endswith("_ratio") and name != "vf_ratio" else inf
             if value is not None and name != "euler_characteristic" and not 0 <= value <= most:
-                raise ValueError(f"{name} must be between 0 and {most:g}")
+                raise ValueError(f"{name} {value:g} is out of range")
         return values
 
 

@@ -16,7 +16,7 @@ from msb.bench.records import Floor
 from msb.errors import MsbError
 from msb.scenes.datasets import Scene
 
-# Maximum number of timed frames; a single triangle takes equal times, so few are enough.
+# Maximum number of timed frames. The time for a single triangle hardly varies, so 20 frames are enough.
 _FRAMES = 20
 # Hash of the inputs of a floor -> the floor, measured once per process.
 _known: dict[str, Floor | None] = {}

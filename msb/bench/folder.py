@@ -145,7 +145,7 @@ def _holder(root: Path) -> str:
 
 
 def _read_run(root: Path) -> dict[str, object]:
-    """Return the content of the file of the present run; empty if there is none."""
+    """Return the content of the file of the present run; empty if no run is active."""
     try:
         about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:

@@ -116,8 +116,8 @@ def scene_gaps(metric: str, results: Conditions) -> Gaps:
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
     """Return the gaps of one method on a dataset: gaps between averages over scenes, as in the paper.
 
-    `results` is scene -> condition -> record, and `scenes` are the expected scenes. Each gap covers the
-    scenes in which its two conditions are comparable.
+    `results` is scene -> condition -> record, and `scenes` are the expected scenes. Each gap covers all
+    scenes with comparable records of its two conditions.
     """
     expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}

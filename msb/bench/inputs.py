@@ -97,7 +97,7 @@ def find_inputs(job: Job, known: KnownFacts) -> dict[PartName, PartInputs]:
         if job.cell.dataset == "dtu" and job.chamfer is not None:
             parts["chamfer"] = _chamfer_inputs(job, job.chamfer, known)
     else:
-        # All other conditions have images, and those that we render have a walk and a timing.
+        # All other conditions have images. Conditions that we render also have a walk and a timing.
         parts["quality"] = {**views, **_image_inputs(job, known), "metrics": known.metrics(job.vgg_weights)}
         if job.walk is not None:
             parts["walk"] = {

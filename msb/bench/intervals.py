@@ -2,8 +2,8 @@
 
 The value of a scene is the average over its views, because the views of a scene are correlated. The interval
 of n values is their average plus and minus t(0.975, n - 1) s / sqrt(n), where s is their standard deviation.
-p is that of the one-sample t test (Student, "The probable error of a mean", Biometrika 6, 1908).
-docs/protocol.md lists the rate of false positives for each sample size.
+The p value is computed by the one-sample t test (Student, "The probable error of a mean", Biometrika 6,
+1908). docs/protocol.md lists the rate of false positives for each sample size.
 """
 
 from collections.abc import Sequence
@@ -18,12 +18,11 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# There is no test if one scene has more than this factor as many views as another. For scenes without an
-# effect of their own the test becomes too strict: 4.2 % of pure noise is significant at a factor of 3, and
-# 1 % at a factor of 100.
+# Maximum ratio of the numbers of views of two scenes for a test. Beyond it the test is too strict if scenes
+# have no systematic effect: 4.2 % of pure noise is significant at a ratio of 3, and 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
-# Relative difference up to which values are equal except for rounding.
+# Values whose relative difference is at most this are equal except for rounding.
 _SAME = 1e-9
 
 
@@ -95,5 +94,5 @@ def interval(scenes: Sequence[Sequence[float]]) -> Interval:
 
 
 def excludes_zero(difference: Interval | None) -> bool | None:
-    """Return whether a difference is significant at 95 %; None if there is no test."""
+    """Return whether a difference is significant at 95 %; None without a test."""
     return None if difference is None or difference.p is None else difference.p < LEVEL

@@ -55,10 +55,10 @@ class _Need(NamedTuple):
 def find_missing(
     planner: Planner, cells: Sequence[Planned], errors: Sequence[MsbError] = ()
 ) -> tuple[list[Planned], list[Missing]]:
-    """Return the plan, in which cells without a necessary input have failed, and all missing inputs.
+    """Return the plan and all missing inputs; cells without a necessary input are marked as failed.
 
     All inputs of a cell are checked, so one missing input does not hide another. Scenes are read without
-    photographs, and models are located without reading them. `errors` are those that prevent any run.
+    photographs, and models are located without reading them. `errors` prevent every cell.
     """
     search = _Search(planner, errors)
     # Missing input -> scene -> number of cells.
@@ -81,7 +81,7 @@ def find_missing(
 def find_unknown_cells(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
     """Return the missing inputs that determine which cells exist: folders of scenes, and models.
 
-    `lost` is name of a dataset -> the error for which its scenes cannot be listed.
+    `lost` is name of a dataset -> the error about its folder of scenes.
     """
     errors = [(error, f"the scenes of {name}") for name, error in lost.items()]
     for pair in pairs:
@@ -190,7 +190,7 @@ class _Search:
         if cell.condition == "exported_mesh" and cell.dataset == "dtu" and chamfer is not None:
             yield absent(method.mesh), f"meshes of {model} for the Chamfer distance", False
             error = _error_of(_check_scan, self.file.resolve(chamfer.data), cell.scene)
-            yield error, "data of the Chamfer distance", False
+            yield error, "evaluation data for the Chamfer distance", False
         for error in self.errors:
             yield error, _ANY, True
 

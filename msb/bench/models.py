@@ -28,7 +28,7 @@ class ModelAsset(Record):
     """An asset of a run, and the model that it was exported from."""
 
     method: str
-    # The file of the checkpoint; for several files, its hash is that of their list of hashes.
+    # The file of the checkpoint. A checkpoint of several files has the hash of the list of their hashes.
     checkpoint: File | None
     # Its `bytes` is the sum of the sizes of the files in the container.
     asset: File
@@ -70,7 +70,7 @@ class ModelTask:
 
 
 def find_known_model(results: Results, task: ModelTask) -> ModelAsset | None:
-    """Return the recorded description of a model, or None if there is none or a file has changed."""
+    """Return the recorded description of a model, or None if it is missing or a file has changed."""
     try:
         path = _record(results, task)
         model = validate(ModelAsset, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")

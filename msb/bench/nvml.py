@@ -20,7 +20,7 @@ class Gpu(Record):
 
 
 class Gpus:
-    """The NVIDIA GPUs of this machine, or the reason why there are none: no library, driver or GPU.
+    """The NVIDIA GPUs of this machine, or the reason for their absence: no library, driver or GPU.
 
     Two numbers are measured: the memory that NVML lists for given processes, and the growth of the memory of
     the whole device. The second is used if NVML cannot list processes.
@@ -79,7 +79,7 @@ class Gpus:
             self._error = f"NVML: {error}"
 
     def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
-        """Return the peak over all GPUs in bytes, its source, and the reason if there is none."""
+        """Return the peak over all GPUs in bytes, its source, and the reason if it is unknown."""
         if self._reason is not None:
             return None, None, self._reason
         # A sum over only some of the GPUs would be too small.
@@ -113,7 +113,7 @@ class Gpus:
             with contextlib.suppress(self._nvml.NVMLError):
                 listed = self._list_processes(handle)
                 sizes += [listed[pid]] if pid in listed else []
-        # The memory of the whole device is no substitute here, because it includes other processes.
+        # The memory of the whole device is not used here, because it includes other processes.
         unlisted = "NVML lists no memory of this process: it uses no NVIDIA GPU, or it runs in a container"
         return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
@@ -134,7 +134,7 @@ class Gpus:
         import psutil
 
         sizes = self._list_processes(handle)
-        # In a container NVML lists no processes, or those of the host with other numbers.
+        # In a container NVML lists no processes, or lists them with the numbers of the host.
         known = any(pid in pids or psutil.pid_exists(pid) for pid in sizes)
         self._lists_processes = self._lists_processes or known
         return sum(size for pid, size in sizes.items() if pid in pids)

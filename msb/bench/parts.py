@@ -134,7 +134,7 @@ def measure_chamfer(job: Job) -> dict[str, Any]:
     scene = read_planned_scene(job.scene, job.views)
     vertices, faces, source = _read_mesh(job)
     world, scale = read_matrices(scene.root / "cameras.npz")
-    # Masks are image files of their own, or the alpha channel of the photographs.
+    # Masks are separate image files, or the alpha channel of the photographs.
     separate = scene.mask_source == "mask_folder"
     masks = (
         read_mask(file) if separate else read_pixels(file, ("RGBA",))[..., 3]

@@ -163,7 +163,7 @@ class LocalWorkers(Workers):
         return self._pool
 
     def close(self) -> None:
-        """End all processes, also those with an unfinished task."""
+        """End all processes immediately, even during a task."""
         self._writer.close()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
@@ -212,9 +212,7 @@ class DaskWorkers(Workers):
             connect: Any = distributed.Client
             self._client = connect(address, timeout=_CONNECT_SECONDS, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            text = (
-                f"there is no answer from a Dask scheduler at {shorten(address, 60)}: {shorten(str(error))}"
-            )
+            text = f"no Dask scheduler answers at {shorten(address, 60)}: {shorten(str(error))}"
             raise UsageError("RUN_SCHEDULER", text) from error
         self.jobs = len(self._client.ncores())
         if not self.jobs:

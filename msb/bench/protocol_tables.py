@@ -61,7 +61,7 @@ class MethodTable(SceneOptions):
     label: FolderName | None = None
     # The checkpoint, .triasset or mesh of each scene. Without it only official renderings are evaluated.
     model: Template | None = None
-    # The datasets on which the method is evaluated. Default: all.
+    # Datasets for the evaluation of the method. Default: all.
     datasets: tuple[FolderName, ...] = ()
     # Values that replace settings, as ``--set`` does.
     settings: dict[str, Setting] = Field(default_factory=dict)
@@ -87,7 +87,7 @@ class VariantTable(Record):
     sampling: Sampling | None = None
     # A renderer of the dedicated tier, by its name in `msb devices`. Default: ours.
     renderer: Annotated[str, Field(min_length=1)] | None = None
-    # Values that replace settings, as ``--set`` does, in addition to those of the method.
+    # Values that replace settings, as ``--set`` does, in addition to the method's settings.
     settings: dict[str, Setting] = Field(default_factory=dict)
 
     @property
@@ -110,7 +110,7 @@ class BakeTable(Record):
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options for `msb.bake`, except those that are None."""
+        """The options for `msb.bake` without None values."""
         return self.model_dump(exclude={"label", "datasets"}, exclude_none=True)
 
 
@@ -133,7 +133,7 @@ class TimingTable(Record):
 
 
 class ChamferTable(Record):
-    """``[chamfer]``, for scenes of DTU: the official evaluation data, and the seed of the sampling."""
+    """``[chamfer]``: the folder of DTU's official evaluation data, and the seed for sampling points."""
 
     data: Annotated[str, Field(min_length=1)]
     seed: Annotated[int, Field(ge=0)] = 0

@@ -59,7 +59,7 @@ def measure_quality(job: Job) -> dict[str, Any]:
             compared.append(_compare(job, camera, name, to_bytes(image), truth, measures))
         if not source.is_visible:
             text = (
-                "the model is not visible in any test view; check that its coordinates are those of the scene"
+                "the model is not visible in any test view; check that it is in the coordinates of the scene"
             )
             raise MetricError("METRIC_NOTHING_SHOWN", text)
     rows = [ImageQuality(**row, sha256=file_sha256(job.folder / row["file"])) for row in compared]
@@ -87,7 +87,7 @@ class _OfficialImages:
 
     job: Job
     scene: Scene
-    # Whether any image read so far is not uniform.
+    # Whether at least one of the images is not uniform.
     is_visible: bool = False
 
     def __post_init__(self) -> None:
@@ -124,7 +124,7 @@ class _RenderedImages:
     scene: Scene
     name: str = ""
     engine: Mapping[str, str] | None = None
-    # Whether any image so far shows the model.
+    # Whether at least one of the images shows the model.
     is_visible: bool = False
 
     def images(self) -> Iterator[NDArray[np.float32]]:

@@ -113,7 +113,7 @@ class Cell(Record):
 
 
 class File(Record):
-    """An input file or folder of a result; the `sha256` of a folder is that of its list of hashes."""
+    """An input file or folder of a result; a folder has the SHA-256 of its list of hashes."""
 
     path: str
     bytes: Count

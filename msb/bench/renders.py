@@ -36,7 +36,7 @@ class Renders:
     # "name": images have the names of the photographs. "number": they are called 00000, 00001, ... in the
     # order of the test views, as code derived from 3DGS writes them.
     matched_by: Literal["name", "number"]
-    # Its `sha256` is that of the list of hashes of the images.
+    # Path, size, and the SHA-256 of the list of hashes of the images.
     folder: File
 
 

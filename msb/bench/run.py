@@ -184,7 +184,7 @@ class _Run:
         self.spent: dict[Cell, float] = {}
 
     def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
-        """Run all stages, and return the report; `start` is the time at which the run began."""
+        """Run all stages, and return the report; `start` is the time of the start of the run."""
         pairs = find_pairs(self.file, only)
         models = self.prepare_models(pairs)
         known = KnownFacts(_find_device(self.workers, self.file.protocol.device))
@@ -250,7 +250,7 @@ class _Run:
                 write_cameras([*scene.train, *scene.test], folder / CAMERAS)
 
     def write_ground_truth(self, cells: list[Planned]) -> list[Planned]:
-        """Write missing or damaged ground truth; return the plan, in which an error fails its cells."""
+        """Write missing or damaged ground truth, and return the plan with cells that failed because of it."""
         jobs = [
             planned.job
             for planned in cells
@@ -277,7 +277,7 @@ class _Run:
     def compute_cells(
         self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False
     ) -> set[str]:
-        """Compute jobs, and return the names of those whose cell failed."""
+        """Compute jobs, and return the names of the failed ones."""
         failed = set()
         for job, answer in self.run_tasks(stage, compute, jobs, then, alone=alone):
             if isinstance(answer, JobOutcome):

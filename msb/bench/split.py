@@ -37,7 +37,7 @@ class Split:
     within : mapping of StepName to StepName
         A part that has no bake to separate it -> the part that includes it.
     ceiling, baked : str or None
-        The conditions of the bakes at which the parts meet.
+        The conditions of the bakes that separate the parts.
     """
 
     total: Gap | None
@@ -51,7 +51,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     """Return the parts of the loss in `metric` of one method on a dataset, or None if it has no bake.
 
     `results` is scene -> condition -> record, and `scenes` are the expected scenes. The ceiling is the bake
-    with the best PSNR among those that keep all triangles, and the other bake is the best of the rest.
+    with the best PSNR among all bakes with unchanged triangles, and the other bake is the best of the rest.
     """
     expected = tuple(scenes)
     ceiling = _best(results, expected, kept=True)

@@ -147,7 +147,7 @@ def _select(data: Any, fields: Any) -> Any:
     return fields
 
 
-class Picture(Record):
+class SubmittedImage(Record):
     """An image in a submission; without a condition it is the photograph."""
 
     file: Name
@@ -172,7 +172,7 @@ class About(Record):
     # The commands that repeat the evaluation, with names of scenes and models instead of paths.
     commands: tuple[str, ...]
     files: dict[Name, Sha256]
-    pictures: Annotated[tuple[Picture, ...], Field(max_length=MOST_PICTURES)]
+    pictures: Annotated[tuple[SubmittedImage, ...], Field(max_length=MOST_PICTURES)]
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,7 @@ class Submission:
 
 
 def write_submission(
-    name: str, records: Sequence[Result], pictures: Sequence[tuple[Picture, bytes]]
+    name: str, records: Sequence[Result], pictures: Sequence[tuple[SubmittedImage, bytes]]
 ) -> bytes:
     """Return the content of a submission file.
 
@@ -197,8 +197,8 @@ def write_submission(
     name : str
         The name of the submitter.
     records : sequence of Result
-    pictures : sequence of (Picture, bytes)
-        JPEG images, of which the first `MOST_PICTURES` are used. Their file names are assigned here.
+    pictures : sequence of (SubmittedImage, bytes)
+        JPEG images; only the first `MOST_PICTURES` are used. Their file names are assigned here.
     """
     ordered = sorted(records, key=lambda record: record.cell.names)
     fields = _fields()
@@ -327,7 +327,8 @@ def read_submission(path: Path) -> Submission:
             pictures[name] = content(name, _MAX_PICTURE)
     cells = {record.cell.names for record in records}
     if len(cells) < len(records) or not records:
-        raise _invalid(path, "there is no record" if not records else "there are two records of one cell")
+        fault = "there are two records of one cell" if records else "the archive contains no records"
+        raise _invalid(path, fault)
     if missing := {picture.file for picture in about.pictures} - pictures.keys():
         raise _invalid(path, f"the image {shorten(min(missing), 60)} is missing")
     return Submission(path, hashlib.sha256(data).hexdigest(), about, tuple(records), pictures)
@@ -338,4 +339,4 @@ def _invalid(path: Path, text: str) -> InputError:
 
 
 # Former names, used by msb.report and fuzz.seeds.
-Shown, archive_of = Picture, make_archive
+Shown, archive_of = SubmittedImage, make_archive

@@ -48,7 +48,7 @@ class Track(Record):
     # in use on the whole device, if NVML cannot distinguish processes on every GPU. This number includes
     # other programs on the device.
     gpu_source: Literal["processes", "device"] | None
-    # Why there is no number.
+    # Why the memory is unknown.
     gpu_reason: str | None
     gpus: tuple[Gpu, ...]
     # Peak of the sum of the resident sets of the command and its child processes, in bytes.
@@ -199,7 +199,7 @@ def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
 def _in_foreground() -> bool:
     """Return whether this process is in the foreground group of its terminal.
 
-    The result is true on Windows, where an interrupt reaches all processes of a console.
+    On Windows an interrupt reaches all processes of a console, so the result is always true.
     """
     if sys.platform == "win32":
         return True

@@ -28,7 +28,7 @@ class Record(BaseModel):
 
     @classmethod
     def of(cls, data: Mapping[str, Any]) -> Self:
-        """Return a record from data of this program, in which lists are accepted as tuples."""
+        """Return a record from data of this program; lists are accepted as tuples."""
         return cls.model_validate(data, strict=False)
 
     def to_json(self) -> bytes:

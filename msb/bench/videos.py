@@ -70,7 +70,7 @@ class FilmTask:
 
 
 def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
-    """Return the films to write: those of finished cells whose film is missing or outdated.
+    """Return the films to write, for finished cells whose film is missing or outdated.
 
     A flight shows only conditions that we can render. Official renderings and photographs exist at the test
     views only.
@@ -151,12 +151,13 @@ def write_grid(task: FilmTask) -> None:
     """
     check_run(task.jobs[0].root, task.jobs[0].run)
     films, models = [_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
-    shown = [_read_description(film)["columns"] for film in films]
+    captions = [_read_description(film)["columns"] for film in films]
     # The method with the most conditions comes first and determines the order of the columns.
     columns = list(
-        dict.fromkeys(title for titles in sorted(shown, key=len, reverse=True) for title in titles)
+        dict.fromkeys(title for titles in sorted(captions, key=len, reverse=True) for title in titles)
     )
-    rows = zip(*(_read_panels(film, titles) for film, titles in zip(films, shown, strict=True)), strict=False)
+    panels = [_read_panels(film, titles) for film, titles in zip(films, captions, strict=True)]
+    rows = zip(*panels, strict=False)
     titles = [METHODS[model].title if model in METHODS else model for model in models]
     write_film(task.path, (_draw_grid(row, columns, titles) for row in rows), task.options.fps)
     _write_description(task, columns=columns, rows=models)
@@ -174,8 +175,8 @@ def _draw_grid(
 ) -> NDArray[np.float32]:
     """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
 
-    `rows` holds title of a condition -> image for each method, `columns` the titles of all conditions, and
-    `titles` those of the methods.
+    `rows` holds title of a condition -> image for each method. `columns` are the titles of all conditions,
+    and `titles` the titles of the methods.
     """
     from PIL import Image
 

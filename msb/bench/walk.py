@@ -44,7 +44,7 @@ class _FrameChange(NamedTuple):
     counted: int
     # Numbers of pixels in holes, and of pixels that show the model or a hole.
     holes: int
-    shown: int
+    visible: int
     # The image and its enlarged changes, both (H, W, 3) uint8.
     pictures: tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
@@ -64,14 +64,14 @@ def measure_walk(job: Job) -> dict[str, Any]:
     start = time.perf_counter()
     scene = read_planned_scene(job.scene, job.views)
     cameras = plan_walk(scene, job.walk)
-    squares, counted, missing, shown = 0.0, 0, 0, 0
+    squares, counted, missing, visible = 0.0, 0, 0, 0
     worst, worst_frame, film = 0.0, 0, list[_FrameChange]()
     # A window over the latest second of frames; the film shows the window with the most flicker.
     recent: deque[_FrameChange] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
         for number, change in enumerate(_measure_frames(renderer, cameras, scene)):
             squares, counted = squares + change.squares, counted + change.counted
-            missing, shown = missing + change.holes, shown + change.shown
+            missing, visible = missing + change.holes, visible + change.visible
             recent.append(change)
             if len(recent) == recent.maxlen and (not film or _flicker(recent) > worst):
                 worst, worst_frame, film = _flicker(recent), number + 2 - len(recent), list(recent)
@@ -91,7 +91,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
         flicker=math.sqrt(squares / counted),
         flicker_worst=worst,
         worst_frame=worst_frame,
-        holes=missing / max(1, shown),
+        holes=missing / max(1, visible),
         film=WALK_FILM if filmed else None,
         seconds=time.perf_counter() - start,
     )

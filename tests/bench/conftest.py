@@ -21,7 +21,7 @@ VARIANT = '[[variants]]\nlabel = "engine"\norder = "global"\nsampling = "engine"
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     """A finished run of two methods on one scene."""
-    file = protocol(tmp_path_factory.mktemp("run"), each=REFERENCE)
+    file = protocol(tmp_path_factory.mktemp("run"), keys=REFERENCE)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 

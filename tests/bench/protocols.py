@@ -24,12 +24,12 @@ def protocol(
     *,
     dataset: str = "nerf_synthetic",
     head: str = "",
-    each: str = "",
+    keys: str = "",
     tail: str = "",
 ) -> ProtocolFile:
     """Return a protocol in `folder` of methods on one scene, with two timed frames.
 
-    `head` comes first, `each` is added to every method, and `tail` comes last.
+    `head` comes first, `keys` are added to every method, and `tail` comes last.
     """
     lines = [
         head,
@@ -45,7 +45,7 @@ def protocol(
             "[[methods]]",
             f'name = "{method}"',
             f"model = {json.dumps(str(PEBBLE / '{method}'))}",
-            each,
+            keys,
         ]
     return parse_protocol("\n".join([*lines, tail]).encode(), folder / "protocol.toml")
 

@@ -42,7 +42,7 @@ def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_pat
         model = f"{tmp_path / 'output' / method}: "
         assert any(missing.blocks for missing in report.missing if missing.message.startswith(model))
         assert find(report, f"renderings of {method} on ").blocks
-    scan = find(report, "data of the Chamfer")
+    scan = find(report, "data for the Chamfer")
     assert (scan.cells, scan.blocks) == (60, False)
 
 
@@ -91,8 +91,8 @@ def official(tmp_path: Path) -> tuple[ProtocolFile, list[Path]]:
     views = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test
     for number, view in enumerate(views):
         Image.new("RGB", (view.width, view.height)).save(folder / f"{number:05d}.png")
-    each = 'non_engine = "renders"\nconditions = ["non_engine", "exported_mesh"]'
-    return protocol(tmp_path, ("two_dts",), each=each), sorted(folder.iterdir())
+    keys = 'non_engine = "renders"\nconditions = ["non_engine", "exported_mesh"]'
+    return protocol(tmp_path, ("two_dts",), keys=keys), sorted(folder.iterdir())
 
 
 def test_official_renderings_are_checked(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_missing_extras_are_listed_with_everything_else(
     for module in ("torch", "lpips", "av", "skimage"):
         monkeypatch.setitem(sys.modules, module, None)
     tail = '[metrics]\nvgg_weights = "vgg.pth"\n[videos]\n'
-    file = protocol(tmp_path, ("two_dts",), each='training = "t.json"', tail=tail)
+    file = protocol(tmp_path, ("two_dts",), keys='training = "t.json"', tail=tail)
     report = run_protocol(file, dry=True)
     assert report.exit_status == 3
     assert {row.planned.status for row in report.rows} == {"failed"}

@@ -271,7 +271,7 @@ def test_frame_rates_are_compared_on_the_same_device_only(
 @pytest.mark.slow
 def test_a_run_records_a_renderer_timing_and_the_report_names_its_source(tmp_path: Path) -> None:
     write(tmp_path / "own.json")
-    file = protocol(tmp_path, ("two_dts",), each='non_engine = "reference"\nnon_engine_timing = "own.json"')
+    file = protocol(tmp_path, ("two_dts",), keys='non_engine = "reference"\nnon_engine_timing = "own.json"')
     assert run_protocol(file, only=["non_engine"]).exit_status == 0
     assert cell(file, "two_dts/non_engine").renderer_timing.fps == 120
     fps = Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")

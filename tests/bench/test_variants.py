@@ -43,7 +43,7 @@ settings = {{ gamma = 2.0 }}
 @pytest.fixture(scope="module")
 def varied(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     """A run of two methods with two variants; one method has two models."""
-    file = protocol(tmp_path_factory.mktemp("varied"), each='non_engine = "reference"', tail=TAIL)
+    file = protocol(tmp_path_factory.mktemp("varied"), keys='non_engine = "reference"', tail=TAIL)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 

@@ -19,12 +19,12 @@ from tests.bench.protocols import changed, planned, protocol
 
 pytestmark = pytest.mark.slow
 
-EACH = 'conditions = ["dedicated", "standard"]'
+KEYS = 'conditions = ["dedicated", "standard"]'
 TAIL = '[walk]\nframes = 6\nsize = 64\n[[variants]]\nlabel = "engine"\nsampling = "engine"'
 
 
 def test_a_walk_is_recorded_reported_and_measured_once(tmp_path: Path) -> None:
-    file = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=TAIL)
+    file = protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL)
     assert run_protocol(file).exit_status == 0
     paths = Results(file.results).records()
     assert [path.parent.name for path in paths] == ["dedicated", "engine", "standard"]
@@ -35,11 +35,11 @@ def test_a_walk_is_recorded_reported_and_measured_once(tmp_path: Path) -> None:
         assert 0 <= record.holes < 0.02
         assert (path.parent / "walk.mp4").stat().st_size > 1000
     assert {row.planned.status for row in run_protocol(file).rows} == {"done"}
-    longer = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=TAIL.replace("6", "7", 1))
+    longer = protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL.replace("6", "7", 1))
     for row in run_protocol(longer).rows:
         assert row.planned.why == {"walk": "flight changed"}
     chosen = TAIL.replace("6", "8", 1).replace("size", 'conditions = ["engine"]\nsize', 1)
-    rows = run_protocol(protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=chosen), dry=True).rows
+    rows = run_protocol(protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=chosen), dry=True).rows
     assert [row.planned.cell.variant for row in rows if row.planned.why] == ["engine"]
 
     report = build_report(read_results(file.results))
@@ -55,7 +55,7 @@ MESHES = 'conditions = ["exported_mesh"]'
 
 def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     tail = '[trial]\ntasks = ["self_intersections"]\ncompare = true'
-    file = protocol(tmp_path, ("mesh_splatting",), each=MESHES, tail=tail)
+    file = protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=tail)
     first = run_protocol(file)
     assert first.exit_status == 0
     (path,) = Results(file.results).records()
@@ -70,7 +70,7 @@ def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     (again,) = run_protocol(file).rows
     assert again.planned.status == "done"
     (changed,) = run_protocol(
-        protocol(tmp_path, ("mesh_splatting",), each=MESHES, tail=f"{tail}\nseconds = 50")
+        protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=f"{tail}\nseconds = 50")
     ).rows
     assert changed.planned.why == {"trial": "limits changed", "repairs": "limits changed"}
     report = build_report(read_results(file.results))

@@ -29,9 +29,7 @@ _SAME = (
 class BenchOptions:
     """The tier to time, and an earlier record to compare with."""
 
-    tier: Annotated[Tier, Option("The tier to time. msb methods lists what each tier preserves.")] = (
-        "standard"
-    )
+    tier: Annotated[Tier, Option("The tier to time; msb methods describes the tiers.")] = "standard"
     compare: Annotated[
         Path | None, Option("Compare with a record that --json wrote earlier.", metavar="OLD.json")
     ] = None

@@ -79,7 +79,7 @@ class RunOptions:
     ] = False
     example: Annotated[
         Literal["paper", "demo"] | None,
-        Option("Print an example protocol and exit: that of the paper, or of msb demo-data."),
+        Option("Print an example protocol and exit: for the paper, or for msb demo-data."),
     ] = None
 
     def read_protocol(self, path: Path) -> ProtocolFile:
@@ -186,7 +186,7 @@ def run(
         _print(file, report, output, dry=dry)
     qualities = [row.result.quality for row in report.rows if row.result is not None and row.result.quality]
     for text in dict.fromkeys(text for quality in qualities for text in quality.missing.values()):
-        output.note(f"warning: {text}; cells in which this metric failed have no average of it")
+        output.note(f"warning: {text}; the cells with this failure have no average")
     for missing in report.missing:
         say(f"{missing.code}: {missing.message}")
     return report.exit_status
