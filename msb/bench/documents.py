@@ -163,9 +163,11 @@ class RepairDocument(Document):
         return rows
 
     @property
-    def made(self) -> list[Strategy]:
+    def succeeded(self) -> list[Strategy]:
         """The strategies that did not fail; the first is the unrepaired mesh."""
         return [row for row in self.strategies if isinstance(row, Strategy)]
+
+    made = succeeded  # the former name, used by msb.report
 
 
 class ChamferDocument(Document):

@@ -10,8 +10,8 @@ class Left(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the true time is probably longer. No task of some remaining kind has ended yet, or a task
-    # already takes longer than the average of its kind.
+    # Whether the true time is probably longer: no task of one of the remaining kinds has ended yet, or a
+    # task already takes longer than the average of its kind.
     at_least: bool
 
 

@@ -177,7 +177,7 @@ def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Fault
         yield f"{place}/name", f'unknown method "{shorten(method.name)}"; {hint}'
     if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
         yield place, "a method needs a model, or a name and a folder of official renderings (non_engine)"
-    # The name of an automatic method is unknown before its model has been read.
+    # A method that is detected from its model has no {method}, because the name is unknown before that.
     placeholders = PLACES if method.name != AUTO else PLACES[:2]
     listed = ", ".join(f"{{{name}}}" for name in placeholders)
     for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):

@@ -64,7 +64,7 @@ def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     assert (trial.task, trial.picture) == ("self_intersections", "self_intersections.png")
     assert record.trial.cameras["from"] == "given"
     assert (path.parent / "trial" / trial.picture).read_bytes().startswith(b"\x89PNG")
-    stored, repaired = record.repairs.made[:2]
+    stored, repaired = record.repairs.succeeded[:2]
     assert (stored.strategy, repaired.trials) == ("as stored", {"self_intersections": "works"})
     assert (path.parent / "repairs" / str(repaired.picture)).read_bytes().startswith(b"\x89PNG")
     (again,) = run_protocol(file).rows
@@ -124,13 +124,13 @@ def test_a_grid_shows_methods_below_each_other(again: ProtocolFile) -> None:
     only = ["two_dts/dedicated", "two_dts/standard", "diffsoup/dedicated"]
     run_protocol(file, only=only)
     grid = file.results / "videos" / "nerf_synthetic" / "pebble.mp4"
-    shown, own = frames(grid), frames(grid.with_suffix("") / "two_dts.mp4")
-    assert len(shown) == 4
-    height, width = own[0].shape[:2]
-    assert shown[0].shape[:2] == (2 * height, width)
-    two_dts, diffsoup = shown[0][:height].astype(float), shown[0][height:].astype(float)
-    part = height * 3 // 4  # above the method's title
-    assert np.abs(two_dts[:part] - own[0][:part]).mean() < 4
+    both, single = frames(grid), frames(grid.with_suffix("") / "two_dts.mp4")
+    assert len(both) == 4
+    height, width = single[0].shape[:2]
+    assert both[0].shape[:2] == (2 * height, width)
+    two_dts, diffsoup = both[0][:height].astype(float), both[0][height:].astype(float)
+    part = height * 3 // 4  # the title of the method is below
+    assert np.abs(two_dts[:part] - single[0][:part]).mean() < 4
     assert diffsoup[:, : width // 2].std() > 5
     assert diffsoup[:, width // 2 + 8 :].max() < 20, "DiffSoup has no standard tier"
     written = grid.stat().st_mtime_ns

@@ -125,7 +125,7 @@ def bench(
         for key in _SAME:
             if _get(old, key) != _get(record, key):
                 text = (
-                    f"{key} was {_get(old, key)} and is now {_get(record, key)}, so the comparison is unfair"
+                    f"{key} was {_get(old, key)} and is now {_get(record, key)}, so times are not comparable"
                 )
                 output.note(f"{options.compare}: {text}")
         if limit is not None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from msb.metrics import ImagePair
     from msb.scenes.colors import Color
 
-NOTHING_SHOWN = "all images are uniform, so no metric is computed"
+NOTHING_SHOWN = "every image in PRED is uniform and shows nothing, so no metric is computed"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
 _COLUMNS = ("name", "pred", "gt", "width", "height")
 
