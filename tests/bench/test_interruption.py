@@ -101,7 +101,7 @@ def test_an_interrupt_ends_a_run_without_traceback(whole: ProtocolFile, start: S
     assert process.wait(30) == 130
     *lines, last = rest.splitlines()
     assert all(line.startswith("cells: ") for line in lines), rest
-    assert last.startswith("note: interrupted: ")
+    assert last.startswith("note: interrupted after ")
     report = run_protocol(replace(whole, path=tmp_path / "protocol.toml"), dry=True)
     pending = [dict(row.planned.why) for row in report.rows if row.planned.status == "pending"]
     assert {"timing": "new"} in pending, "finished images are kept"

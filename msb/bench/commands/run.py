@@ -173,7 +173,8 @@ def run(
         )
     except KeyboardInterrupt:
         if not dry:
-            output.note(f"interrupted after {watch.cells} cells; start the same command again to continue")
+            count = "1 cell" if watch.cells == 1 else f"{watch.cells} cells"
+            output.note(f"interrupted after {count}; start the same command again to continue")
         raise
     output.write_json(_document(file, report))
     for name, reason in report.models.items():
