@@ -1,1 +1,1 @@
-"""The benchmark: what images, speed, memory and structure an asset has under each condition of a protocol."""
+"""The benchmark: image quality, speed, memory and structure of assets in the conditions of a protocol."""

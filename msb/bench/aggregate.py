@@ -1,7 +1,7 @@
-"""From records to numbers: where a record has each metric, means over scenes, groups of scenes.
+"""The metrics of the tables, their place in a record, and averages over scenes and groups of scenes.
 
-Values are unrounded and in the records' units (bytes, seconds, milliseconds); tables round them.
-docs/protocol.md has the rules. `None` always means that there is no such number, never zero.
+Values are unrounded and in the units of the records (bytes, seconds, milliseconds); tables round them. None
+means a missing number, never zero. docs/protocol.md describes the rules.
 """
 
 import math
@@ -21,30 +21,30 @@ _MIB = float(1 << 20)
 
 
 class Metric(NamedTuple):
-    """How a number is printed, which way is better (None if neither is), and its place in a record.
-
-    `scale` is a printed unit in records' units.
-    """
+    """A number of the tables: its title, unit and precision, and the function that reads it from a record."""
 
     title: str
     unit: str
     decimals: int
+    # None if neither direction is better.
     better: Better | None
     get: Callable[[Result], float | None]
+    # The printed unit divided by the unit of the records.
     scale: float = 1.0
 
     @property
     def last_digit(self) -> float:
-        """What the last printed digit stands for, in the records' unit: no difference below it is shown."""
+        """The value of the last printed digit in the unit of the records, the smallest visible difference."""
         return float(10.0**-self.decimals * self.scale)
 
 
 def _quality(name: str) -> Callable[[Result], float | None]:
+    """Return a function that reads an image metric from a record."""
     return lambda result: None if result.quality is None else result.quality.values[name]
 
 
 def _at(place: str) -> Callable[[Result], float | None]:
-    """Return what looks up a dotted name in a record."""
+    """Return a function that reads a dotted name such as "walk.flicker" from a record."""
 
     def get(result: Result) -> float | None:
         value: Any = result
@@ -56,17 +56,18 @@ def _at(place: str) -> Callable[[Result], float | None]:
 
 
 def _of_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
+    """Return a function that computes a number from the timing of a record."""
     return lambda result: None if result.timing is None else get(result.timing)
 
 
 def _unsteadiness(timing: Timing) -> float | None:
-    """Return how far the rates of the rounds are apart, as a share of the rate of all frames."""
+    """Return the range of the frame rates of the rounds, divided by the frame rate of all frames."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
 
 
 def _memory(result: Result) -> float | None:
-    """Return the bytes of our buffers, else those that the own renderer was measured to take elsewhere."""
+    """Return the bytes of our buffers, or the memory of the method's own renderer as measured by the user."""
     if result.memory is not None:
         return result.memory.total
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes
@@ -83,9 +84,9 @@ def _faces(result: Result) -> float | None:
 
 
 def _tasks(result: Result) -> float | None:
-    """Return how many of the tasks that were tried work, with care or without."""
+    """Return the number of tasks that work, with or without limitations."""
     trials = [] if result.trial is None else result.trial.trials
-    return sum(one.outcome in ("works", "care") for one in trials) if trials else None
+    return sum(trial.outcome in ("works", "care") for trial in trials) if trials else None
 
 
 _STRUCTURE: dict[str, tuple[str, Better | None]] = {
@@ -98,15 +99,15 @@ _STRUCTURE: dict[str, tuple[str, Better | None]] = {
     "lcc_area_ratio": ("LCC area", "higher"),
     "components": ("Components", "lower"),
 }
-# The metrics of a mesh.
+# The metrics of an audit.
 AUDITED = tuple(_STRUCTURE)
 _OTHERS: dict[str, Metric] = {
     "fps": Metric("FPS", "1/s", 0, "higher", _fps),
     "p50_ms": Metric("P50", "ms", 1, "lower", _at("timing.p50_ms")),
     "p95_ms": Metric("P95", "ms", 1, "lower", _at("timing.p95_ms")),
-    "spread_ms": Metric("P95 - P50", "ms", 1, "lower", _of_timing(lambda one: one.p95_ms - one.p50_ms)),
+    "spread_ms": Metric("P95 - P50", "ms", 1, "lower", _of_timing(lambda times: times.p95_ms - times.p50_ms)),
     "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _at("timing.busy_p50_ms")),
-    "host_ms": Metric("Host", "ms", 1, "lower", _of_timing(lambda one: 1000 / one.fps - one.p50_ms)),
+    "host_ms": Metric("Host", "ms", 1, "lower", _of_timing(lambda times: 1000 / times.fps - times.p50_ms)),
     "unsteady": Metric("Rounds apart (%)", "%", 0, "lower", _of_timing(_unsteadiness), 0.01),
     "memory": Metric("Memory", "MiB", 0, "lower", _memory, _MIB),
     "driver_memory": Metric("By the driver", "MiB", 0, "lower", _at("memory.driver_bytes"), _MIB),
@@ -131,23 +132,22 @@ _OTHERS: dict[str, Metric] = {
 @cache
 def _metrics() -> Mapping[str, Metric]:
     images = {
-        key: Metric(each.title, each.unit, each.decimals, each.better, _quality(key))
-        for key, each in IMAGE_METRICS.items()
+        key: Metric(metric.title, metric.unit, metric.decimals, metric.better, _quality(key))
+        for key, metric in IMAGE_METRICS.items()
     }
     return images | _OTHERS
 
 
-# All numbers of the tables. Chamfer is the "overall" of DTU in mm; memory and sizes are bytes.
-#
-# `spread_ms` is P95 less P50, `host_ms` the part of a frame's wall-clock time outside of the device's work,
-# and `unsteady` how far the rates of the timing's rounds are apart. `flicker` and `holes` are the walk's.
+# All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is P95 - P50, and `host_ms` is the
+# wall-clock time of a frame minus its device time. `unsteady` is the range of the frame rates of the rounds
+# divided by the frame rate. `flicker` and `holes` are measured on the walk, and `chamfer` is DTU's "overall".
 METRICS: Mapping[str, Metric] = Lazy(_metrics)
 
-# Dataset -> the scenes over which the dataset's mean is taken.
+# Dataset -> the scenes of its average.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
 # Dataset -> its name in tables, in their order.
 TITLES: dict[str, str] = {name: dataset.title for name, dataset in DATASETS.items()}
-# Condition, or bakes of the model -> the heading, in the order of tables.
+# Condition -> its heading, in the order of tables.
 CONDITION_TITLES: dict[str, str] = {
     "non_engine": "Non-Engine",
     "dedicated": "Dedicated",
@@ -159,7 +159,7 @@ CONDITION_TITLES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Mean:
-    """An unweighted mean over scenes: `present` of the `expected` ones have a value."""
+    """An unweighted average over scenes; `present` of `expected` scenes have a value."""
 
     value: float | None
     present: int
@@ -172,9 +172,9 @@ class Mean:
 
 
 def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
-    """Return the scenes a mean of `dataset` is over: the published set, if one of those present is of it.
+    """Return the scenes of the average of `dataset`.
 
-    Other captures, also those that borrow a dataset's rules, are over the scenes present.
+    These are the published scenes if any of them is in `present`, otherwise the scenes in `present`.
     """
     names = tuple(dict.fromkeys(present))
     published = SCENES.get(dataset, ())
@@ -182,7 +182,7 @@ def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
 
 
 def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
-    """Return name of a mean ("indoor_mean", "outdoor_mean") -> its scenes, besides the mean of all."""
+    """Return name of a partial average of `dataset` ("indoor_mean", "outdoor_mean") -> its scenes."""
     groups: dict[str, list[str]] = {}
     for scene, group in DATASETS[dataset].scenes.items() if dataset in DATASETS else ():
         if group:
@@ -191,11 +191,11 @@ def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
 
 
 def mean_over(values: Mapping[str, float | None], scenes: Iterable[str]) -> Mean:
-    """Return the mean over `scenes`: every scene weighs 1, whatever its number of images or frames.
+    """Return the average over `scenes` with equal weights.
 
-    A mean of P95s is thus the mean of the scenes' percentiles, and never the percentile of all frames; the
-    mean of Mip-NeRF 360 is over nine scenes, not over two groups.
+    An average of P95 is therefore the average of the scenes' percentiles, not a percentile of all frames. The
+    average of Mip-NeRF 360 is over nine scenes, not over its indoor and outdoor averages.
     """
-    wanted = tuple(scenes)
-    known = [value for scene in wanted if (value := values.get(scene)) is not None]
-    return Mean(math.fsum(known) / len(known) if known else None, len(known), len(wanted))
+    expected = tuple(scenes)
+    known = [value for scene in expected if (value := values.get(scene)) is not None]
+    return Mean(math.fsum(known) / len(known) if known else None, len(known), len(expected))

@@ -1,6 +1,6 @@
-"""Bakes of a run's models: made once a model and scene, then known by their hashes, as exports are.
+"""The bakes of a run: computed once per model and scene, and again only if an input changes.
 
-A bake lies in the results folder beside its facts, and is made again only if one of its inputs changed.
+A bake is in the results folder, beside a JSON file with its inputs and report.
 """
 
 from collections.abc import Mapping
@@ -12,124 +12,133 @@ from msb.asset.settings import with_settings
 from msb.base.atomic import new_file
 from msb.base.files import file_sha256
 from msb.base.version import __version__
-from msb.bench.checked import Record, checked, read_json
 from msb.bench.digest import describe_file, digest, stamp
 from msb.bench.documents import BakeDocument
 from msb.bench.folder import Results, check_run
-from msb.bench.models import Model, stored_size
-from msb.bench.parts import mask_files
-from msb.bench.photographs import Views, checked_scene, numbers_of
+from msb.bench.models import ModelAsset, measure_size
+from msb.bench.parts import find_mask_files
+from msb.bench.photographs import ViewState, describe_camera, read_planned_scene
 from msb.bench.protocol_tables import BakeTable
 from msb.bench.records import File
+from msb.bench.validation import Record, read_json, validate
 from msb.errors import MsbError
 from msb.registry import lookup
 from msb.scenes.datasets import Scene, SceneAt
 
+# Maximum size in bytes of the JSON file that describes a bake.
 _MAX_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
 class BakeTask:
-    """The order to a worker to make one bake of a model on a scene."""
+    """A task for a worker: bake one model on a scene."""
 
     root: Path
     run: str
-    # Dataset, scene and model, as tables name it.
+    # Dataset, scene and model.
     names: tuple[str, str, str]
-    model: Model
+    model: ModelAsset
     label: str
-    # Those of `bake_options`.
+    # The result of `make_bake_options`.
     options: Mapping[str, Any]
-    # Values that replace the model's settings where it teaches.
+    # Values that replace settings of the model in its native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
     # The state of the test views when the run was planned.
-    views: Views
-    # A hash of all that decides the bake.
+    views: ViewState
+    # The hash of all inputs of the bake.
     key: str
     device: str | None = None
 
     @property
     def name(self) -> str:
-        """What progress shows."""
+        """The name in progress lines."""
         return " ".join((*self.names, self.label))
 
     @property
     def path(self) -> Path:
-        """The baked asset's."""
+        """The path of the baked asset."""
         return Results(self.root).bake(*self.names, self.label)
 
     @property
     def facts(self) -> Path:
-        """The file beside it that says what it is."""
+        """The path of the JSON file that describes the bake."""
         return self.path.with_suffix(".json")
 
 
-def bake_options(table: BakeTable, method: str) -> dict[str, Any]:
-    """Return what `msb.bake` takes: photographs teach where the method has no look but the plain one."""
-    has_look = lookup(method).supports("dedicated")
-    return {"teacher": "dedicated" if has_look else "photographs", **table.options}
+def make_bake_options(table: BakeTable, method: str) -> dict[str, Any]:
+    """Return the options of `msb.bake`; the default supervision is the native rendering of the method.
 
-
-def bake_key(
-    model: Model, options: Mapping[str, Any], settings: Mapping[str, Any], scene: Scene, views: Views
-) -> str:
-    """Return a hash of all that decides a bake.
-
-    The test views are of it since its numbers are, and photographs where they teach.
+    Meshes without a method's renderer are supervised by photographs.
     """
-    taught = [numbers_of(camera) for camera in scene.train]
+    is_native = lookup(method).supports("dedicated")
+    return {"teacher": "dedicated" if is_native else "photographs", **table.options}
+
+
+def hash_bake_inputs(
+    model: ModelAsset,
+    options: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    scene: Scene,
+    views: ViewState,
+) -> str:
+    """Return a hash of the inputs of a bake.
+
+    The test views are inputs because the report of the bake is measured on them. Training photographs and
+    masks are inputs only if they supervise the bake.
+    """
+    training = [describe_camera(camera) for camera in scene.train]
     photographs = scene.train if options["teacher"] == "photographs" else ()
-    masks = mask_files(scene) if photographs and scene.mask_source == "mask_folder" else ()
+    masks = find_mask_files(scene) if photographs and scene.mask_source == "mask_folder" else ()
     paths = (*(camera.image_path for camera in photographs), *masks)
     hashes = [file_sha256(path) for path in paths if path is not None and Path(path).is_file()]
     asset = model.asset.sha256
     tests = [views.cameras, views.photographs]
-    return digest([__version__, asset, dict(options), dict(settings), taught, hashes, tests])
+    return digest([__version__, asset, dict(options), dict(settings), training, hashes, tests])
 
 
-def known_bake(task: BakeTask, run: str | None = None) -> Model | None:
-    """Return the bake that was made, in a certain `run` if one is given.
+def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None:
+    """Return the finished bake of a task, or None if it is missing, outdated or damaged.
 
-    None if there is none or one of its inputs or its file changed.
+    With `run`, only a bake of that run is returned.
     """
     try:
         path = task.facts
-        facts = checked(_Facts, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
+        facts = validate(_BakeFacts, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
         if facts.key != task.key or run not in (None, facts.run):
             return None
-        # Results that were moved are the same: what took minutes is worth a look into the file.
+        # In a copy of the results only the time stamp differs, so the content decides.
         same = stamp(task.path) == facts.stamp or file_sha256(task.path) == facts.asset.sha256
-    except (MsbError, OSError, ValueError):  # the last where a path holds a NUL
+    except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
         return None
-    return _model(task, facts) if same else None
+    return _make_model(task, facts) if same else None
 
 
-def make_bake(task: BakeTask) -> Model:
-    """Make the task's bake, taught by the training views of the scene alone, and note its facts.
+def make_bake(task: BakeTask) -> ModelAsset:
+    """Bake the model of a task from the training views of the scene, and write the file that describes it.
 
-    One that this run has made is taken: a cluster whose worker died may ask twice.
+    A bake that this run has finished is returned, because a cluster repeats the task of a dead worker.
     """
     from msb.bake import bake
 
     check_run(task.root, task.run)
-    if (made := known_bake(task, task.run)) is not None:
-        return made
-    scene = checked_scene(task.scene, task.views)
+    if (known := find_known_bake(task, task.run)) is not None:
+        return known
+    scene = read_planned_scene(task.scene, task.views)
     source = with_settings(task.model.open(), task.settings)
     baked = bake(source, scene=scene, device=task.device, **task.options)
-    check_run(task.root, task.run)  # a cluster's worker outlives a run that is killed, and the next may write
+    check_run(task.root, task.run)  # a worker of a killed run must not write into the results of a later run
     report = baked.save(task.path, overwrite=True)
-    held = describe_file(task.path).model_copy(update={"bytes": stored_size(task.path)})
+    asset = describe_file(task.path).model_copy(update={"bytes": measure_size(task.path)})
     document = BakeDocument.of(report.to_dict())
-    facts = _Facts(key=task.key, run=task.run, stamp=stamp(task.path), asset=held, bake=document)
+    facts = _BakeFacts(key=task.key, run=task.run, stamp=stamp(task.path), asset=asset, bake=document)
     with new_file(task.facts) as file:
         file.write(facts.to_json())
-    return _model(task, facts)
+    return _make_model(task, facts)
 
 
-class _Facts(Record):
-    """What is known of a bake, in the file beside it."""
+class _BakeFacts(Record):
+    """The content of the JSON file that describes a bake."""
 
     key: str
     run: str = ""
@@ -138,7 +147,7 @@ class _Facts(Record):
     bake: BakeDocument
 
 
-def _model(task: BakeTask, facts: _Facts) -> Model:
-    """Return the task's model as the bake, which is trained and evaluated as the model is."""
+def _make_model(task: BakeTask, facts: _BakeFacts) -> ModelAsset:
+    """Return the model of a task with the bake as its asset."""
     asset = facts.asset.model_copy(update={"path": str(task.path)})
     return task.model.model_copy(update={"asset": asset, "source": task.model.asset, "bake": facts.bake})

@@ -1,4 +1,4 @@
-"""Hashes: SHA-256 of files and folders, and short hashes of the inputs that decide a result."""
+"""SHA-256 of files and folders, and short hashes of the inputs of a result."""
 
 import hashlib
 import json
@@ -10,23 +10,24 @@ from typing import Any
 from msb.base.files import file_sha256
 from msb.bench.records import File
 
-_SHORT = 16
+# Hexadecimal digits of a short hash: 64 bits, enough to detect a changed input.
+_SHORT_DIGITS = 16
 
 
 def digest(data: Any) -> str:
-    """Return 16 hex digits of a hash of JSON data, which are enough to tell whether an input changed."""
+    """Return a short hash (16 hexadecimal digits) of JSON data."""
     text = json.dumps(data, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:_SHORT]
+    return hashlib.sha256(text.encode()).hexdigest()[:_SHORT_DIGITS]
 
 
 def list_sha256(hashes: Iterable[tuple[str, str]]) -> str:
-    """Return the SHA-256 of a list of (name, hash), as ``sha256sum`` would write it, sorted by name."""
+    """Return the SHA-256 of a list of (file name, SHA-256) in the format of ``sha256sum``, sorted by name."""
     lines = "".join(f"{sha256}  {name}\n" for name, sha256 in sorted(hashes))
     return hashlib.sha256(lines.encode()).hexdigest()
 
 
 def describe_file(path: Path) -> File:
-    """Return path, size and hash of a file, or of a folder with all below it."""
+    """Return path, size and hash of a file, or of all files in a folder except hidden ones."""
     if not path.is_dir():
         sha256 = file_sha256(path)
         return File(path=str(path), bytes=path.stat().st_size, sha256=sha256)
@@ -39,6 +40,6 @@ def describe_file(path: Path) -> File:
 
 
 def stamp(path: Path) -> tuple[str, int, int]:
-    """Return path, size and modification time in ns, which tell without reading whether a file changed."""
+    """Return path, size in bytes and modification time in ns, to detect changes without reading the file."""
     status = path.stat()
     return str(path), status.st_size, status.st_mtime_ns

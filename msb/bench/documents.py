@@ -1,46 +1,47 @@
-"""The parts of a record that are documents of other commands: an audit, a bake, trials, repairs, a distance.
+"""The parts of a record that other commands write: audit, bake, trials, repairs and Chamfer distance.
 
-A document is stored as its writer's `to_dict` gives it. The models declare only the keys that tables and
-reports read; all other keys are kept as they are. A new key of a writer needs no change here.
+Such a part is stored as the `to_dict` of its writer. The models below declare only the keys that tables and
+reports read; all other keys are kept unchanged, so a writer may add keys.
 """
 
 from dataclasses import asdict
 from math import inf
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
+from pydantic import ConfigDict, Field, field_validator
 
-from msb.bench.checked import Amount, Count, Record
+from msb.bench.validation import Amount, Count, Record
 from msb.metrics.images import most_psnr
 from msb.scenes.checks import MAX_PIXELS
 from msb.topology.audit import Metrics
 from msb.topology.findings import Counts
 from msb.topology.verdict import Level
 
-# The strategy of the mesh itself, which comes first.
+# The first strategy in a comparison of repairs: the mesh without any repair.
 STORED = "as stored"
 Decibels = Annotated[float, Field(ge=0, le=most_psnr(MAX_PIXELS))]
-_MOST_SHARE = 1 + 1e-9  # sums of areas are rounded
-Share = Annotated[float, Field(ge=0, le=_MOST_SHARE)]
-# Result of a trial, as in documents of the schema msb.trial/1.
+# Sums of areas are rounded, so a share of 100 % may be slightly larger than 1.
+_MAX_SHARE = 1 + 1e-9
+Share = Annotated[float, Field(ge=0, le=_MAX_SHARE)]
+# The result of a task: works, works with limitations, fails, or was not run.
 Outcome = Literal["works", "care", "fails", "not_run"]
 
 
 class Document(Record):
-    """A document of another command."""
+    """A document of another command, with additional keys."""
 
     model_config = ConfigDict(extra="allow")
 
 
 class AuditVerdict(Document):
-    """The verdict on a mesh, and why."""
+    """The verdict on a mesh and its reason."""
 
     level: Level
     sentence: str
 
 
 class AuditDocument(Document):
-    """Output of `msb audit --json`."""
+    """The output of `msb audit --json`."""
 
     schema_: Literal["msb.audit/1"] = Field(alias="schema")
     verdict: AuditVerdict
@@ -49,13 +50,13 @@ class AuditDocument(Document):
 
     @field_validator("counts", "metrics")
     @classmethod
-    def _are_possible(cls, found: Counts | Metrics) -> Counts | Metrics:
-        for name, value in asdict(found).items():
-            # V/F is no share: a mesh may have more vertices than faces.
-            most = _MOST_SHARE if name.endswith("_ratio") and name != "vf_ratio" else inf
+    def _check_ranges(cls, values: Counts | Metrics) -> Counts | Metrics:
+        for name, value in asdict(values).items():
+            # vf_ratio is vertices per face and may be larger than 1.
+            most = _MAX_SHARE if name.endswith("_ratio") and name != "vf_ratio" else inf
             if value is not None and name != "euler_characteristic" and not 0 <= value <= most:
-                raise ValueError(f"no mesh has {name} {value:g}")
-        return found
+                raise ValueError(f"{name} {value:g} is out of range")
+        return values
 
 
 class TrialEntry(Document):
@@ -71,14 +72,14 @@ class TrialEntry(Document):
 
 
 class TrialDocument(Document):
-    """Output of `msb trial --json`."""
+    """The output of `msb trial --json`."""
 
     schema_: Literal["msb.trial/1"] = Field(alias="schema")
     trials: tuple[TrialEntry, ...]
 
 
 class Psnr(Document):
-    """Similarity of a bake's images to the photographs."""
+    """PSNR between renderings and photographs before and after a bake, and with 16 samples per pixel."""
 
     before: Decibels | None
     after: Decibels
@@ -86,13 +87,13 @@ class Psnr(Document):
 
 
 class BakePsnr(Document):
-    """Similarity of a bake; None without test photographs."""
+    """The PSNR of a bake; None without test photographs."""
 
     photographs: Psnr | None
 
 
 class BakeDocument(Document):
-    """Output of `msb bake --json`."""
+    """The output of `msb bake --json`."""
 
     schema_: Literal["msb.bake/1"] = Field(alias="schema")
     geometry: Literal["kept", "fitted", "surface"]
@@ -102,7 +103,7 @@ class BakeDocument(Document):
     sentence: str
 
 
-class Look(Document):
+class TierSimilarity(Document):
     """The similarity of a repaired asset to the original on one tier."""
 
     psnr: Decibels | None
@@ -110,22 +111,22 @@ class Look(Document):
     why: str | None
 
 
-class Looks(Document):
-    """Tier -> the look on it."""
+class TierSimilarities(Document):
+    """The similarity of a repaired asset to the original on each tier."""
 
-    standard: Look
-    dedicated: Look
+    standard: TierSimilarity
+    dedicated: TierSimilarity
 
 
 class FailedStrategy(Document):
-    """A way to repair that failed, and why."""
+    """A repair strategy that failed, and the reason."""
 
     strategy: str
     why: str
 
 
 class Strategy(Document):
-    """The result of a way to repair an asset."""
+    """The result of a repair strategy."""
 
     strategy: str
     plan: tuple[str, ...]
@@ -136,7 +137,7 @@ class Strategy(Document):
     edges_cut: Count
     components: Count
     verdict_after: Level
-    looks: Looks
+    looks: TierSimilarities
     trials: dict[str, Outcome]
     trials_passed_before: Count
     trials_passed_after: Count
@@ -145,27 +146,16 @@ class Strategy(Document):
     picture: str | None
 
 
-def _kind(row: Any) -> str:
-    """Return which of the two kinds of strategies JSON data, or a model, is."""
-    why = row.get("why") if isinstance(row, dict) else getattr(row, "why", None)
-    return "made" if why is None else "failed"
-
-
 class RepairDocument(Document):
-    """Output of `msb repair --compare --json`."""
+    """The output of `msb repair --compare --json`."""
 
     schema_: Literal["msb.repair_compare/1"] = Field(alias="schema")
     views: str
-    strategies: tuple[
-        Annotated[
-            Annotated[Strategy, Tag("made")] | Annotated[FailedStrategy, Tag("failed")], Discriminator(_kind)
-        ],
-        ...,
-    ]
+    strategies: tuple[Strategy | FailedStrategy, ...]
 
     @field_validator("strategies")
     @classmethod
-    def _begin_with_the_mesh_itself(
+    def _check_first(
         cls, rows: tuple[Strategy | FailedStrategy, ...]
     ) -> tuple[Strategy | FailedStrategy, ...]:
         if not rows or rows[0].strategy != STORED or not isinstance(rows[0], Strategy):
@@ -173,12 +163,18 @@ class RepairDocument(Document):
         return rows
 
     @property
-    def made(self) -> list[Strategy]:
-        """The strategies that did not fail; the first is the mesh itself."""
+    def succeeded(self) -> list[Strategy]:
+        """The strategies that did not fail; the first is the unrepaired mesh."""
         return [row for row in self.strategies if isinstance(row, Strategy)]
+
+    made = succeeded  # the former name, used by msb.report
 
 
 class ChamferDocument(Document):
-    """Output of `msb.metrics.chamfer_surface`, with the scan, the metric and the mesh's file."""
+    """The output of `msb.metrics.chamfer_surface`, with the scan, the metric and the file of the mesh."""
 
     overall: Amount | None
+
+
+# The former name, used by msb.report.
+Look = TierSimilarity

@@ -1,4 +1,4 @@
-"""What a renderer takes for one triangle: its images, tables and lists, whatever the mesh is."""
+"""The fixed cost of a renderer: time and memory for a single triangle at the size of the test views."""
 
 import contextlib
 from dataclasses import fields
@@ -11,42 +11,36 @@ from msb.asset.build import Description, build_asset
 from msb.bench.digest import digest
 from msb.bench.job import Job
 from msb.bench.profile import profile
-from msb.bench.quality import open_renderer, renderer_info
+from msb.bench.quality import describe_renderer, open_renderer
 from msb.bench.records import Floor
 from msb.errors import MsbError
 from msb.scenes.datasets import Scene
 
+# Maximum number of timed frames. The time for a single triangle hardly varies, so 20 frames are enough.
 _FRAMES = 20
-# Hash of all that a floor depends on -> the floor, measured once for a process.
+# Hash of the inputs of a floor -> the floor, measured once per process.
 _known: dict[str, Floor | None] = {}
 
 
 def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) -> Floor | None:
-    """Return what the job's renderer takes for one triangle of its model at the size of the largest view.
+    """Return time and memory of the renderer for one triangle of the model at the size of the largest view.
 
-    None where it cannot draw a single triangle.
+    The result is None if the renderer cannot draw a single triangle.
     """
-    camera = max(scene.test, key=lambda one: one.width * one.height)
+    camera = max(scene.test, key=lambda view: view.width * view.height)
     size, cell = (camera.width, camera.height), job.cell
-    of = [
-        cell.condition_key,
-        cell.renderer,
-        cell.method,
-        renderer_info(job, "").settings,
-        size,
-        str(job.device),
-    ]
-    key = digest(of)
+    settings = describe_renderer(job, "").settings
+    key = digest([cell.condition_key, cell.renderer, cell.method, settings, size, str(job.device)])
     if key not in _known:
         _known[key] = None
         with contextlib.suppress(MsbError):
             assert job.model is not None
-            with open_renderer(job, one_triangle(job.model.open())) as renderer:
+            with open_renderer(job, take_one_triangle(job.model.open())) as renderer:
                 drawn = profile(
                     renderer,
                     [camera],
                     scene.background,
-                    frames=min(job.frames, _FRAMES),
+                    frames=min(job.timing.frames, _FRAMES),
                     seconds=0,
                     device_kind=kind,
                 )
@@ -60,9 +54,10 @@ def measure_floor(job: Job, scene: Scene, kind: Literal["gpu", "cpu", "other"]) 
     return _known[key]
 
 
-def one_triangle(asset: Asset) -> Asset:
-    """Return an asset of the first triangle of `asset`, with all that it and its corners hold."""
+def take_one_triangle(asset: Asset) -> Asset:
+    """Return an asset of the first triangle of `asset`, with all attributes of its face and vertices."""
     manifest = asset.manifest
+    # Domain of a buffer -> its rows that belong to the triangle.
     rows: dict[str, Any] = {
         "vertex": asset.buffers["indices"][0],
         "face": [0],

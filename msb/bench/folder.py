@@ -1,4 +1,4 @@
-"""The results folder: where everything lies, and which run may write there."""
+"""The results folder: its paths, and the lock that allows one run at a time to write there."""
 
 import contextlib
 import json
@@ -13,16 +13,17 @@ from pathlib import Path
 
 from msb.base.atomic import new_file, remove_leftovers
 from msb.base.extras import need_extra
-from msb.bench.checked import read_json
 from msb.bench.records import Cell, Result, read_result
+from msb.bench.validation import read_json
 from msb.errors import InputError, MsbError, OutputError, UsageError
 
 RESULT = "result.json"
-# The folders beside a record with the pictures of its trials and of repairs.
+# Folders beside a record with the images of its trials and repairs.
 TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
-# The film beside a record of the worst second of its walk.
+# The film beside a record: the second of its walk with the most flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
+# The file that names the present run, and its maximum size in bytes.
 _RUN = ".run.json"
 _MAX_RUN = 1 << 16
 
@@ -53,39 +54,38 @@ class Results:
         return result
 
     def check_place(self, result: Result, path: Path) -> None:
-        """Refuse a record outside of its cell's place: its numbers would be taken for another cell's."""
+        """Raise RECORD_INVALID if a record is in the folder of another cell."""
         place = self.record(result.cell)
-        # A file system, or an archive of it, may have another form of the same name.
+        # File systems and archives may store a name in another Unicode form.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
-            text = f"it is of {'/'.join(result.cell.names)}, and does not lie there"
+            text = f"this is the record of {'/'.join(result.cell.names)}, but it is in another folder"
             raise InputError("RECORD_INVALID", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
-        """Return the folder of the photographs as they are compared."""
+        """Return the folder of the ground truth of a scene; `key` is `ViewState.photographs`."""
         return self.root / "ground_truth" / dataset / scene / key
 
     def asset(self, dataset: str, scene: str, model: str) -> Path:
-        """Return the place of the asset made from a checkpoint; `model` is its label, else its method."""
+        """Return the path of an exported asset; `model` is the label of the model, or its method."""
         return self.root / "assets" / dataset / scene / f"{model}.triasset"
 
     def bake(self, dataset: str, scene: str, model: str, label: str) -> Path:
-        """Return the place of a bake of a model; `model` is its label, else its method."""
+        """Return the path of a bake; `model` is the label of the model, or its method."""
         return self.root / "assets" / dataset / scene / model / f"{label}.triasset"
 
-    def video(self, dataset: str, scene: str, model: str) -> Path:
-        """Return the film that shows the conditions side by side; `model` is its label, else its method."""
-        return self.root / "videos" / dataset / scene / f"{model}.mp4"
+    def video(self, *names: str) -> Path:
+        """Return the path of a film.
 
-    def grid(self, dataset: str, scene: str) -> Path:
-        """Return the film that shows all models of a scene below each other."""
-        return self.root / "videos" / dataset / f"{scene}.mp4"
+        `names` are dataset, scene and model, or dataset and scene for the film of all models of the scene.
+        """
+        return self.root.joinpath("videos", *names[:-1], f"{names[-1]}.mp4")
 
 
 @contextlib.contextmanager
-def exclusive(root: Path) -> Iterator[str]:
-    """Hold the results folder for one run, remove half-written files of killed runs, and yield the run's id.
+def lock_results(root: Path) -> Iterator[str]:
+    """Lock the results folder for one run, remove temporary files of killed runs, and yield the run's id.
 
-    The operating system releases the lock when its holder dies, however it dies, so no lock can be stale.
+    The operating system releases the lock when the process ends in any way, so a lock is never stale.
     """
     need_extra("bench", "filelock", what="a folder of results")
     from filelock import FileLock, Timeout
@@ -95,12 +95,12 @@ def exclusive(root: Path) -> Iterator[str]:
         lock = FileLock(root / _LOCK, timeout=0)
         lock.acquire()
     except Timeout:
-        text = f"another msb run writes here{_holder(root)}; wait for it or stop it"
+        text = f"another msb run is writing here{_holder(root)}; wait for it or stop it"
         raise UsageError("RESULTS_BUSY", text, file=root) from None
     except (OSError, NotImplementedError) as error:
-        reason = f"it cannot be locked: {getattr(error, 'strerror', None) or error}"
+        reason = f"the folder cannot be locked: {getattr(error, 'strerror', None) or error}"
         if isinstance(error, FileExistsError | NotADirectoryError):
-            reason = "it is a file, or lies in one; results need a folder"
+            reason = "the path is a file or below a file; results need a folder"
         raise OutputError("OUTPUT_UNWRITABLE", reason, file=root) from error
     try:
         remove_leftovers(root)
@@ -110,42 +110,48 @@ def exclusive(root: Path) -> Iterator[str]:
             file.write(json.dumps(about).encode())
         yield run
     finally:
-        remove_leftovers(root)  # of workers that died, or were broken off by an interrupt
+        remove_leftovers(root)  # temporary files of workers that died or were interrupted
         with contextlib.suppress(OSError):
             (root / _RUN).unlink()
         lock.release()
 
 
 def check_names(*paths: Path | None) -> None:
-    """Refuse paths that no record could hold, because JSON is UTF-8."""
+    """Raise USAGE for a path that is not valid UTF-8, because records are JSON."""
     for path in paths:
         try:
             str(path).encode()
         except UnicodeEncodeError:
-            text = "its name is not UTF-8, so no record could hold it; rename it or work in another folder"
+            text = "the name is not valid UTF-8 and cannot be recorded; rename it or use another folder"
             raise UsageError("USAGE", text, file=path) from None
 
 
 def check_run(root: Path, run: str) -> None:
-    """Refuse to work for a run whose results folder this machine does not see."""
-    if _about(root).get("run") != run:
+    """Raise RUN_SCHEDULER if this machine does not see the results folder of the run."""
+    if _read_run(root).get("run") != run:
         text = (
-            f"worker {platform.node()} does not see this run's results there; all machines of a cluster "
-            "need results, scenes and models under the same paths"
+            f"worker {platform.node()} cannot see the results of this run; all machines of a cluster need "
+            "results, scenes and models under the same paths"
         )
         raise UsageError("RUN_SCHEDULER", text, file=root)
 
 
 def _holder(root: Path) -> str:
-    about = _about(root)
+    """Return process, host and time of the run that writes to a results folder, in brackets."""
+    about = _read_run(root)
     if not about:
         return ""
     return f" (process {about.get('process')} on {about.get('host')} since {about.get('since')})"
 
 
-def _about(root: Path) -> dict[str, object]:
+def _read_run(root: Path) -> dict[str, object]:
+    """Return the content of the file of the present run; empty if no run is active."""
     try:
         about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:
         return {}
     return about if isinstance(about, dict) else {}
+
+
+# The former name, used by tests/base/test_extras.py.
+exclusive = lock_results

@@ -1,9 +1,10 @@
-"""Deployment gaps and slowdowns, from records: what is lost between conditions (paper: "Multi-Modal Audit").
+"""Deployment gaps and slowdowns between the conditions of a method (paper: section "Multi-Modal Audit").
 
-With a metric's orientation s (+1 where higher is better) the signed losses are a = s (Q_ne - Q_ded),
-p = s (Q_ded - Q_std) and d = s (Q_ne - Q_std), positive where something is lost. The paper's gaps are their
-absolute values, each from its own definition. The paper also states deploy = adapt + port; that holds only
-where Dedicated lies between the other two (`Gaps.monotone`); `Gaps.triangle_excess` is adapt + port - deploy.
+Let Q_ne, Q_ded and Q_std be the values of a metric in Non-Engine, Dedicated and Standard, and let s be +1 if
+higher values are better and -1 otherwise. The signed losses are a = s (Q_ne - Q_ded), p = s (Q_ded - Q_std)
+and d = s (Q_ne - Q_std); a positive loss means a worse result. The paper's gaps of adaptation, portability
+and deployment are the absolute values of a, p and d. The paper's equation deploy = adapt + port holds only
+if Dedicated lies between the other two (`Gaps.monotone`). `Gaps.triangle_excess` is adapt + port - deploy.
 """
 
 from __future__ import annotations
@@ -25,36 +26,37 @@ if TYPE_CHECKING:
     Conditions = Mapping[str, Result]
 
 GapName = Literal["adapt", "port", "deploy"]
-# Gap -> the condition it starts from, and the condition it leads to.
+# Gap -> its first and its second condition.
 PAIRS: dict[GapName, tuple[str, str]] = {
     "adapt": ("non_engine", "dedicated"),
     "port": ("dedicated", "standard"),
     "deploy": ("non_engine", "standard"),
 }
 
-# Keys of a device's record that do not tell which it is: `blends` says in what numbers it blends.
-_NO_DEVICE = OF_THE_MOMENT | {"blends"}
-_OF_A_DEVICE = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
+# Keys of a device's record that do not identify the device: its state, and its number format for blending.
+_NOT_IDENTIFYING = OF_THE_MOMENT | {"blends"}
+# Metrics that are compared on equal devices only.
+_DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory"})
 
 
 @dataclass(frozen=True)
 class Gap:
-    """One gap, in the metric's unit, over `scenes` of the `expected` ones."""
+    """A gap in the unit of its metric, averaged over `scenes` of `expected` scenes."""
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
-    # Positive where the second condition is worse.
+    # The signed loss; positive if the second condition is worse.
     signed: float | None = None
-    # What `incomparable` says.
+    # The reason of `incomparable`.
     reason: str | None = None
-    # For a dataset, the mean of the scenes' absolute gaps, which is never less than `value`.
+    # For a dataset, the average of the absolute gaps of the scenes; at least `value`.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
-    # The two means that the gap is between, over exactly those scenes. A mean over all scenes that a
-    # condition has is over other scenes where some are missing.
+    # The averages of the two conditions over exactly these scenes. They differ from the averages in other
+    # tables if scenes are missing in one condition.
     ends: tuple[float, float] | None = None
-    # That of `signed`, from the losses view by view; None between bare values.
+    # The 95 % interval of `signed` from the losses of the views; None for a gap between two numbers.
     interval: Interval | None = None
 
     @property
@@ -71,10 +73,10 @@ class Gaps:
     adapt: Gap
     port: Gap
     deploy: Gap
-    # Whether Dedicated lies between the other two, or equals one of them to the digits that are printed;
-    # None where a gap is missing, or where the gaps are not over the same scenes.
+    # Whether Dedicated lies between the other two conditions or equals one of them, at the printed precision.
+    # None if a gap is missing, or if the gaps cover different scenes.
     monotone: bool | None
-    # adapt + port - deploy, which counts as 0 where monotone, else 2 min(adapt, port).
+    # adapt + port - deploy: 0 if monotone, otherwise 2 min(adapt, port).
     triangle_excess: float | None
 
     def __getitem__(self, name: GapName) -> Gap:
@@ -84,9 +86,9 @@ class Gaps:
 
 @dataclass(frozen=True)
 class Ratio:
-    """The ratio of two rates: that of the means over the same scenes, and that in each scene."""
+    """The ratio of the frame rates of two conditions, averaged over scenes and in each scene."""
 
-    # None if there is a `reason`, as in `Gap`.
+    # The ratio of the averages over the same scenes; None if there is a `reason`, as in `Gap`.
     value: float | None
     reason: str | None = None
     per_scene: Mapping[str, float] = field(default_factory=dict)
@@ -103,26 +105,26 @@ def value_gaps(
 ) -> Gaps:
     """Return the gaps between three values of `metric`, a key of `msb.bench.aggregate.METRICS`."""
     values = {"non_engine": non_engine, "dedicated": dedicated, "standard": standard}
-    return _together(metric, {name: _gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()})
+    return _combine(metric, {name: _gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()})
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
-    """Return the gaps of one method on one scene, of the records by condition."""
+    """Return the gaps of one method on one scene; `results` is condition -> record."""
     return dataset_gaps(metric, {"": results}, [""])
 
 
 def dataset_gaps(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Gaps:
-    """Return the gaps of one method on a dataset: the gaps between the means, as in the paper.
+    """Return the gaps of one method on a dataset: gaps between averages over scenes, as in the paper.
 
-    `results` are the records by scene and condition, `scenes` those that there should be. Each gap is over
-    the scenes in which both its conditions can be compared.
+    `results` is scene -> condition -> record, and `scenes` are the expected scenes. Each gap covers all
+    scenes with comparable records of its two conditions.
     """
-    wanted = tuple(scenes)
+    expected = tuple(scenes)
     covered: dict[GapName, tuple[str, ...]] = {}
     gaps: dict[GapName, Gap] = {}
     for name, pair in PAIRS.items():
-        gaps[name], covered[name] = gap_between(metric, results, wanted, *pair)
-    return _together(metric, gaps, same_scenes=len(set(covered.values())) == 1)
+        gaps[name], covered[name] = gap_between(metric, results, expected, *pair)
+    return _combine(metric, gaps, same_scenes=len(set(covered.values())) == 1)
 
 
 def gap_between(
@@ -134,23 +136,22 @@ def gap_between(
     *,
     one_asset: bool = True,
 ) -> tuple[Gap, tuple[str, ...]]:
-    """Return the gap from the records named `first` to those named `second`, and the scenes it is over.
+    """Return the gap between the records named `first` and those named `second`, and the scenes it covers.
 
-    The names are of two conditions, or of two methods if the records are not of `one_asset`.
+    The names are two conditions of a method, or two methods if `one_asset` is false.
     """
     values, reasons = _comparable(metric, results, scenes, first, second, one_asset=one_asset)
     if not values:
         return Gap(None, reason=_commonest(reasons), scenes=0, expected=len(scenes)), ()
-    means = (math.fsum(both[side] for both in values.values()) / len(values) for side in (0, 1))
-    each = [abs(before - after) for before, after in values.values()]
+    averages = (math.fsum(pair[side] for pair in values.values()) / len(values) for side in (0, 1))
+    absolute = [abs(before - after) for before, after in values.values()]
+    losses = [_view_losses(metric, results[scene][first], results[scene][second]) for scene in values]
     gap = replace(
-        _gap(metric, *means),
-        mean_abs_scene_gap=math.fsum(each) / len(each),
-        scenes=len(each),
+        _gap(metric, *averages),
+        mean_abs_scene_gap=math.fsum(absolute) / len(absolute),
+        scenes=len(values),
         expected=len(scenes),
-        interval=interval(
-            [_losses(metric, results[scene][first], results[scene][second]) for scene in values]
-        ),
+        interval=interval(losses),
     )
     return gap, tuple(values)
 
@@ -161,33 +162,35 @@ def slowdown(
     numerator: str = "standard",
     denominator: str = "dedicated",
 ) -> Ratio:
-    """Return the ratio of frame rates of two conditions, by default the paper's "slowdown" of Dedicated.
+    """Return the ratio of the frame rates of two conditions.
 
-    "dedicated" to "non_engine" says whether an engine beats the research renderer.
+    The default is the paper's slowdown, the frame rate of Standard divided by that of Dedicated. The ratio of
+    "dedicated" to "non_engine" compares an engine with the method's own renderer.
     """
-    wanted = tuple(scenes)
-    values, reasons = _comparable("fps", results, wanted, numerator, denominator)
+    expected = tuple(scenes)
+    values, reasons = _comparable("fps", results, expected, numerator, denominator)
     if not values:
-        return Ratio(None, _commonest(reasons), {}, len(wanted))
-    means = [mean_over({s: both[side] for s, both in values.items()}, values).value for side in (0, 1)]
-    per_scene = {scene: above / below for scene, (above, below) in values.items() if below}
-    above, below = means
-    return Ratio(above / below if above is not None and below else None, None, per_scene, len(wanted))
+        return Ratio(None, _commonest(reasons), {}, len(expected))
+    above, below = (
+        mean_over({scene: pair[side] for scene, pair in values.items()}, values).value for side in (0, 1)
+    )
+    per_scene = {scene: fps / other for scene, (fps, other) in values.items() if other}
+    return Ratio(above / below if above is not None and below else None, None, per_scene, len(expected))
 
 
 def incomparable(
     metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
 ) -> str | None:
-    """Return why the values of `metric` in two records must not be compared, or None if they may.
+    """Return why the values of `metric` in two records are not comparable, or None if they are.
 
-    Why is "unsupported", "failed", "missing" (no record), "not_measured" (no such number in it),
-    "camera_mismatch" (other images or sizes), "setup_mismatch" (background, ground truth), "metric_mismatch",
-    "asset_mismatch", "device_mismatch" or "whole_command" (a time of more than drawing).
+    The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
+    "camera_mismatch" (different images or sizes), "setup_mismatch" (different background or ground truth),
+    "metric_mismatch", "asset_mismatch", "device_mismatch" and "whole_command" (loading is included).
 
-    The records must have the same images and sizes, ground truth, background and definition of the metric,
-    the same asset, or bakes of it, if both have one, and for speed and memory the same device. Versions of
-    libraries may differ. Of two methods (`one_asset` false) the background and the convention of cameras may
-    differ, too: each method has its own.
+    The records must have equal images, sizes, ground truth, background and definition of the metric. If both
+    have an asset, it must be equal, or a bake of the same asset. Speed and memory must be of the same device.
+    Versions of libraries may differ. Two methods (`one_asset` false) may differ in background and camera
+    convention, because these belong to the method.
     """
     for result in (first, second):
         if result is None:
@@ -201,7 +204,7 @@ def incomparable(
     assets = first.model_asset, second.model_asset
     if one_asset and assets[0] and assets[1] and assets[0].sha256 != assets[1].sha256:
         return "asset_mismatch"
-    if metric in _OF_A_DEVICE and (reason := _other_device(first, second)):
+    if metric in _DEVICE_METRICS and (reason := _compare_devices(first, second)):
         return reason
     if first.quality is None or second.quality is None:
         return None
@@ -228,7 +231,7 @@ def _comparable(
     *,
     one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Return scene -> the two values, where they may be compared, and why not elsewhere."""
+    """Return scene -> the values of both conditions, and the reasons of scenes that are not comparable."""
     get = METRICS[metric].get
     values: dict[str, tuple[float, float]] = {}
     reasons = []
@@ -244,60 +247,66 @@ def _comparable(
     return values, reasons
 
 
-def _losses(metric: str, first: Result, second: Result) -> list[float]:
-    """Return what is lost from the first record to the second in each view that both have."""
+def _view_losses(metric: str, first: Result, second: Result) -> list[float]:
+    """Return the signed loss in each view of both records."""
     sign = 1 if METRICS[metric].better == "higher" else -1
-    before, after = (view_values(one, metric) for one in (first, second))
+    before, after = (view_values(record, metric) for record in (first, second))
     return [sign * (before[view] - after[view]) for view in before if view in after]
 
 
 def _gap(metric: str, first: float | None, second: float | None) -> Gap:
+    """Return the gap between two values of a metric."""
     better = METRICS[metric].better
     if better is None:
-        raise ValueError(f"{metric} has no better and no worse, so there is no gap")
+        raise ValueError(f"no gap is defined for {metric}, because neither direction is better")
     if first is None or second is None:
         return Gap(None, reason="not_measured", scenes=0)
     loss = first - second if better == "higher" else second - first
     return Gap(abs(first - second), loss, None, abs(first - second), ends=(first, second))
 
 
-def _together(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = True) -> Gaps:
+def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = True) -> Gaps:
+    """Return the three gaps of a metric with their monotonicity and triangle excess."""
     adapt, port, deploy = gaps["adapt"], gaps["port"], gaps["deploy"]
     monotone: bool | None = None
     excess: float | None = None
     if same_scenes and adapt.signed is not None and port.signed is not None and deploy.value is not None:
         digits = IMAGE_METRICS[metric].decimals if metric in IMAGE_METRICS else None
-        shown = [loss if digits is None else round(loss, digits) for loss in (adapt.signed, port.signed)]
-        monotone = shown[0] * shown[1] >= 0
-        # Where it is 0 by definition, rounding must not make it anything else.
+        rounded = [loss if digits is None else round(loss, digits) for loss in (adapt.signed, port.signed)]
+        monotone = rounded[0] * rounded[1] >= 0
+        # The excess of a monotone triple is exactly 0, without rounding errors.
         excess = 0.0 if monotone else abs(adapt.signed) + abs(port.signed) - deploy.value
     return Gaps(metric, adapt, port, deploy, monotone, excess)
 
 
 def _commonest(reasons: list[str]) -> str:
+    """Return the most frequent reason."""
     return max(dict.fromkeys(reasons), key=reasons.count) if reasons else "missing"
 
 
 def _photographs(result: Result) -> tuple[str, bool] | None:
+    """Return folder and resizing of the photographs of a record."""
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 
 def _definition(result: Result, metric: str) -> dict[str, object] | None:
     assert result.quality is not None
     name = IMAGE_METRICS[metric].name
-    return next((defined(one) for one in result.quality.metrics if one.get("name") == name), None)
+    identities = (identity for identity in result.quality.metrics if identity.get("name") == name)
+    return next((defined(identity) for identity in identities), None)
 
 
-def _other_device(first: Result, second: Result) -> str | None:
-    """Return why two records' times and sizes are not of one device, or not of the same thing."""
-    elsewhere = [one.renderer_timing for one in (first, second) if one.renderer_timing is not None]
-    if any(timing.whole_command for timing in elsewhere):
+def _compare_devices(first: Result, second: Result) -> str | None:
+    """Return why times and memory of two records are not comparable, or None if they are."""
+    native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
+    if any(timing.whole_command for timing in native):
         return "whole_command"
-    if elsewhere:
+    # A timing by the user has only the name of the device.
+    if native:
         return None if _device_name(first) == _device_name(second) else "device_mismatch"
     devices = [
-        {key: value for key, value in one.drawn_on.items() if key not in _NO_DEVICE}
-        for one in (first, second)
+        {key: value for key, value in record.drawn_on.items() if key not in _NOT_IDENTIFYING}
+        for record in (first, second)
     ]
     return None if devices[0] == devices[1] else "device_mismatch"
 

@@ -1,7 +1,7 @@
-"""The inputs that decide each part of a cell, as hashes and versions; if one changes, the part is redone.
+"""The inputs of each part of a cell, as hashes and versions; a part with a changed input is computed again.
 
-Library versions are in the records and not here: an update of NumPy is no reason to render everything again.
-The device decides timings only: images agree between devices, and a record names the one that drew it.
+Versions of libraries are recorded but are not inputs, so an update of NumPy renders nothing again. The device
+is an input of timings only, because images agree between devices; records name the device of the images.
 """
 
 import contextlib
@@ -14,99 +14,108 @@ from msb.base.extras import is_installed
 from msb.base.files import file_sha256
 from msb.base.version import __version__
 from msb.bench.digest import digest
-from msb.bench.job import Inputs, Job, Part
-from msb.bench.models import Model
-from msb.bench.parts import compared_tasks, mask_files, scan_number
-from msb.bench.photographs import Views, numbers_of, views_of
-from msb.bench.protocol_tables import TrialTable, WalkTable
-from msb.bench.quality import metrics_digest
+from msb.bench.job import Job, PartInputs, PartName
+from msb.bench.models import ModelAsset
+from msb.bench.parts import find_mask_files, list_compared_tasks, parse_scan_number
+from msb.bench.photographs import ViewState, describe_camera, describe_views
+from msb.bench.protocol_tables import ChamferTable, TrialTable, WalkTable
+from msb.bench.quality import hash_metrics
 from msb.bench.renders import find_renders
-from msb.bench.walk import flight
+from msb.bench.walk import plan_walk
 from msb.errors import MsbError
 from msb.metrics.identity import defined
 from msb.metrics.steadiness import BLUR, REACH, SAME
 from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
 
-_SHORT = 16
+# Hexadecimal digits of a hash in a record: 64 bits, enough to detect a changed input.
+_SHORT_DIGITS = 16
+# DTU's official evaluation data below its folder: point cloud, observation mask and ground plane of a scan.
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
-class Known:
-    """Facts that are read once for a whole plan; `device` is the record of the OpenCL device, if any."""
+class KnownFacts:
+    """Scenes, hashes and versions that are read once for a whole plan, and the warnings about them."""
 
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
+        # The record of the OpenCL device, if any.
         self.device = device
+        # The keys are warnings about scenes and invalid records, in order and without repetition.
         self.warnings: dict[str, None] = {}
-        """Lines about the scenes read, and about records that are not valid, as keys."""
         self._scenes: dict[Path, Scene] = {}
         self.views = cache(self._views)
         self.renders = cache(lambda folder, at: find_renders(folder, at.read().test))
         self.hash = cache(_hash)
-        self.metrics = cache(metrics_digest)
-        self.renderer = cache(_renderer)
-        self.flight = cache(_flight)
+        self.metrics = cache(hash_metrics)
+        self.renderer = cache(_describe_renderer)
+        self.flight = cache(_hash_walk)
 
-    def _views(self, at: SceneAt) -> Views:
-        return views_of(self.scene(at))
+    def _views(self, at: SceneAt) -> ViewState:
+        return describe_views(self.scene(at))
 
     def scene(self, at: SceneAt) -> Scene:
-        """Return a scene; remember what it warns of."""
+        """Return a scene, and add its warnings."""
         scene = at.read()
-        lines = (one.to_line(one.file or scene.root) for one in scene.warnings)
+        lines = (warning.to_line(warning.file or scene.root) for warning in scene.warnings)
         self.warnings |= dict.fromkeys(lines)
         self._scenes[scene.root] = scene
         return scene
 
-    def trained(self, model: Model, at: SceneAt, place: Path | None) -> Iterator[str]:
-        """Yield what the model's training did otherwise, and remember it as a warning about `place`."""
+    def trained(self, model: ModelAsset, at: SceneAt, place: Path | None) -> Iterator[str]:
+        """Yield the differences of a model's training from the evaluation, and add them as warnings.
+
+        `place` is the path of the model.
+        """
         for note in trained_otherwise(model.training, model.background, self.scene(at)):
             self.warnings[note.to_line(place)] = None
             yield note.message
 
     def notes(self) -> list[str]:
-        """Return what the user should know of all that was read."""
+        """Return the warnings, and a note on scenes whose images were resized."""
         note = scaled_note(self._scenes.values())
         return [*self.warnings, *([] if note is None else [note])]
 
 
 def _hash(path: Path) -> str:
-    """Return a short hash of a file; one that cannot be read has none, and says so when it is used."""
+    """Return a short hash of a file, or an error code; the part that reads the file reports the error."""
     try:
-        return file_sha256(path)[:_SHORT]
+        return file_sha256(path)[:_SHORT_DIGITS]
     except MsbError as error:
         return error.code
 
 
-def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
-    """Return the present inputs of each part that the job's cell should have."""
-    parts: dict[Part, Inputs] = {}
+def find_inputs(job: Job, known: KnownFacts) -> dict[PartName, PartInputs]:
+    """Return each part that the protocol requests for the cell of a job -> its present inputs."""
+    parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
+    # An exported mesh is not rendered. It is audited, tried, repaired and measured.
     if condition == "exported_mesh":
         if job.model is not None:
-            parts |= _of_mesh(job)
+            parts |= _mesh_inputs(job)
             if job.trial is not None and job.trial.compare:
-                parts["repairs"] = _repairs(job, job.trial)
-        if job.cell.dataset == "dtu" and job.chamfer_data is not None:
-            parts["chamfer"] = _chamfer(job, known)
+                parts["repairs"] = _repair_inputs(job, job.trial)
+        if job.cell.dataset == "dtu" and job.chamfer is not None:
+            parts["chamfer"] = _chamfer_inputs(job, job.chamfer, known)
     else:
-        parts["quality"] = {**views, **_images(job, known), "metrics": known.metrics(job.vgg_weights)}
+        # All other conditions have images. Conditions that we render also have a walk and a timing.
+        parts["quality"] = {**views, **_image_inputs(job, known), "metrics": known.metrics(job.vgg_weights)}
         if job.walk is not None:
             parts["walk"] = {
                 "flight": known.flight(job.scene, job.walk),
-                **_images(job, known),
+                **_image_inputs(job, known),
                 "definition": f"blur {BLUR:g}, reach {REACH}, depths {SAME:g}",
                 "film": "mp4" if is_installed("av") else "none",
             }
-        if condition != "non_engine" and job.frames:
+        if condition != "non_engine" and job.timing.frames:
             parts["timing"] = {
                 "cameras": job.views.cameras,
-                **_images(job, known),
-                "device": _device(known.device),
-                "clock": f"{job.frames} frames, {job.seconds:g} s",
+                **_image_inputs(job, known),
+                "device": _describe_device(known.device),
+                "clock": f"{job.timing.frames} frames, {job.timing.seconds:g} s",
             }
         if job.cell.bake is not None:
-            parts |= _of_mesh(job)
+            parts |= _mesh_inputs(job)
+    # Records of the user: the training belongs to the conditions without variant, engine or bake.
     if job.training is not None and job.cell.condition_key == condition:
         parts["training"] = {"file": known.hash(job.training)}
     if job.renderer_timing is not None:
@@ -114,101 +123,102 @@ def inputs_of(job: Job, known: Known) -> dict[Part, Inputs]:
     return parts
 
 
-def _flight(at: SceneAt, wanted: WalkTable) -> str:
-    """Return a hash of the cameras of a walk and of what is behind the model."""
+def _hash_walk(at: SceneAt, table: WalkTable) -> str:
+    """Return a hash of the cameras and the background of a walk, or an error code."""
     scene = at.read()
     try:
-        return digest([[numbers_of(camera) for camera in flight(scene, wanted)], scene.background])
-    except MsbError as error:  # the part will say it again, and in full
+        return digest([[describe_camera(camera) for camera in plan_walk(scene, table)], scene.background])
+    except MsbError as error:  # reported when the part is computed
         return error.code
 
 
-def _of_mesh(job: Job) -> dict[Part, Inputs]:
-    """Return what decides the parts about a mesh as it is stored."""
-    parts: dict[Part, Inputs] = {"audit": {"asset": _asset(job), "tool": __version__}}
+def _mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
+    """Return the inputs of audit and trial."""
+    parts: dict[PartName, PartInputs] = {"audit": {"asset": _asset_hash(job), "tool": __version__}}
     if job.trial is not None:
-        parts["trial"] = _trial(job, job.trial.tasks, job.trial)
+        parts["trial"] = _trial_inputs(job, job.trial.tasks, job.trial)
     return parts
 
 
-def _trial(job: Job, names: Sequence[str], wanted: TrialTable) -> Inputs:
-    """Return what decides the trials; a library that was missing and is there now is such a thing, too."""
+def _trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
+    """Return the inputs of a trial. Missing libraries are inputs, so installing one repeats the trial."""
     from msb.trial.registry import chosen_tasks, missing_modules
 
     tasks = chosen_tasks(names)
     return {
-        "asset": _asset(job),
+        "asset": _asset_hash(job),
         "cameras": job.views.cameras,
         "tool": __version__,
         "tasks": ", ".join(task.name for task in tasks),
-        "limits": f"{wanted.seconds:g} s, {wanted.memory:g} GiB",
+        "limits": f"{table.seconds:g} s, {table.memory:g} GiB",
         "missing": ", ".join(missing_modules(tasks)),
     }
 
 
-def _repairs(job: Job, wanted: TrialTable) -> Inputs:
-    """Return what decides the comparison of repairs."""
-    from msb.base.extras import is_installed
+def _repair_inputs(job: Job, table: TrialTable) -> PartInputs:
+    """Return the inputs of the comparison of repairs."""
     from msb.repair.plan import BY_PEER
     from msb.trial.repairs import STRATEGIES
 
-    inputs = _trial(job, compared_tasks(wanted), wanted)
+    inputs = _trial_inputs(job, list_compared_tasks(table), table)
     absent = [peer for peer in BY_PEER if not is_installed(peer)]
     missing = dict.fromkeys([*filter(None, inputs["missing"].split(", ")), *absent])
     return {**inputs, "strategies": "; ".join(STRATEGIES), "missing": ", ".join(missing)}
 
 
-def _asset(job: Job) -> str:
+def _asset_hash(job: Job) -> str:
     assert job.model is not None
-    return str(job.model.asset.sha256)[:_SHORT]
+    return str(job.model.asset.sha256)[:_SHORT_DIGITS]
 
 
-def _images(job: Job, known: Known) -> Inputs:
-    """Return what decides the cell's images, besides cameras and background."""
+def _image_inputs(job: Job, known: KnownFacts) -> PartInputs:
+    """Return the inputs of the images of a cell except cameras and background."""
     if job.renders is not None:
         try:
-            return {"renders": str(known.renders(job.renders, job.scene).folder.sha256)[:_SHORT]}
-        except MsbError as error:  # the cell will say it again, and in full
+            return {"renders": str(known.renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}
+        except MsbError as error:  # reported when the part is computed
             return {"renders": error.code}
     renderer = known.renderer(job.cell.renderer or job.tier)
-    inputs = {"asset": _asset(job), "settings": digest(dict(job.settings)), "renderer": renderer}
+    inputs = {"asset": _asset_hash(job), "settings": digest(dict(job.settings)), "renderer": renderer}
     return {**inputs, **job.options}
 
 
-def _renderer(name: str) -> str:
+def _describe_renderer(name: str) -> str:
+    """Return name and version of the renderer that is registered as `name`."""
     from msb.render.backend import find_renderer
 
-    made: Any = find_renderer(name)
-    installed = getattr(made, "installed", None)
-    version = getattr(made, "version", "") if installed is None else installed()
-    return f"{getattr(made, 'name', name)} {version}".rstrip()
+    renderer: Any = find_renderer(name)
+    installed = getattr(renderer, "installed", None)
+    version = getattr(renderer, "version", "") if installed is None else installed()
+    return f"{getattr(renderer, 'name', name)} {version}".rstrip()
 
 
-def _device(record: Mapping[str, Any] | None) -> str:
+def _describe_device(record: Mapping[str, Any] | None) -> str:
+    """Return platform, name and driver of a device in one string."""
     if record is None:
         return "unknown"
     return " ".join(str(record[key]) for key in ("platform", "name", "driver"))
 
 
-def scan_files(data: Path, scene: str) -> list[Path]:
-    """Return the files of the official evaluation data that the Chamfer distance on a DTU scene needs."""
-    scan = scan_number(scene)
+def find_scan_files(data: Path, scene: str) -> list[Path]:
+    """Return the files of DTU's evaluation data that the Chamfer distance of a scene needs."""
+    scan = parse_scan_number(scene)
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 
 
-def _chamfer(job: Job, known: Known) -> Inputs:
+def _chamfer_inputs(job: Job, table: ChamferTable, known: KnownFacts) -> PartInputs:
+    """Return the inputs of the Chamfer distance; missing files are reported when it is computed."""
     from msb.metrics import identity
 
-    assert job.chamfer_data is not None
     scene = job.scene.read()
     data: list[Path] = []
     masks: list[Path] = []
-    with contextlib.suppress(MsbError):  # the part will say it again, and in full
-        data = scan_files(job.chamfer_data, job.cell.scene)
-        masks = mask_files(scene)
-    about = identity("chamfer_dtu", seed=job.chamfer_seed).to_dict()
+    with contextlib.suppress(MsbError):
+        data = find_scan_files(Path(table.data), job.cell.scene)
+        masks = find_mask_files(scene)
+    about = identity("chamfer_dtu", seed=table.seed).to_dict()
     return {
-        "mesh": _asset(job) if job.mesh is None else known.hash(job.mesh),
+        "mesh": _asset_hash(job) if job.mesh is None else known.hash(job.mesh),
         "scan": digest([known.hash(path) for path in data]),
         "views": digest([known.hash(path) for path in (scene.root / "cameras.npz", *masks)]),
         "metric": digest(defined(about)),

@@ -1,9 +1,9 @@
-"""How sure a mean is: 95 % t intervals over scenes, or over the views where there is one scene.
+"""95 % t intervals of averages over scenes, or over the views of a single scene.
 
-A scene's value is the mean over its views, because what is special to a scene is common to its views. Of n
-values the interval is the mean plus and minus t(0.975, n - 1) s / sqrt(n), and p is that of the one-sample
-t test (Student, "The probable error of a mean", Biometrika 6, 1908). docs/protocol.md has how often pure
-noise is called significant at each size.
+The value of a scene is the average over its views, because the views of a scene are correlated. The interval
+of n values is their average plus and minus t(0.975, n - 1) s / sqrt(n), where s is their standard deviation.
+The p value is computed by the one-sample t test (Student, "The probable error of a mean", Biometrika 6,
+1908). docs/protocol.md lists the rate of false positives for each sample size.
 """
 
 from collections.abc import Sequence
@@ -16,28 +16,29 @@ from msb.bench.records import Result
 from msb.metrics.images import PSNR_CAP
 from msb.metrics.registry import IMAGE_METRICS
 
+# Significance level of the tests.
 LEVEL = 0.05
-# Where a scene has more times as many views as another, and scenes have no effect of their own, too little
-# is significant: 4.2 % of pure noise at 3 times, 1 % at 100 times.
+# Maximum ratio of the numbers of views of two scenes for a test. Beyond it the test is too strict if scenes
+# have no systematic effect: 4.2 % of pure noise is significant at a ratio of 3, and 1 % at a ratio of 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
-# Values that differ by a smaller share of their mean differ by rounding.
+# Values whose relative difference is at most this are equal except for rounding.
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Interval:
-    """The 95 % interval of a mean, and what may be said of it; `reason` explains what is None."""
+    """The 95 % interval of an average and its p value; `reason` explains a missing one."""
 
     ends: tuple[float, float] | None
-    # What was drawn at random: "9 scenes" or "20 views of one scene".
+    # The sample: "9 scenes" or "20 views of one scene".
     over: str
-    # That of the test whether the mean is 0.
+    # p value of the test that the average is 0.
     p: float | None = None
     reason: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON data of a number."""
+        """Return the keys of the JSON report about the interval."""
         data: dict[str, Any] = {"interval": None if self.ends is None else list(self.ends)}
         data["interval_over"] = self.over
         data |= {"p": self.p, "significant": excludes_zero(self)} if self.p is not None else {}
@@ -45,9 +46,9 @@ class Interval:
 
 
 def view_values(result: Result, metric: str) -> dict[str, float]:
-    """Return view -> value of an image metric in a record; empty where a view has none.
+    """Return view -> value of an image metric in a record; empty if the metric is missing in a view.
 
-    A PSNR of equal images counts 100 dB, as in the mean.
+    An infinite PSNR counts as 100 dB, as in averages.
     """
     if result.quality is None or metric not in IMAGE_METRICS:
         return {}
@@ -61,35 +62,37 @@ def view_values(result: Result, metric: str) -> dict[str, float]:
 
 
 def interval(scenes: Sequence[Sequence[float]]) -> Interval:
-    """Return the 95 % interval of the mean over scenes of their means over views.
+    """Return the 95 % interval of the average over scenes of the averages over views.
 
-    `scenes` holds the values of each scene's views, or the differences of two conditions view by view.
+    `scenes` holds a value for each view of each scene, or the difference of two conditions in each view. A
+    single scene gives an interval over its views.
     """
     counts = [len(values) for values in scenes]
     if not counts or not all(counts):
         return Interval(None, "no views", reason=NO_VIEWS)
-    one = len(counts) == 1
-    values = np.asarray(scenes[0] if one else [np.mean(views) for views in scenes], float)
-    over = f"{counts[0]} view{'s' if counts[0] > 1 else ''} of one scene" if one else f"{len(counts)} scenes"
+    single = len(counts) == 1
+    values = np.asarray(scenes[0] if single else [np.mean(views) for views in scenes], float)
+    single_scene = f"{counts[0]} view{'s' if counts[0] > 1 else ''} of one scene"
+    over = single_scene if single else f"{len(counts)} scenes"
     if not np.isfinite(values).all():
         return Interval(None, over, reason="a value is not finite")
     if len(values) < 2:
-        return Interval(None, over, reason="one view has no spread")
-    # Around one of the values: where all are equal there is nothing to round.
+        return Interval(None, over, reason="a single view has no spread")
+    # Sums are relative to the first value, so that equal values have no rounding error.
     mean = float(values[0] + (values - values[0]).mean())
     error = float(np.std(values - values[0], ddof=1)) / len(values) ** 0.5
     if error <= _SAME * abs(mean):
-        return Interval((mean, mean), over, reason=f"{over} give one and the same value, which has no spread")
+        return Interval((mean, mean), over, reason=f"{over} give the same value, so there is no spread")
     from scipy.special import stdtr, stdtrit
 
     half = float(stdtrit(len(values) - 1, 1 - LEVEL / 2)) * error
     ends = mean - half, mean + half
-    if not one and max(counts) > MOST_UNEQUAL * min(counts):
-        text = f"the scenes have {min(counts)} to {max(counts)} views, too unequal for a test"
+    if not single and max(counts) > MOST_UNEQUAL * min(counts):
+        text = f"the scenes have {min(counts)} to {max(counts)} views, which is too unequal for a test"
         return Interval(ends, over, reason=text)
     return Interval(ends, over, 2 * float(stdtr(len(values) - 1, -abs(mean) / error)))
 
 
-def excludes_zero(found: Interval | None) -> bool | None:
-    """Return whether a difference is significant at 95 %; None where nothing may be said."""
-    return None if found is None or found.p is None else found.p < LEVEL
+def excludes_zero(difference: Interval | None) -> bool | None:
+    """Return whether a difference is significant at 95 %; None without a test."""
+    return None if difference is None or difference.p is None else difference.p < LEVEL

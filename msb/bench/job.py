@@ -1,4 +1,4 @@
-"""The orders to workers: one cell, the parts of it to compute, and all that they need, as plain data."""
+"""Jobs for worker processes: one cell, the parts to compute, and everything they need, as plain data."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,82 +6,81 @@ from pathlib import Path
 from typing import Any, Literal
 
 from msb.bench.folder import Results
-from msb.bench.models import Model
-from msb.bench.photographs import Views
-from msb.bench.protocol_tables import TrialTable, WalkTable
+from msb.bench.models import ModelAsset
+from msb.bench.photographs import ViewState
+from msb.bench.protocol_tables import ChamferTable, TimingTable, TrialTable, WalkTable
 from msb.bench.records import TIER_OF, Cell, Status
 from msb.registry import Tier
 from msb.scenes.datasets import SceneAt
 
-Part = Literal[
+PartName = Literal[
     "quality", "audit", "trial", "repairs", "timing", "walk", "chamfer", "training", "renderer_timing"
 ]
-# Parts without which a cell has failed; any other missing part leaves a reason.
-MAIN: tuple[Part, ...] = ("quality", "audit")
-# The inputs that decide a part: name -> hash or version.
-Inputs = dict[str, str]
+# A cell fails if one of these parts fails. Any other part that fails leaves a reason in the record.
+MAIN: tuple[PartName, ...] = ("quality", "audit")
+# Name of an input of a part -> hash or version.
+PartInputs = dict[str, str]
 
 
 @dataclass(frozen=True)
 class Job:
-    """One cell to be computed, or a part of it."""
+    """One cell, and the parts of it that a worker computes."""
 
     root: Path
     run: str
     cell: Cell
     scene: SceneAt
-    # The scene's state when the run was planned.
-    views: Views
-    # The parts to compute, each with the inputs to record. Other parts of a record stay while they hold.
-    parts: Mapping[Part, Inputs]
-    # The present inputs of each part that the cell should have, whether it is computed now or not.
-    wanted: Mapping[Part, Inputs] = field(default_factory=dict)
-    # None where there are official renderings only.
-    model: Model | None = None
-    # Values that replace the asset's settings.
+    # The state of the scene when the run was planned.
+    views: ViewState
+    # Part to compute -> the inputs to record. Other parts of the record are kept while they are valid.
+    parts: Mapping[PartName, PartInputs]
+    # Every part that the protocol requests for the cell -> its present inputs.
+    requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
+    # None if the protocol has only official renderings.
+    model: ModelAsset | None = None
+    # Values that replace settings of the asset.
     settings: Mapping[str, Any] = field(default_factory=dict)
-    # The order and sampling of a variant.
+    # Order and sampling of a variant.
     options: Mapping[str, str] = field(default_factory=dict)
-    # The folder of official renderings; None means our reference renderer.
+    # The folder of official renderings. None means our reference renderer.
     renders: Path | None = None
     training: Path | None = None
     mesh: Path | None = None
     renderer_timing: Path | None = None
     device: str | None = None
     vgg_weights: Path | None = None
-    frames: int = 0
-    seconds: float = 0.0
-    chamfer_data: Path | None = None
-    chamfer_seed: int = 0
+    timing: TimingTable = field(default_factory=TimingTable)
+    # The table with an absolute path.
+    chamfer: ChamferTable | None = None
     trial: TrialTable | None = None
     walk: WalkTable | None = None
-    # What the model's training did otherwise, as `trained_otherwise` says it.
+    # Differences of the training from the evaluation, as sentences of `trained_otherwise`.
     trained: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
-        """What progress shows."""
+        """The name in progress lines."""
         return " ".join(self.cell.names)
 
     @property
     def folder(self) -> Path:
-        """The cell's folder."""
+        """The folder of the cell."""
         return Results(self.root).cell(self.cell)
 
     @property
     def photographs(self) -> Path:
-        """The folder with the ground truth."""
+        """The folder of the ground truth."""
         return Results(self.root).ground_truth(self.cell.dataset, self.cell.scene, self.views.photographs)
 
     @property
     def tier(self) -> Tier:
-        """The tier that draws the cell's images."""
+        """The tier that renders the images of the cell."""
         return TIER_OF[self.cell.condition]
 
 
 @dataclass(frozen=True)
-class Done:
-    """The outcome of a job."""
+class JobOutcome:
+    """The status of a cell after a job, and the time of the job."""
 
     cell: Cell
     status: Status

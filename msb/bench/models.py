@@ -1,4 +1,4 @@
-"""A scene's model as an asset: exported and hashed once, then known by size and time of its files."""
+"""The models of a run as assets, exported and hashed once, and exported again if a file changes."""
 
 import json
 import zipfile
@@ -11,38 +11,39 @@ from msb.adapters.locate import locate
 from msb.asset import Asset, is_asset, load, write_asset
 from msb.asset.manifest import MANIFEST_NAME
 from msb.base.atomic import new_file
-from msb.bench.checked import Record, checked, read_json
 from msb.bench.digest import describe_file, digest, list_sha256, stamp
 from msb.bench.documents import BakeDocument
 from msb.bench.folder import Results, check_run
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import File
+from msb.bench.validation import Record, read_json, validate
 from msb.errors import CheckpointError, MsbError
 from msb.scenes.datasets import stated_background
 
+# Maximum size in bytes of the JSON file that describes a model.
 _MAX_BYTES = 1 << 20
 
 
-class Model(Record):
-    """An asset of the run, and the model that it was made from."""
+class ModelAsset(Record):
+    """An asset of a run, and the model that it was exported from."""
 
     method: str
+    # The file of the checkpoint. A checkpoint of several files has the hash of the list of their hashes.
     checkpoint: File | None
-    """The model's own file; for several files the hash of their list of hashes."""
+    # Its `bytes` is the sum of the sizes of the files in the container.
     asset: File
-    """Its `bytes` is the sum of the sizes of the files in the container."""
+    # Background colour of the official evaluation, if the checkpoint records it.
     background: tuple[float, float, float] | None
-    """That of the method's official evaluation, if the checkpoint records it."""
+    # The key `training` of the manifest.
     training: dict[str, Any]
-    """The manifest's key of that name."""
+    # Path, size and time of all files of checkpoint and asset; the hashes are valid while these are equal.
     stamps: tuple[tuple[str, int, int], ...]
-    """Of all files of source and asset; while these are unchanged, the hashes are valid."""
+    # Path and method in the protocol.
     key: str
-    """Path and method as the protocol gives them."""
+    # Assumptions of the export.
     warnings: tuple[str, ...] = ()
-    """The assumptions that the export had to make."""
+    # For a bake, the asset that was baked; the result of the bake is `asset`.
     source: File | None = None
-    """The asset that a bake was made of; the bake's own is `asset`."""
     bake: BakeDocument | None = None
 
     def open(self) -> Asset:
@@ -52,7 +53,7 @@ class Model(Record):
 
 @dataclass(frozen=True)
 class ModelTask:
-    """The order to a worker to make one model ready."""
+    """A task for a worker: export and hash one model."""
 
     root: Path
     run: str
@@ -64,60 +65,60 @@ class ModelTask:
 
     @property
     def name(self) -> str:
-        """What progress shows."""
+        """The name in progress lines."""
         return f"{self.dataset} {self.scene} {self.label or self.method}"
 
 
-def known_model(results: Results, task: ModelTask) -> Model | None:
-    """Return the recorded facts about a model, None if there are none or a file has changed since."""
+def find_known_model(results: Results, task: ModelTask) -> ModelAsset | None:
+    """Return the recorded description of a model, or None if it is missing or a file has changed."""
     try:
         path = _record(results, task)
-        model = checked(Model, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
-        # The model is looked for again: a training may have written a later iteration.
+        model = validate(ModelAsset, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
+        # The checkpoint is located again, because the training may have written a later iteration.
         current = model.key == _key(task) and all(
             stamp(Path(path)) == (path, *rest) for path, *rest in model.stamps
         )
         return model if current and _source_file(task) in {path for path, *_ in model.stamps} else None
-    except (MsbError, OSError, ValueError):  # the last where a path holds a NUL
+    except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
         return None
 
 
-def prepare_model(task: ModelTask) -> Model:
-    """Return the task's model: the recorded one, or its checkpoint exported into the results folder."""
+def prepare_model(task: ModelTask) -> ModelAsset:
+    """Return the model of a task; if it is not known yet, export its checkpoint to the results folder."""
     results = Results(task.root)
     check_run(task.root, task.run)
-    known = known_model(results, task)
+    known = find_known_model(results, task)
     if known is not None:
         return known
     source = task.source
     if is_asset(source):
         asset, path, files = load(source), source, []
         if task.method not in (AUTO, asset.manifest.method):
-            text = f"it holds a {asset.manifest.method} model; the protocol says {task.method}"
+            text = f"the method of this asset is {asset.manifest.method}, but the protocol has {task.method}"
             raise CheckpointError("CHECKPOINT_METHOD", text, file=source)
     else:
-        read = read_model(source, method=None if task.method == AUTO else task.method)
-        asset, files = finish(read), list(read.files)
+        checkpoint = read_model(source, method=None if task.method == AUTO else task.method)
+        asset, files = finish(checkpoint), list(checkpoint.files)
         path = results.asset(task.dataset, task.scene, task.label or asset.manifest.method)
         write_asset(asset, path)
-    held = describe_file(path)
-    model = Model(
+    file = describe_file(path)
+    model = ModelAsset(
         method=asset.manifest.method,
-        checkpoint=_checkpoint(asset, source),
-        asset=held.model_copy(update={"bytes": stored_size(path)}),
+        checkpoint=_describe_checkpoint(asset, source),
+        asset=file.model_copy(update={"bytes": measure_size(path)}),
         background=stated_background(asset.manifest),
         training=asset.manifest.training,
-        stamps=tuple(stamp(file) for file in (*files, *_files(path))),
+        stamps=tuple(stamp(part) for part in (*files, *_files(path))),
         key=_key(task),
         warnings=tuple(warning.to_line(source) for warning in asset.warnings),
     )
-    with new_file(_record(results, task)) as file:
-        file.write(model.to_json())
+    with new_file(_record(results, task)) as record:
+        record.write(model.to_json())
     return model
 
 
-def method_of(source: Path) -> str:
-    """Return the method of the model at `source`, without exporting it."""
+def detect_method(source: Path) -> str:
+    """Return the name of the method of the model at `source`, without exporting it."""
     return load(source).manifest.method if is_asset(source) else detect(source)
 
 
@@ -131,31 +132,36 @@ def _key(task: ModelTask) -> str:
 
 
 def _source_file(task: ModelTask) -> str:
-    """Return the file that decides what the model is."""
+    """Return the path of the file that identifies the model."""
     if is_asset(task.source):
         return str(_files(task.source)[0])
     return str(locate(task.source).file)
 
 
 def _files(asset: Path) -> list[Path]:
+    """Return the files of an asset, which is a single file or a folder."""
     if not asset.is_dir():
         return [asset]
     return [asset / MANIFEST_NAME, *sorted((asset / "buffers").glob("*"))]
 
 
-def stored_size(asset: Path) -> int:
-    """Return the bytes of the files in a container of either form."""
+def measure_size(asset: Path) -> int:
+    """Return the sum of the sizes of the files in an asset, in bytes."""
     if asset.is_dir():
         return sum(file.stat().st_size for file in _files(asset))
     with zipfile.ZipFile(asset) as container:
         return sum(item.file_size for item in container.infolist())
 
 
-def _checkpoint(asset: Asset, source: Path) -> File | None:
-    """Return the model's own files as the asset's manifest records them."""
+def _describe_checkpoint(asset: Asset, source: Path) -> File | None:
+    """Return the files of the checkpoint as the manifest of the asset records them."""
     files = asset.manifest.source.files
     if not files:
         return None
     hashes = [(file.path, file.sha256) for file in files]
     sha256 = hashes[0][1] if len(hashes) == 1 else list_sha256(hashes)
     return File(path=str(source), bytes=sum(file.byte_length for file in files), sha256=sha256)
+
+
+# Former names, used by fuzz.run_folder.
+Model, known_model = ModelAsset, find_known_model

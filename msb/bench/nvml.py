@@ -1,4 +1,4 @@
-"""How much memory processes hold on NVIDIA's GPUs."""
+"""Memory of processes on NVIDIA GPUs, measured by NVML."""
 
 import contextlib
 import os
@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
 from msb.base.extras import install
-from msb.bench.checked import Count, Record
+from msb.bench.validation import Count, Record
 
 
 class Gpu(Record):
-    """One GPU of the machine, and the most memory the command held on it, None if nobody knows."""
+    """One GPU of the machine, and the peak memory of the command on it; None if it is unknown."""
 
     index: Count
     name: str
@@ -20,16 +20,25 @@ class Gpu(Record):
 
 
 class Gpus:
-    """NVIDIA's GPUs through NVML, or the reason why there are none: no library, no driver or no GPU."""
+    """The NVIDIA GPUs of this machine, or the reason for their absence: no library, driver or GPU.
+
+    Two numbers are measured: the memory that NVML lists for given processes, and the growth of the memory of
+    the whole device. The second is used if NVML cannot list processes.
+    """
 
     def __init__(self) -> None:
+        # Why there is no GPU.
         self._reason: str | None = None
         self._handles: list[Any] = []
-        self._own: dict[int, int] = {}
-        self._more: dict[int, int] = {}
-        self._peak_own = self._peak_more = 0
-        self._tells = False
-        self._refused: str | None = None
+        # Index of a GPU -> peak bytes of the processes, and peak growth of the device.
+        self._process_peaks: dict[int, int] = {}
+        self._device_peaks: dict[int, int] = {}
+        # Peaks of the sums over all GPUs.
+        self._process_peak = self._device_peak = 0
+        # Whether NVML has listed any process with a number of this system.
+        self._lists_processes = False
+        # The latest error of NVML.
+        self._error: str | None = None
         self._nvml: Any = None
         try:
             import pynvml
@@ -41,47 +50,49 @@ class Gpus:
             self._before = [pynvml.nvmlDeviceGetMemoryInfo(handle).used for handle in self._handles]
         except ImportError:
             self._reason = f"the extra gpu is not installed: {install('gpu')}"
-        except Exception as error:  # NVML's own error class is made when it loads
+        except Exception as error:  # the error class of NVML exists only after it was loaded
             self._reason = f"NVML: {error}"
         if not self._handles and self._reason is None:
-            self._reason = "there is no NVIDIA GPU"
+            self._reason = "this machine has no NVIDIA GPU"
 
     def look(self, pids: set[int]) -> None:
-        """Update the peaks with the memory that the processes `pids`, and the devices, hold now."""
-        own = more = 0
+        """Update the peaks with the present memory of the processes `pids` and of the devices."""
+        process_sum = device_sum = 0
         for index, handle in enumerate(self._handles):
-            # Where NVML may not list processes it still tells what the device holds, so each is asked alone.
-            with self._noting_refusals():
-                held = self._held(handle, pids)
-                self._own[index] = max(self._own.get(index, 0), held)
-                own += held
-            with self._noting_refusals():
-                grown = max(0, self._nvml.nvmlDeviceGetMemoryInfo(handle).used - self._before[index])
-                self._more[index] = max(self._more.get(index, 0), grown)
-                more += grown
-        self._peak_own, self._peak_more = max(self._peak_own, own), max(self._peak_more, more)
+            # NVML may deny the list of processes and still report the memory of the device.
+            with self._record_errors():
+                size = self._process_bytes(handle, pids)
+                self._process_peaks[index] = max(self._process_peaks.get(index, 0), size)
+                process_sum += size
+            with self._record_errors():
+                growth = max(0, self._nvml.nvmlDeviceGetMemoryInfo(handle).used - self._before[index])
+                self._device_peaks[index] = max(self._device_peaks.get(index, 0), growth)
+                device_sum += growth
+        self._process_peak = max(self._process_peak, process_sum)
+        self._device_peak = max(self._device_peak, device_sum)
 
     @contextlib.contextmanager
-    def _noting_refusals(self) -> Iterator[None]:
+    def _record_errors(self) -> Iterator[None]:
         try:
             yield
         except self._nvml.NVMLError as error:
-            self._refused = f"NVML: {error}"
+            self._error = f"NVML: {error}"
 
     def result(self) -> tuple[int | None, Literal["processes", "device"] | None, str | None]:
-        """Return the peak of all GPUs in bytes, its source, and the reason if there is no peak."""
+        """Return the peak over all GPUs in bytes, its source, and the reason if it is unknown."""
         if self._reason is not None:
             return None, None, self._reason
-        # A sum is of all GPUs, or it is none.
-        own, more = (len(told) == len(self._handles) for told in (self._own, self._more))
-        if own and (self._tells or (more and not self._peak_more)):
-            return self._peak_own, "processes", None
-        return (self._peak_more, "device", None) if more else (None, None, self._refused)
+        # A sum over only some of the GPUs would be too small.
+        has_processes = len(self._process_peaks) == len(self._handles)
+        has_devices = len(self._device_peaks) == len(self._handles)
+        if has_processes and (self._lists_processes or (has_devices and not self._device_peak)):
+            return self._process_peak, "processes", None
+        return (self._device_peak, "device", None) if has_devices else (None, None, self._error)
 
     def devices(self) -> tuple[Gpu, ...]:
-        """Return the GPUs and the peak on each."""
+        """Return the GPUs with their peaks."""
         gpus = []
-        peaks = self._own if self.result()[1] == "processes" else self._more
+        peaks = self._process_peaks if self.result()[1] == "processes" else self._device_peaks
         for index, handle in enumerate(self._handles):
             with contextlib.suppress(Exception):
                 gpus.append(
@@ -96,44 +107,46 @@ class Gpus:
         return tuple(gpus)
 
     def of_process(self, pid: int) -> tuple[int | None, str | None]:
-        """Return the bytes that the process `pid` holds now on all GPUs, or the reason if nobody knows."""
-        held: list[int] = []
+        """Return the present bytes of the process `pid` on all GPUs, or the reason if they are unknown."""
+        sizes: list[int] = []
         for handle in self._handles if self._reason is None else ():
             with contextlib.suppress(self._nvml.NVMLError):
-                listed = self._listed(handle)
-                held += [listed[pid]] if pid in listed else []
-        # It is the buffers' neighbour in a table: what the whole device holds is no figure of this process.
-        unlisted = "NVML names no memory of this process: it uses no NVIDIA GPU, or it is in a container"
-        return (sum(held), None) if held else (None, self._reason or unlisted)
+                listed = self._list_processes(handle)
+                sizes += [listed[pid]] if pid in listed else []
+        # The memory of the whole device is not used here, because it includes other processes.
+        unlisted = "NVML lists no memory of this process: it uses no NVIDIA GPU, or it runs in a container"
+        return (sum(sizes), None) if sizes else (None, self._reason or unlisted)
 
-    def _listed(self, handle: Any) -> dict[int, int]:
-        """Return process -> bytes of those whose memory NVML tells."""
-        held: dict[int, int] = {}
-        for listed in (
+    def _list_processes(self, handle: Any) -> dict[int, int]:
+        """Return process number -> bytes of the processes on a GPU whose memory is known."""
+        sizes: dict[int, int] = {}
+        for processes in (
             self._nvml.nvmlDeviceGetComputeRunningProcesses(handle),
             self._nvml.nvmlDeviceGetGraphicsRunningProcesses(handle),
         ):
-            for process in listed:
+            for process in processes:
                 if process.usedGpuMemory is not None:
-                    held[process.pid] = max(held.get(process.pid, 0), process.usedGpuMemory)
-        return held
+                    sizes[process.pid] = max(sizes.get(process.pid, 0), process.usedGpuMemory)
+        return sizes
 
-    def _held(self, handle: Any, pids: set[int]) -> int:
+    def _process_bytes(self, handle: Any, pids: set[int]) -> int:
+        """Return the bytes of the processes `pids` on a GPU."""
         import psutil
 
-        held = self._listed(handle)
-        # In a container NVML lists none, or the host's numbers: then it can tell no process from another.
-        self._tells = self._tells or any(pid in pids or psutil.pid_exists(pid) for pid in held)
-        return sum(size for pid, size in held.items() if pid in pids)
+        sizes = self._list_processes(handle)
+        # In a container NVML lists no processes, or lists them with the numbers of the host.
+        known = any(pid in pids or psutil.pid_exists(pid) for pid in sizes)
+        self._lists_processes = self._lists_processes or known
+        return sum(size for pid, size in sizes.items() if pid in pids)
 
 
-def driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
-    """Return the bytes that this process holds on NVIDIA's GPUs, or why nobody knows.
+def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | None]:
+    """Return the bytes of this process on NVIDIA GPUs, or the reason if they are unknown.
 
-    `device` is "device" of a machine's record: what draws.
+    `device` is the key "device" in the record of a machine.
     """
     if device.get("kind") != "gpu":
-        return None, "what draws is no GPU"
+        return None, "the rendering device is not a GPU"
     return Gpus().of_process(os.getpid())
 
 

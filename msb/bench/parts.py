@@ -1,4 +1,4 @@
-"""The parts of a cell besides its images: timing, audit, Chamfer distance, training cost."""
+"""The parts of a cell besides images and walk: timing, audit, trials, repairs, Chamfer distance, training."""
 
 import re
 from collections.abc import Mapping
@@ -8,12 +8,13 @@ from typing import Any, get_args
 from numpy.typing import NDArray
 
 from msb.asset import Asset
+from msb.base.atomic import new_folder
 from msb.base.limits import Limits
 from msb.bench.documents import AuditDocument, ChamferDocument, RepairDocument, TrialDocument
 from msb.bench.folder import REPAIRS_FOLDER, TRIAL_FOLDER
 from msb.bench.job import Job
-from msb.bench.nvml import driver_memory
-from msb.bench.photographs import checked_scene
+from msb.bench.nvml import read_driver_memory
+from msb.bench.photographs import read_planned_scene
 from msb.bench.protocol_tables import TrialTable
 from msb.bench.quality import open_renderer
 from msb.bench.records import Memory, Training, read_renderer_timing
@@ -25,32 +26,33 @@ from msb.scenes.datasets import Scene
 
 
 def measure_timing(job: Job) -> dict[str, Any]:
-    """Return timing, memory, floor and device of a cell; nothing is written while the clock runs."""
+    """Return timing, memory, floor and device of a cell; no file is written during the timing."""
     from msb.bench.floor import measure_floor
     from msb.bench.profile import profile
     from msb.render.backend import find_renderer
 
     if job.cell.renderer and not hasattr(find_renderer(job.cell.renderer), "draw"):
-        text = f"{job.cell.renderer} cannot draw without reading its image back, so it is not timed"
+        text = f"{job.cell.renderer} cannot be timed, because it always reads its images back"
         raise Unsupported("UNSUPPORTED_TIER", text)
-    scene = checked_scene(job.scene, job.views)
+    scene = read_planned_scene(job.scene, job.views)
     with open_renderer(job) as renderer:
         about = machine(job.device, engine=renderer.device_info)
         kind = about["device"]["kind"]
-        options: dict[str, Any] = {"device_kind": kind if kind in ("gpu", "cpu") else "other"}
-        options |= {"frames": job.frames, "seconds": job.seconds}
+        options: dict[str, Any] = job.timing.model_dump()
+        options["device_kind"] = kind if kind in ("gpu", "cpu") else "other"
         timed = profile(renderer, scene.test, scene.background, **options)
-        memory = grouped(timed.memory, timed.memory_groups, driver_memory(about["device"]))
+        memory = group_memory(timed.memory, timed.memory_groups, read_driver_memory(about["device"]))
     floor = measure_floor(job, scene, options["device_kind"])
     return {"timing": timed.timing, "memory": memory, "floor": floor, "device": about}
 
 
-def grouped(
+def group_memory(
     uses: Mapping[str, int], groups: Mapping[str, str], driver: tuple[int | None, str | None] = (None, None)
 ) -> Memory:
-    """Return a renderer's `memory` by its `memory_groups`; a use without a group counts as scratch.
+    """Return the memory record of a renderer.
 
-    `driver` is what `driver_memory` gives.
+    `uses` is name of a buffer -> bytes, and `groups` is name of a buffer -> group; a buffer without a group
+    counts as scratch. `driver` is the result of `read_driver_memory`.
     """
     sums = dict.fromkeys(get_args(Group), 0)
     for use, size in uses.items():
@@ -60,36 +62,33 @@ def grouped(
 
 
 def measure_audit(job: Job) -> dict[str, Any]:
-    """Return the audit of a cell's mesh, as stored."""
+    """Return the audit of the mesh of a cell as it is stored."""
     from msb.api.auditing import audit
 
     assert job.model is not None
     return {"audit": AuditDocument.of(audit(job.model.open()).to_dict())}
 
 
-def _to_try(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
-    """Return a cell's mesh, the cameras that look at it, what is tried, and the limits of each library."""
-    from msb.base.limits import Limits
-
+def _prepare_trial(job: Job) -> tuple[Asset, tuple[Camera, ...], TrialTable, Limits]:
+    """Return the asset of a cell, its test cameras, the protocol's table and the limits of each library."""
     assert job.model is not None
     assert job.trial is not None
     limits = Limits(job.trial.seconds, job.trial.memory)
-    return job.model.open(), checked_scene(job.scene, job.views).test, job.trial, limits
+    return job.model.open(), read_planned_scene(job.scene, job.views).test, job.trial, limits
 
 
 def measure_trial(job: Job) -> dict[str, Any]:
-    """Return what became of the protocol's tasks on a cell's mesh, seen by the test cameras.
+    """Return the results of the protocol's tasks on the mesh of a cell.
 
-    The cell's folder gets a picture of each.
+    An image of each task, from a test camera, is written to the folder of the cell.
     """
-    from msb.base.atomic import new_folder
     from msb.trial.run import try_asset
 
-    asset, cameras, wanted, limits = _to_try(job)
+    asset, cameras, table, limits = _prepare_trial(job)
     with new_folder(job.folder / TRIAL_FOLDER) as folder:
         trials = try_asset(
             asset,
-            wanted.tasks,
+            table.tasks,
             cameras=cameras,
             limits=limits,
             device=job.device,
@@ -99,25 +98,24 @@ def measure_trial(job: Job) -> dict[str, Any]:
     return {"trial": TrialDocument.of(trials.to_dict())}
 
 
-def compared_tasks(wanted: TrialTable) -> tuple[str, ...]:
-    """Return the tasks that are tried on the mesh and on what each repair makes of it."""
+def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
+    """Return the names of the tasks that are tried on the mesh and after each repair."""
     from msb.trial.registry import chosen_tasks
     from msb.trial.repairs import TASKS
 
-    return tuple(task.name for task in chosen_tasks(wanted.tasks or TASKS))
+    return tuple(task.name for task in chosen_tasks(table.tasks or TASKS))
 
 
 def measure_repairs(job: Job) -> dict[str, Any]:
-    """Return what ways to repair a cell's mesh keep and cost, seen by the test cameras.
+    """Return the comparison of repair strategies on the mesh of a cell.
 
-    The cell's folder gets a picture of each.
+    An image of each result, from a test camera, is written to the folder of the cell.
     """
-    from msb.base.atomic import new_folder
     from msb.repair.plan import Options
     from msb.trial.repairs import compare, document
 
-    asset, cameras, wanted, limits = _to_try(job)
-    options, tasks = Options(limits=limits), compared_tasks(wanted)
+    asset, cameras, table, limits = _prepare_trial(job)
+    options, tasks = Options(limits=limits), list_compared_tasks(table)
     with new_folder(job.folder / REPAIRS_FOLDER) as folder:
         rows = compare(asset, cameras, options, tasks=tasks, device=job.device, keep=folder)
     data = document(str(asset.path), f"{len(cameras)} test views", rows)
@@ -125,27 +123,31 @@ def measure_repairs(job: Job) -> dict[str, Any]:
 
 
 def measure_chamfer(job: Job) -> dict[str, Any]:
-    """Return the Chamfer distance in millimetres of a DTU cell's mesh, culled by the masks of all views."""
+    """Return the Chamfer distance of a DTU mesh in millimetres, after culling with the masks of all views."""
     from msb.metrics import chamfer_surface, cull_dtu, read_dtu_scan
     from msb.metrics.image_files import read_mask, read_pixels
     from msb.scenes.datasets import read_matrices
 
-    assert job.chamfer_data is not None
-    scan = scan_number(job.cell.scene)
-    data = read_dtu_scan(job.chamfer_data, scan)
-    scene = checked_scene(job.scene, job.views)
-    vertices, faces, source = _mesh(job)
+    assert job.chamfer is not None
+    scan = parse_scan_number(job.cell.scene)
+    data = read_dtu_scan(Path(job.chamfer.data), scan)
+    scene = read_planned_scene(job.scene, job.views)
+    vertices, faces, source = _read_mesh(job)
     world, scale = read_matrices(scene.root / "cameras.npz")
-    alone = scene.mask_source == "mask_folder"
-    masks = (read_mask(file) if alone else read_pixels(file, ("RGBA",))[..., 3] for file in mask_files(scene))
+    # Masks are separate image files, or the alpha channel of the photographs.
+    separate = scene.mask_source == "mask_folder"
+    masks = (
+        read_mask(file) if separate else read_pixels(file, ("RGBA",))[..., 3]
+        for file in find_mask_files(scene)
+    )
     culled = cull_dtu(vertices, faces, world, scale, masks)
-    distances = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer_seed)
+    distances = chamfer_surface(culled.vertices, culled.faces, data, job.chamfer.seed)
     about = {"scan": scan, "metric": distances.pop("identity"), "mesh": source}
     return {"chamfer": ChamferDocument.of({**distances, **about})}
 
 
-def _mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
-    """Return vertices and faces to be measured, and the file they are from."""
+def _read_mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
+    """Return vertices (V, 3) and faces (F, 3) to measure, and the path of their file."""
     from msb.meshes import read_mesh
 
     if job.mesh is not None:
@@ -156,40 +158,43 @@ def _mesh(job: Job) -> tuple[NDArray[Any], NDArray[Any], str]:
     return buffers["positions"], buffers["indices"], job.model.asset.path
 
 
-def scan_number(scene: str) -> int:
+def parse_scan_number(scene: str) -> int:
     """Return the number in the name of a DTU scene."""
     match = re.fullmatch(r"scan(\d{1,3})", scene)
     if match is None:
-        raise MetricError("METRIC_ARGUMENT", f'the scene is called "{scene}"; DTU\'s are scan1 to scan999')
+        text = f'"{scene}" is not a scene of DTU, whose scenes are called scan1 to scan999'
+        raise MetricError("METRIC_ARGUMENT", text)
     return int(match[1])
 
 
-def mask_files(scene: Scene) -> list[Path]:
-    """Return the files with the masks of all views, in the order of the matrices in cameras.npz."""
+def find_mask_files(scene: Scene) -> list[Path]:
+    """Return the mask files of all views in the order of the matrices in cameras.npz."""
     from msb.scenes.datasets.layout import images_in
     from msb.scenes.datasets.photographs import MASKS
 
     folder = scene.root / (MASKS if scene.mask_source == "mask_folder" else scene.image_folder)
     files = images_in(folder)
     if scene.mask_source is None or not files:
-        raise InputError("FILE_NOT_FOUND", "there are no masks of the views in it", file=scene.root)
+        raise InputError("FILE_NOT_FOUND", "the scene has no masks", file=scene.root)
     return files
 
 
-def read_own_timing(job: Job) -> dict[str, Any]:
-    """Return how fast the method's own renderer is, as the user measured it."""
+def read_native_timing(job: Job) -> dict[str, Any]:
+    """Return the user's timing of the method's own renderer."""
     assert job.renderer_timing is not None
     return {"renderer_timing": read_renderer_timing(job.renderer_timing)}
 
 
 def read_training(job: Job) -> dict[str, Any]:
-    """Return the cost of a training, from the record of `msb track`."""
+    """Return time and memory of a training from a record of `msb track`."""
     from msb.bench.track import read_track
 
     assert job.training is not None
     track = read_track(job.training)
     if track.exit_status:
-        text = f"the training ended with status {track.exit_status}; what it cost is no cost of a model"
+        text = (
+            f"the training failed with exit status {track.exit_status}, so its time and memory are not used"
+        )
         raise InputError("TRAINING_FAILED", text, file=job.training)
     training = Training(
         seconds=track.seconds, peak_memory_bytes=track.peak_gpu_memory_bytes, source=str(job.training)

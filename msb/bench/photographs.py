@@ -1,7 +1,7 @@
-"""The scenes of a run, which are read and hashed, and their photographs, written once as they are compared.
+"""The state of a scene's test views, and its ground truth: the photographs in the form that is compared.
 
-Beside the copies lies a list of their hashes and of what they were made from. At the start of every run they
-are read and compared with that list, because a changed or damaged copy would make every later number wrong.
+The ground truth is written once per scene, resized, masked and rounded to bytes, with a list of hashes. Every
+run verifies it against that list, because a damaged image would falsify all later results.
 """
 
 import json
@@ -12,38 +12,40 @@ from pathlib import Path
 
 from msb.base.atomic import new_file, new_folder
 from msb.base.files import file_sha256
-from msb.bench.checked import read_json
 from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
 from msb.bench.records import Setup
+from msb.bench.validation import read_json
 from msb.errors import MsbError, UsageError
 from msb.metrics.ground_truth import ground_truth
 from msb.render.images import image_names, write_image
 from msb.scenes import Camera
 from msb.scenes.datasets import Scene, SceneAt
 
-# The file in every folder of ground truth that says what it was made from, and the SHA-256 of each file.
+# The file in every folder of ground truth with the hash of its sources and the SHA-256 of each image.
 HASHES = "hashes.json"
 SCHEMA = "msb.ground_truth/1"
+# Maximum size of that file in bytes.
 _MAX_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
-class Views:
-    """The state of a scene's test views: everything that decides a comparison, as hashes."""
+class ViewState:
+    """The state of a scene's test views: hashes of everything that affects a comparison."""
 
-    # Of names, sizes, intrinsics and poses.
+    # Hash of names, sizes, intrinsics and poses.
     cameras: str
-    # Of files, sizes, masks and background; it names the folder with the ground truth.
+    # Hash of photographs, sizes, masks and background. It is the name of the ground truth's folder.
     photographs: str
     setup: Setup
-    # The names of the images without suffix, which renderings and ground truth have, too.
+    # Names of photographs, renderings and ground truth, without suffix.
     names: tuple[str, ...]
 
 
-def views_of(scene: Scene) -> Views:
-    """Return the state of a scene's test views; reads every test photograph once."""
+def describe_views(scene: Scene) -> ViewState:
+    """Return the state of a scene's test views; every test photograph is read once."""
     files = [(str(camera.name), _hashes(scene, camera)) for camera in scene.test]
+    # Everything else that affects the ground truth.
     rules = [
         list(scene.background),
         scene.compositing,
@@ -52,8 +54,8 @@ def views_of(scene: Scene) -> Views:
         scene.quantized,
         [(camera.width, camera.height) for camera in scene.test],
     ]
-    return Views(
-        cameras=digest([numbers_of(camera) for camera in scene.test]),
+    return ViewState(
+        cameras=digest([describe_camera(camera) for camera in scene.test]),
         photographs=digest([files, rules]),
         setup=Setup(
             camera_convention=scene.camera_convention,
@@ -71,8 +73,8 @@ def _hashes(scene: Scene, camera: Camera) -> list[str]:
     return [file_sha256(path) for path in paths if path is not None]
 
 
-def numbers_of(camera: Camera) -> list[object]:
-    """Return all that decides what a camera sees, and its name, as JSON data."""
+def describe_camera(camera: Camera) -> list[object]:
+    """Return name, size, intrinsics and pose of a camera as JSON data."""
     pose = camera.world_to_camera.tolist()
     lens = [camera.fx, camera.fy, camera.cx, camera.cy]
     return [camera.name, camera.width, camera.height, *lens, pose]
@@ -80,51 +82,50 @@ def numbers_of(camera: Camera) -> list[object]:
 
 @dataclass(frozen=True)
 class PhotographTask:
-    """The order to a worker to write the ground truth of a scene."""
+    """A task for a worker: write the ground truth of a scene."""
 
     root: Path
     run: str
     scene: SceneAt
-    views: Views
+    views: ViewState
 
     @property
     def name(self) -> str:
-        """What progress shows."""
+        """The name in progress lines."""
         return f"{self.scene.dataset} {self.scene.name}"
 
     @property
     def folder(self) -> Path:
-        """The folder that the ground truth is written to."""
+        """The folder of the ground truth."""
         return Results(self.root).ground_truth(self.scene.dataset, self.scene.name, self.views.photographs)
 
 
 def write_photographs(task: PhotographTask) -> str | None:
-    """Write the test photographs as they are compared, with the names of renderings, unless they exist.
+    """Write the ground truth of a scene unless it exists and is valid.
 
-    Existing files are read and must be those that were written. Otherwise all of them are written again, and
-    what was wrong is returned.
+    Invalid ground truth is written again, and the reason is returned as text.
     """
     check_run(task.root, task.run)
-    there = task.folder.is_dir()
-    wrong = _what_differs(task.folder, task.views) if there else None
-    if there and wrong is None:
+    exists = task.folder.is_dir()
+    fault = _find_fault(task.folder, task.views) if exists else None
+    if exists and fault is None:
         return None
-    scene = checked_scene(task.scene, task.views)
+    scene = read_planned_scene(task.scene, task.views)
     with new_folder(task.folder) as folder:
         for name, camera in zip(task.views.names, scene.test, strict=True):
             write_image(folder / f"{name}.png", ground_truth(scene, camera), "png")
-        about = _about(task.views, _hashes_below(folder))
+        document = _make_document(task.views, _hashes_below(folder))
         with new_file(folder / HASHES) as file:
-            file.write(json.dumps(about, indent=1).encode() + b"\n")
-    return wrong
+            file.write(json.dumps(document, indent=1).encode() + b"\n")
+    return fault
 
 
-def _about(views: Views, files: Mapping[str, str]) -> dict[str, object]:
+def _make_document(views: ViewState, files: Mapping[str, str]) -> dict[str, object]:
     return {"schema": SCHEMA, "photographs": views.photographs, "files": files}
 
 
-def _what_differs(folder: Path, views: Views) -> str | None:
-    """Return what is not as it was written, None if everything is."""
+def _find_fault(folder: Path, views: ViewState) -> str | None:
+    """Return the first difference between the ground truth and its list of hashes, or None."""
     try:
         about = read_json(folder / HASHES, _MAX_BYTES)
         present = _hashes_below(folder)
@@ -132,19 +133,24 @@ def _what_differs(folder: Path, views: Views) -> str | None:
         return f"{Path(str(error.file)).name}: {error.message}"
     files = about.get("files") if isinstance(about, dict) else None
     names = {f"{name}.png" for name in views.names}
-    if not isinstance(files, dict) or about != _about(views, files) or set(files) != names:
-        return f"{HASHES} is not of these photographs"
-    # What systems hide in folders that are looked at is no harm.
+    if not isinstance(files, dict) or about != _make_document(views, files) or set(files) != names:
+        return f"{HASHES} belongs to other photographs"
+    # Hidden files of file managers are ignored.
     others = {name for name in present if not Path(name).name.startswith(".")}
     for name in sorted(names | others):
         if present.get(name) != files.get(name):
-            how = "is gone" if name not in present else "was changed" if name in names else "is none of them"
-            return f"{name} {how}"
+            fault = (
+                "is missing" if name not in present else "was changed" if name in names else "is unexpected"
+            )
+            return f"{name} {fault}"
     return None
 
 
 def _hashes_below(folder: Path) -> dict[str, str]:
-    """Return name -> SHA-256 of all files below but the list itself; "" of what is none."""
+    """Return name -> SHA-256 of all files below a folder except the list of hashes.
+
+    A folder in the place of a file has the hash "".
+    """
     files = (Path(root, name) for root, _, names in os.walk(folder) for name in names)
     return {
         file.relative_to(folder).as_posix(): file_sha256(file) if file.is_file() else ""
@@ -153,10 +159,16 @@ def _hashes_below(folder: Path) -> dict[str, str]:
     }
 
 
-def checked_scene(at: SceneAt, views: Views) -> Scene:
-    """Return the scene, if its cameras are those with which the run was planned."""
+def read_planned_scene(at: SceneAt, views: ViewState) -> Scene:
+    """Return a scene; if its cameras differ from the planned ones, raise RUN_SCHEDULER."""
     scene = at.read()
-    if digest([numbers_of(camera) for camera in scene.test]) != views.cameras:
-        text = "its cameras are not those the run was planned with: changed since, or another folder here"
+    if digest([describe_camera(camera) for camera in scene.test]) != views.cameras:
+        text = (
+            "the cameras changed since the run was planned, or this machine has another scene under this path"
+        )
         raise UsageError("RUN_SCHEDULER", text, file=at.path)
     return scene
+
+
+# Former names, used by fuzz.run_folder.
+Views, _what_differs = ViewState, _find_fault

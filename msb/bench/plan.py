@@ -1,4 +1,4 @@
-"""The plan of a run: every cell of the protocol, which of its parts are still to be computed, and why."""
+"""The plan of a run: the cells of the protocol, the parts that must be computed, and the reasons."""
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from msb.base.files import file_sha256
-from msb.bench.bakes import BakeTask, bake_key, bake_options, known_bake
-from msb.bench.cell import reason_of
+from msb.bench.bakes import BakeTask, find_known_bake, hash_bake_inputs, make_bake_options
+from msb.bench.cell import make_reason
 from msb.bench.folder import Results, check_names
-from msb.bench.inputs import Known, inputs_of
-from msb.bench.job import MAIN, Inputs, Job, Part
-from msb.bench.models import Model, ModelTask, method_of
-from msb.bench.protocol import ProtocolFile, overrides
+from msb.bench.inputs import KnownFacts, find_inputs
+from msb.bench.job import MAIN, Job, PartInputs, PartName
+from msb.bench.models import ModelAsset, ModelTask, detect_method
+from msb.bench.protocol import ProtocolFile, get_overrides
 from msb.bench.protocol_tables import (
     AUTO,
     REFERENCE,
@@ -33,17 +33,17 @@ from msb.scenes.datasets import SceneAt, find_scenes, scene_at
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """One method on one scene, as the protocol gives them."""
+    """One method on one scene of the protocol."""
 
     dataset: DatasetTable
     method: MethodTable
     scene: str
-    # The scene's folder.
+    # The folder of the scene.
     path: Path
     model: Path | None
 
     def task(self, root: Path, run: str) -> ModelTask | None:
-        """Return the task that makes the model ready, None where there is no model."""
+        """Return the task that exports the model, or None if there is no model."""
         if self.model is None:
             return None
         label = self.method.label
@@ -52,35 +52,36 @@ class Pair:
 
 @dataclass(frozen=True)
 class Planned:
-    """One cell, and what is to be done about it."""
+    """One cell and the work that it needs."""
 
     cell: Cell
-    # The parts to be computed; None if there is nothing to do, or nothing can be done.
+    # The job of the cell, or None if it cannot be computed.
     job: Job | None
-    # The reason to compute each part, or to "bake": "new", "failed before", "asked for", what changed, or
-    # what is wrong with its record or a rendering.
+    # Part to compute, or "bake" -> the reason: "new", "failed before", "requested", the inputs that changed,
+    # or the fault of its record or of a rendering.
     why: Mapping[str, str] = field(default_factory=dict)
-    # "done" means that everything is on record and valid. "failed" and "unsupported" have a `reason`.
+    # "done": all parts are recorded and valid. "failed" and "unsupported" have a `reason`.
     status: Literal["done", "pending", "failed", "unsupported"] = "pending"
     reason: Reason | None = None
-    # What must be made before the parts can be told; None where that is there, or nothing is to be made.
+    # A bake that must be finished before the parts of the cell are known.
     bake: BakeTask | None = None
 
 
-def pairs_of(
+def find_pairs(
     file: ProtocolFile, only: Sequence[str] = (), lost: dict[str, MsbError] | None = None
 ) -> list[Pair]:
-    """Return the pairs of method and scene that have a cell which `only` selects (`selected`).
+    """Return the pairs of method and scene with a cell that `only` selects (`is_selected`).
 
-    If `lost` is given, it gets the datasets whose scenes are not listed and cannot be found, by their names,
-    with the error about each; else the first such error is raised.
+    A dataset without a list of scenes whose folder cannot be read raises an error. If `lost` is given, the
+    error is added to it under the name of the dataset instead.
     """
     check_names(file.path.absolute(), file.results)
     variants, bakes = file.protocol.variants, file.protocol.bakes
-    labels = (*(one.label for one in variants), *(one.label for one in bakes))
+    labels = [*(table.label for table in variants), *(table.label for table in bakes)]
     conditions = (*CONDITIONS, *file.protocol.engines, *labels)
     pairs: list[Pair] = []
-    names_there: dict[str, None] = {}
+    # All names that `only` may select, for the error message.
+    selectable: dict[str, None] = {}
     for dataset in file.protocol.datasets:
         root = file.resolve(dataset.path)
         try:
@@ -95,37 +96,37 @@ def pairs_of(
                 if method.datasets and dataset.name not in method.datasets:
                     continue
                 names = {"dataset": dataset.name, "scene": path.name, "method": method.name}
-                own = (method.name, method.label) if method.label else (method.name,)
-                names_there |= dict.fromkeys((dataset.name, path.name, *own))
-                methods = (*METHODS, *own) if method.name == AUTO else own
+                model_names = (method.name, method.label) if method.label else (method.name,)
+                selectable |= dict.fromkeys((dataset.name, path.name, *model_names))
+                methods = (*METHODS, *model_names) if method.name == AUTO else model_names
                 if _matches((dataset.name, path.name, *methods, *conditions), only):
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
                     pairs.append(Pair(dataset, method, path.name, path, model))
     if only and not pairs and not lost:
-        raise _nothing(only, (*names_there, *conditions))
+        raise _nothing_selected(only, (*selectable, *conditions))
     return pairs
 
 
-def _nothing(only: Sequence[str], names: Sequence[str]) -> UsageError:
-    text = f"--only {' --only '.join(only)} selects no cell; there are {', '.join(names)}"
+def _nothing_selected(only: Sequence[str], names: Sequence[str]) -> UsageError:
+    text = f"--only {' --only '.join(only)} selects no cell; possible words are {', '.join(names)}"
     return UsageError("USAGE", text)
 
 
 class Planner:
-    """Turns pairs into cells: those that `only` selects, finished parts again if `redo`."""
+    """Plans the cells that `only` selects; with `redo`, finished parts are computed again."""
 
     def __init__(
-        self, file: ProtocolFile, run: str, known: Known, only: Sequence[str] = (), *, redo: bool = False
+        self, file: ProtocolFile, run: str, known: KnownFacts, only: Sequence[str] = (), *, redo: bool = False
     ) -> None:
         self.file, self.run, self.known, self.only, self.redo = file, run, known, tuple(only), redo
         self.results = Results(file.results)
         self.pairs: dict[tuple[str, ...], Pair] = {}
 
-    def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, Model | Exception]) -> list[Planned]:
+    def plan(self, pairs: Sequence[Pair], models: Mapping[Pair, ModelAsset | Exception]) -> list[Planned]:
         """Return all selected cells in the order of the protocol.
 
-        `models` holds the model of each pair, or the error about it; in a dry run it may be missing.
+        `models` is pair -> model or error. In a dry run, models that were not exported yet are missing.
         """
         cells = []
         for pair in pairs:
@@ -134,30 +135,32 @@ class Planner:
                 key = cell.names
                 if key in self.pairs:
                     text = (
-                        f"/methods: two models of {cell.model_name} on {cell.scene}; give one a label of its "
-                        'own: label = "ours"'
+                        f"/methods: there are two models of {cell.model_name} on {cell.scene}; give one of "
+                        'them a label, for example label = "ours"'
                     )
                     raise InputError("PROTOCOL_INVALID", text, file=self.file.path, pointer="/methods")
                 self.pairs[key] = pair
-                if selected(cell, self.only):
+                if is_selected(cell, self.only):
                     cells.append(planned)
         if self.only and not cells:
-            raise _nothing(self.only, list(dict.fromkeys(part for key in self.pairs for part in key)))
+            names = dict.fromkeys(name for key in self.pairs for name in key)
+            raise _nothing_selected(self.only, list(names))
         return cells
 
-    def _cells(self, pair: Pair, model: Model | Exception | None) -> Iterator[Planned]:
-        name = model.method if isinstance(model, Model) else pair.method.name
+    def _cells(self, pair: Pair, model: ModelAsset | Exception | None) -> Iterator[Planned]:
+        """Yield the cells of a pair, one for each condition, engine, variant and bake."""
+        name = model.method if isinstance(model, ModelAsset) else pair.method.name
         if name == AUTO and model is None and pair.model is not None:
             with contextlib.suppress(MsbError):
-                name = method_of(pair.model)
-        if name == AUTO:  # its model cannot be read, so there is no telling what it is
+                name = detect_method(pair.model)
+        if name == AUTO:  # the model cannot be read, so its method and its cells are unknown
             return
         conditions = pair.method.conditions or self.file.protocol.conditions
         for condition in conditions:
             if condition == "non_engine" and pair.method.non_engine is None:
                 continue
             if pair.model is None and condition != "non_engine" and lookup(name).supports("standard"):
-                continue  # the protocol has official renderings of it only
+                continue  # the protocol has only official renderings of this method
             cell = Cell(
                 dataset=pair.dataset.name,
                 scene=pair.scene,
@@ -165,29 +168,31 @@ class Planner:
                 label=pair.method.label,
                 condition=condition,
             )
-            yield self._one(pair, model, cell)
+            yield self._plan_cell(pair, model, cell)
             if condition == "standard":
                 for engine in self.file.protocol.engines:
-                    yield self._one(pair, model, cell.model_copy(update={"renderer": engine}))
+                    yield self._plan_cell(pair, model, cell.model_copy(update={"renderer": engine}))
                 for bake in self.file.protocol.bakes if pair.model is not None else ():
                     if not bake.datasets or cell.dataset in bake.datasets:
-                        yield self._baked(pair, model, bake, cell.model_copy(update={"bake": bake.label}))
+                        yield self._plan_bake(pair, model, bake, cell.model_copy(update={"bake": bake.label}))
             if condition == "dedicated":
                 for variant in self.file.protocol.variants:
-                    own = {"variant": variant.label, "renderer": variant.renderer}
-                    yield self._one(pair, model, cell.model_copy(update=own))
+                    changes = {"variant": variant.label, "renderer": variant.renderer}
+                    yield self._plan_cell(pair, model, cell.model_copy(update=changes))
 
-    def _baked(self, pair: Pair, model: Model | Exception | None, table: BakeTable, cell: Cell) -> Planned:
-        """Return the cell of a bake; where that is not there, with the order to make it."""
-        if not isinstance(model, Model) or not selected(cell, self.only):
-            return self._one(pair, model, cell)
-        settings = overrides(pair.method)
+    def _plan_bake(
+        self, pair: Pair, model: ModelAsset | Exception | None, table: BakeTable, cell: Cell
+    ) -> Planned:
+        """Return the plan of a cell with a bake, and the task of the bake if it does not exist yet."""
+        if not isinstance(model, ModelAsset) or not is_selected(cell, self.only):
+            return self._plan_cell(pair, model, cell)
+        settings = get_overrides(pair.method)
         try:
             scene = self.scene_at(pair, model, cell.method)
-            views, options = self.known.views(scene), bake_options(table, cell.method)
-            key = bake_key(model, options, settings, self.known.scene(scene), views)
+            views, options = self.known.views(scene), make_bake_options(table, cell.method)
+            key = hash_bake_inputs(model, options, settings, self.known.scene(scene), views)
         except MsbError as error:
-            return Planned(cell, None, status="failed", reason=reason_of(error))
+            return Planned(cell, None, status="failed", reason=make_reason(error))
         task = BakeTask(
             root=self.results.root,
             run=self.run,
@@ -201,51 +206,55 @@ class Planner:
             key=key,
             device=self.file.protocol.device,
         )
-        if not self.redo and (made := known_bake(task)) is not None:
-            return self._one(pair, made, cell)
-        why = "asked for" if self.redo else "changed" if task.path.exists() else "new"
+        if not self.redo and (known := find_known_bake(task)) is not None:
+            return self._plan_cell(pair, known, cell)
+        why = "requested" if self.redo else "changed" if task.path.exists() else "new"
         return Planned(cell, None, {"bake": why}, bake=task)
 
-    def with_bake(self, cell: Cell, made: Model | Exception) -> Planned:
-        """Return the cell of a bake that was made, or that failed."""
-        return self._one(self.pairs[cell.names], made, cell)
+    def with_bake(self, cell: Cell, bake: ModelAsset | Exception) -> Planned:
+        """Return the plan of a cell after its bake has finished or failed."""
+        return self._plan_cell(self.pairs[cell.names], bake, cell)
 
-    def _one(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Planned:
-        if not selected(cell, self.only):  # left out by `plan`, so nothing of it need be read
+    def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
+        """Return the plan of a cell: unsupported, failed, done, or with a job for the parts to compute."""
+        if not is_selected(cell, self.only):  # removed by `plan`, so none of its files are read
             return Planned(cell, None)
-        why = self._unsupported(pair, model, cell)
+        why = self._find_unsupported(pair, model, cell)
         if why is not None:
             return Planned(cell, None, status="unsupported", reason=why)
-        imported = cell.condition == "non_engine" and pair.method.non_engine != REFERENCE
-        if isinstance(model, Exception) and not imported:
-            return Planned(cell, None, status="failed", reason=reason_of(model))
-        if model is None and not imported:  # a dry run reads no model
+        is_official = cell.condition == "non_engine" and pair.method.non_engine != REFERENCE
+        if isinstance(model, Exception) and not is_official:
+            return Planned(cell, None, status="failed", reason=make_reason(model))
+        if model is None and not is_official:  # a dry run exports no model
             main = "audit" if cell.condition == "exported_mesh" else "quality"
             first = main if cell.bake is None else "bake"
             return Planned(
                 cell, None, {first: "model changed" if self.results.record(cell).exists() else "new"}
             )
         try:
-            job = self._job(pair, model if isinstance(model, Model) else None, cell)
-            wanted = inputs_of(job, self.known)
+            job = self._make_job(pair, model if isinstance(model, ModelAsset) else None, cell)
+            requested = find_inputs(job, self.known)
         except MsbError as error:
-            return Planned(cell, None, status="failed", reason=reason_of(error))
-        todo = self._todo(job, wanted)
-        job = replace(job, parts={part: wanted[part] for part in todo}, wanted=wanted)
+            return Planned(cell, None, status="failed", reason=make_reason(error))
+        todo = self._find_work(job, requested)
+        job = replace(job, parts={part: requested[part] for part in todo}, requested=requested)
         reasons = {str(part): text for part, text in todo.items()}
         return Planned(cell, job, reasons, "pending" if todo else "done")
 
-    def _unsupported(self, pair: Pair, model: Model | Exception | None, cell: Cell) -> Reason | None:
+    def _find_unsupported(
+        self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell
+    ) -> Reason | None:
+        """Return why the method does not support the condition of a cell, or None if it does."""
         tier = TIER_OF.get(cell.condition)
         if cell.condition == "non_engine" and pair.method.non_engine != REFERENCE:
             return None
-        refusals = "UNSUPPORTED_METHOD" if cell.bake is None else "UNSUPPORTED_"
-        if isinstance(model, MsbError) and model.code.startswith(refusals):
-            return reason_of(model)
-        if cell.bake is not None:  # of any model that something draws
+        codes = "UNSUPPORTED_METHOD" if cell.bake is None else "UNSUPPORTED_"
+        if isinstance(model, MsbError) and model.code.startswith(codes):
+            return make_reason(model)
+        if cell.bake is not None:  # every model with at least one tier can be baked
             return None
         reasons = lookup(cell.method).unsupported
-        if tier is None:  # an exported mesh: of anything that has triangles
+        if tier is None:  # every method with triangles, so with at least one tier, has an exported mesh
             tier = "standard" if len(reasons) == len(TIER_OF) else None
         variant = self._variant(cell)
         if variant is not None and (why := _variant_problem(variant, cell.method)):
@@ -255,10 +264,12 @@ class Planner:
         return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {reasons[tier]}")
 
     def _variant(self, cell: Cell) -> VariantTable | None:
-        """Return the protocol's variant that the cell is of, None where it is of none."""
-        return next((one for one in self.file.protocol.variants if one.label == cell.variant), None)
+        """Return the table of the cell's variant, or None if the cell has no variant."""
+        tables = (table for table in self.file.protocol.variants if table.label == cell.variant)
+        return next(tables, None)
 
-    def _job(self, pair: Pair, model: Model | None, cell: Cell) -> Job:
+    def _make_job(self, pair: Pair, model: ModelAsset | None, cell: Cell) -> Job:
+        """Return a job for a cell with everything except its parts."""
         protocol, method = self.file.protocol, pair.method
         names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
 
@@ -269,8 +280,9 @@ class Planner:
         trained = () if model is None else tuple(self.known.trained(model, scene, pair.model))
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
         variant = self._variant(cell)
-        # A bake was made with the model's settings and, being a plain mesh, has none.
-        settings = {} if cell.bake else overrides(method) | ({} if variant is None else overrides(variant))
+        # The settings were applied during a bake; the resulting mesh has none.
+        changes = {} if variant is None else get_overrides(variant)
+        settings = {} if cell.bake else get_overrides(method) | changes
         chamfer = protocol.chamfer
         return Job(
             root=self.results.root,
@@ -288,21 +300,19 @@ class Planner:
             renderer_timing=path(method.non_engine_timing) if cell.condition == "non_engine" else None,
             device=protocol.device,
             vgg_weights=path(protocol.metrics.vgg_weights),
-            frames=protocol.timing.frames,
-            seconds=protocol.timing.seconds,
-            chamfer_data=None if chamfer is None else path(chamfer.data),
-            chamfer_seed=0 if chamfer is None else chamfer.seed,
+            timing=protocol.timing,
+            chamfer=chamfer and chamfer.model_copy(update={"data": str(path(chamfer.data))}),
             walk=protocol.walk if _is_walked(protocol.walk, cell) else None,
             trial=protocol.trial if cell.condition == "exported_mesh" or cell.bake else None,
             trained=trained,
         )
 
-    def scene_at(self, pair: Pair, model: Model | None, method: str) -> SceneAt:
-        """Return how the method is evaluated on the scene: what it says, else its dataset, else the rules."""
+    def scene_at(self, pair: Pair, model: ModelAsset | None, method: str) -> SceneAt:
+        """Return the scene of a pair with the options of the method, or else of its dataset."""
 
         def option(name: str) -> Any:
-            own = getattr(pair.method, name)
-            return getattr(pair.dataset, name) if own is None else own
+            value = getattr(pair.method, name)
+            return getattr(pair.dataset, name) if value is None else value
 
         names = ("image_folder", "resolution", "background", "camera_convention")
         return scene_at(
@@ -313,36 +323,37 @@ class Planner:
             **{name: option(name) for name in names},
         )
 
-    def _todo(self, job: Job, wanted: Mapping[Part, Inputs]) -> dict[Part, str]:
-        """Return the parts to be computed, and why."""
-        bad: str | None = None
+    def _find_work(self, job: Job, requested: Mapping[PartName, PartInputs]) -> dict[PartName, str]:
+        """Return each part to compute -> the reason."""
+        invalid: str | None = None
         old: Result | None = None
         try:
             old = self.results.read(job.cell)
         except MsbError as error:
             if error.code != "FILE_NOT_FOUND":
-                bad = f"bad record: {error.message}"
+                invalid = f"invalid record: {error.message}"
                 self.known.warnings[f"warning: {error}; the cell is computed again"] = None
-        reasons: dict[Part, str] = {}
-        for part, inputs in wanted.items():
-            why = "asked for" if self.redo else bad or _difference(part, inputs, old)
+        reasons: dict[PartName, str] = {}
+        for part, inputs in requested.items():
+            why = "requested" if self.redo else invalid or _find_change(part, inputs, old)
             if why is None and part == "quality" and old is not None:
-                why = _image_changed(job.folder, old)
+                why = _find_changed_image(job.folder, old)
             if why is not None:
                 reasons[part] = why
         return reasons
 
 
-def _is_walked(wanted: WalkTable | None, cell: Cell) -> bool:
-    if wanted is None or cell.condition not in WALKED:
+def _is_walked(table: WalkTable | None, cell: Cell) -> bool:
+    """Return whether the protocol has a walk for a cell."""
+    if table is None or cell.condition not in WALKED:
         return False
-    return not wanted.conditions or cell.condition_name in wanted.conditions
+    return not table.conditions or cell.condition_name in table.conditions
 
 
 def _variant_problem(variant: VariantTable, method: str) -> str | None:
-    """Return why a method has no such variant, None where it has."""
+    """Return why a method does not support a variant, or None if it does."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
-        return f"{method} has no setting {', '.join(sorted(lacks))}, which the variant changes"
+        return f"the variant changes {', '.join(sorted(lacks))}, which is not a setting of {method}"
     if variant.renderer is not None and "dedicated" not in getattr(
         find_renderer(variant.renderer), "tiers", TIERS
     ):
@@ -350,26 +361,26 @@ def _variant_problem(variant: VariantTable, method: str) -> str | None:
     return None
 
 
-def _difference(part: Part, inputs: Inputs, old: Result | None) -> str | None:
-    """Return why a part must be computed, None if what is on record holds."""
+def _find_change(part: PartName, inputs: PartInputs, old: Result | None) -> str | None:
+    """Return why a part must be computed, or None if its record is valid."""
     if old is None:
         return "new"
-    held = old.inputs.get(part)
-    if held is None:
+    recorded = old.inputs.get(part)
+    if recorded is None:
         failed = part in old.reasons or (old.status == "failed" and part in MAIN)
         return "failed before" if failed else "new"
-    changed = [name for name in {**held, **inputs} if held.get(name) != inputs.get(name)]
+    changed = [name for name in {**recorded, **inputs} if recorded.get(name) != inputs.get(name)]
     return f"{', '.join(changed)} changed" if changed else None
 
 
-def _image_changed(folder: Path, old: Result) -> str | None:
-    """Return which rendering is not the file that was compared, None if all are."""
+def _find_changed_image(folder: Path, old: Result) -> str | None:
+    """Return the fault of the first rendering that is missing or has changed, or None."""
     if old.quality is None:
-        return "images not on record"
+        return "images are not recorded"
     for image in old.quality.images:
         try:
             if not (folder / image.file).is_file():
-                return f"{image.file} gone"
+                return f"{image.file} is missing"
             if file_sha256(folder / image.file) != image.sha256:
                 return f"{image.file} changed"
         except (MsbError, OSError) as error:
@@ -377,17 +388,18 @@ def _image_changed(folder: Path, old: Result) -> str | None:
     return None
 
 
-def selected(cell: Cell, only: Sequence[str]) -> bool:
-    """Return whether a cell is among those asked for.
+def is_selected(cell: Cell, only: Sequence[str]) -> bool:
+    """Return whether `only` selects a cell.
 
-    Each text of `only` is one or more patterns (``*`` and ``?``) with slashes between; each pattern must
-    match the cell's dataset, scene, method, label, condition, variant or renderer. A cell is selected if one
-    text matches; if `only` is empty, every cell is selected.
+    Each string of `only` consists of patterns (with ``*`` and ``?``) separated by slashes. It selects a cell
+    if every pattern matches the dataset, scene, method, label, condition, variant or renderer. One matching
+    string is enough, and an empty `only` selects every cell.
     """
     return _matches((*cell.names, cell.method, cell.condition), only)
 
 
 def _matches(names: Sequence[str], only: Sequence[str]) -> bool:
+    """Return whether at least one string of `only` matches these names."""
     return not only or any(
         all(any(fnmatchcase(name, pattern) for name in names) for pattern in text.split("/")) for text in only
     )

@@ -1,7 +1,7 @@
-"""Where tasks are computed: processes of this machine, or a Dask cluster, behind one interface.
+"""Workers that compute the tasks of a run: processes of this machine, or a Dask cluster.
 
-A task is a function of this package and plain data. What a task raises is an outcome like any other; a worker
-that dies costs at most what it was computing.
+A task is a function of this package with plain data as its argument. An exception of a task is returned like
+a result. If a worker dies, only its present task is lost.
 """
 
 import contextlib
@@ -12,7 +12,7 @@ import sys
 import threading
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -22,6 +22,7 @@ from msb.base.extras import need_extra
 from msb.base.packages import PackageWarning
 from msb.errors import DeviceError, UsageError, shorten
 
+# Seconds to wait for a connection to a Dask scheduler.
 _CONNECT_SECONDS = 10
 Task = TypeVar("Task")
 Answer = TypeVar("Answer")
@@ -34,11 +35,11 @@ class Workers(ABC):
 
     @abstractmethod
     def executor(self) -> Executor:
-        """Return the executor that runs tasks; a fresh one if the last one broke."""
+        """Return the executor for tasks; after the death of a worker, a new one."""
 
     @abstractmethod
     def close(self) -> None:
-        """Release all workers, and stop their unfinished tasks where that is possible."""
+        """Release all workers and stop unfinished tasks if possible."""
 
     def __enter__(self) -> Self:
         return self
@@ -50,26 +51,29 @@ class Workers(ABC):
 def run_all(
     workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task], *, alone: bool = False
 ) -> Iterator[tuple[Task, Answer | Exception]]:
-    """Compute ``function(task)`` for all tasks; yield each with its answer or its exception, as they end.
+    """Compute ``function(task)`` for all tasks, and yield each task with its result or exception as it ends.
 
-    A worker must be able to import the function. With `alone` tasks run one after the other, so that nothing
-    else of this run computes during a timing.
+    Workers must be able to import the function. With `alone` tasks run one after the other, so that timings
+    are not disturbed by other tasks of the run.
 
-    When a process dies, the pool cannot say which task it had, only that it was one of the first unfinished
-    ones. Those are then computed one at a time, and the task during which a process dies again gets
-    RUN_WORKER_DIED; the others go on as before. A Dask scheduler does the same by itself.
+    When a process dies, the pool does not know its task, except that it is one of the first unfinished ones.
+    These are computed again one at a time. A task during which a process dies again gets the error
+    RUN_WORKER_DIED, and the others continue. A Dask scheduler handles this itself.
     """
     waiting = list(tasks)
     while waiting:
         suspects = 1 if alone else workers.jobs
-        answers = _one_by_one(workers, function, waiting) if alone else _at_once(workers, function, waiting)
+        numbers = range(len(waiting))
         broken = []
-        for number, answer in answers:
-            if isinstance(answer, BrokenExecutor):
-                broken.append(number)
-            else:
-                yield waiting[number], answer
+        # One group of all tasks, or a group for each task that has to run alone.
+        for group in ([number] for number in numbers) if alone else [numbers]:
+            for number, answer in _at_once(workers, function, {k: waiting[k] for k in group}):
+                if isinstance(answer, BrokenExecutor):
+                    broken.append(number)
+                else:
+                    yield waiting[number], answer
         broken.sort()
+        # The first unfinished tasks may have killed the worker; the rest is submitted again.
         for number in broken[:suspects]:
             again: Answer | Exception = _answer(_submitted(workers.executor(), function, waiting[number]))
             yield waiting[number], _death() if isinstance(again, BrokenExecutor) else again
@@ -77,57 +81,52 @@ def run_all(
 
 
 def _at_once(
-    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
+    workers: Workers, function: Callable[[Task], Answer], tasks: Mapping[int, Task]
 ) -> Iterator[tuple[int, Answer | Exception]]:
+    """Submit numbered tasks together, and yield each number with the task's result or exception."""
     executor = workers.executor()
-    futures = {_submitted(executor, function, task): number for number, task in enumerate(tasks)}
+    futures = {_submitted(executor, function, task): number for number, task in tasks.items()}
     try:
         for future in as_completed(futures):
             number, answer = futures.pop(future), _answer(future)
-            del future  # Dask computes again what a lost worker had, as long as anybody holds on to it
+            del future  # Dask repeats finished tasks of a lost worker while a reference to them exists
             yield number, answer
     finally:
         for future in futures:
             future.cancel()
 
 
-def _one_by_one(
-    workers: Workers, function: Callable[[Task], Answer], tasks: Sequence[Task]
-) -> Iterator[tuple[int, Answer | Exception]]:
-    for number, task in enumerate(tasks):
-        yield number, _answer(_submitted(workers.executor(), function, task))
-
-
 def _submitted(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
-    """Hand a task over. A pool that broke meanwhile refuses it, which is an answer like a later death."""
+    """Submit a task; if the pool is already broken, return a future with that error."""
     try:
         return executor.submit(function, task)
     except BrokenExecutor as error:
-        refused: Future[Answer] = Future()
-        refused.set_exception(error)
-        return refused
+        broken: Future[Answer] = Future()
+        broken.set_exception(error)
+        return broken
 
 
 def _answer(future: Future[Answer]) -> Answer | Exception:
+    """Return the result or exception of a task; a lost connection to the scheduler is raised."""
     try:
         return future.result()
     except Exception as error:
-        name = type(error).__name__  # Dask's, which need not be installed
+        name = type(error).__name__  # Dask may not be installed, so its classes are compared by name
         if name == "KilledWorker":
             return _death()
         if name in ("CancelledError", "FutureCancelledError", "CommClosedError"):
-            text = "the connection to the scheduler was lost; what is finished is kept, start the run again"
+            text = "the connection to the scheduler was lost; start the same command again to continue"
             raise UsageError("RUN_SCHEDULER", text) from error
         return error
 
 
 def _death() -> DeviceError:
-    text = "the process that computed this died, twice: out of memory, or a crash of the OpenCL platform"
+    text = "the worker process died twice during this task: out of memory, or a crash of the OpenCL platform"
     return DeviceError("RUN_WORKER_DIED", text)
 
 
 class _Process(SpawnProcess):
-    """A process that Ctrl-C does not reach before it ignores that: it would print a traceback."""
+    """A process that starts with interrupts blocked, so that Ctrl-C during its start prints no traceback."""
 
     def start(self) -> None:
         if sys.platform == "win32":
@@ -135,7 +134,7 @@ class _Process(SpawnProcess):
             return
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            super().start()  # it inherits what is blocked
+            super().start()  # the new process inherits the blocked signals
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -145,31 +144,30 @@ class _Context(SpawnContext):
 
 
 class LocalWorkers(Workers):
-    """Processes of this machine, started afresh so that none inherits an OpenCL context.
+    """Processes of this machine, which are spawned so that they inherit no OpenCL context.
 
-    They end when this process ends, in whatever way: each watches a pipe whose other end only this process
-    holds.
+    They end when this process ends in any way, because each waits for the end of a pipe from this process.
     """
 
     def __init__(self, jobs: int) -> None:
         self.jobs = jobs
         self._pool: ProcessPoolExecutor | None = None
         self._context = _Context()
-        self._leash, self._held = self._context.Pipe(duplex=False)
+        self._reader, self._writer = self._context.Pipe(duplex=False)
 
     def executor(self) -> Executor:
         if self._pool is None or _is_broken(self._pool):
             self._pool = ProcessPoolExecutor(
-                self.jobs, mp_context=self._context, initializer=_begin, initargs=(self._leash,)
+                self.jobs, mp_context=self._context, initializer=_begin, initargs=(self._reader,)
             )
         return self._pool
 
     def close(self) -> None:
-        """End all processes, whatever they are doing."""
-        self._held.close()
+        """End all processes immediately, even during a task."""
+        self._writer.close()
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
-        self._leash.close()
+        self._reader.close()
 
 
 def _is_broken(pool: ProcessPoolExecutor) -> bool:
@@ -180,31 +178,31 @@ def _is_broken(pool: ProcessPoolExecutor) -> bool:
     return False
 
 
-def _begin(leash: Connection) -> None:
-    """Prepare a process: interrupts are the parent's business, and its end is ours."""
+def _begin(pipe: Connection) -> None:
+    """Prepare a worker process: ignore interrupts, which the parent handles, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-    warnings.simplefilter("ignore", PackageWarning)  # the parent says it
+    warnings.simplefilter("ignore", PackageWarning)  # the parent prints it once
 
     def wait() -> None:
         with contextlib.suppress(EOFError, OSError):
-            leash.recv_bytes()
+            pipe.recv_bytes()
         os._exit(1)
 
     threading.Thread(target=wait, daemon=True).start()
 
 
 def check_address(address: str) -> None:
-    """Refuse what is no address of a scheduler: Dask would wait for it, and give up with a traceback."""
+    """Raise USAGE if `address` is not HOST:PORT; Dask would wait for it and then print a traceback."""
     match = re.fullmatch(r"(?:[a-z]+://)?[^\s/:][^\s/]*:(\d{1,5})", address)
     if match is None or not 0 < int(match[1]) < 1 << 16:
-        text = f'--scheduler is "{shorten(address, 60)}"; it must look like tcp://HOST:8786'
+        text = f'--scheduler is "{shorten(address, 60)}", but it must have the form tcp://HOST:8786'
         raise UsageError("USAGE", text)
 
 
 class DaskWorkers(Workers):
-    """The workers of the existing Dask cluster at "tcp://HOST:PORT"."""
+    """The workers of an existing Dask cluster with the address "tcp://HOST:PORT"."""
 
     def __init__(self, address: str) -> None:
         need_extra("distributed", "distributed", what="--scheduler")
@@ -219,7 +217,7 @@ class DaskWorkers(Workers):
         self.jobs = len(self._client.ncores())
         if not self.jobs:
             self._client.close()
-            text = f"the scheduler at {shorten(address, 60)} has no workers; start some with dask worker"
+            text = f"the scheduler at {shorten(address, 60)} has no workers; start them with dask worker"
             raise UsageError("RUN_SCHEDULER", text)
 
     def executor(self) -> Executor:
@@ -227,5 +225,5 @@ class DaskWorkers(Workers):
         return executor
 
     def close(self) -> None:
-        """Disconnect from the cluster; tasks that were not begun are dropped, the workers stay."""
+        """Disconnect from the cluster; waiting tasks are dropped, and the workers continue to run."""
         self._client.close()

@@ -1,7 +1,7 @@
-"""Time a renderer: device latency and wall-clock rate over a set of cameras, apart from any capture.
+"""Time a renderer: device time per frame, frame rate and memory over a set of cameras.
 
-Nothing is written and no pixel is read back while the clock runs. How many cameras it sees depends on how
-fast the machine is; the memory a renderer takes must not, so the cameras not seen are drawn afterwards.
+No file is written and no image is read back during the timing. A slow machine may not reach all cameras
+within the timing. The other cameras are drawn afterwards, so that memory does not depend on the speed.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from msb.render import Renderer
     from msb.scenes import Camera
 
+# The default warm-up ends after this many frames or seconds, whichever comes first.
 WARM_UP_FRAMES = 10
 WARM_UP_SECONDS = 1.0
+# Number of rounds with a frame rate each; their spread shows whether other programs used the machine.
 ROUNDS = 5
 
 
@@ -32,23 +34,23 @@ class Profile:
     """The result of timing a renderer."""
 
     timing: Timing
-    # Use -> bytes on the device after all cameras were drawn. Buffers only grow, so each use has the bytes
-    # that the most demanding camera needs, however fast the machine is.
+    # Name of a buffer -> bytes on the device after all cameras were drawn. Buffers only grow, so each has
+    # the size that the most demanding camera needs.
     memory: Mapping[str, int]
-    # Use -> its group (`Renderer.memory_groups`).
+    # Name of a buffer -> its group (`Renderer.memory_groups`).
     memory_groups: Mapping[str, str]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the profile as JSON data."""
-        own = self.timing
+        timing = self.timing
         return {
-            "frames": own.frames,
-            "device_ms": {"p50": own.p50_ms, "p95": own.p95_ms, "mean": own.mean_ms},
-            "busy_ms": {"p50": own.busy_p50_ms, "p95": own.busy_p95_ms},
-            "queued_ms": {"p50": own.queued_p50_ms, "p95": own.queued_p95_ms},
-            "stages_ms": own.stages_ms,
-            "fps": own.fps,
-            "round_fps": list(own.round_fps),
+            "frames": timing.frames,
+            "device_ms": {"p50": timing.p50_ms, "p95": timing.p95_ms, "mean": timing.mean_ms},
+            "busy_ms": {"p50": timing.busy_p50_ms, "p95": timing.busy_p95_ms},
+            "queued_ms": {"p50": timing.queued_p50_ms, "p95": timing.queued_p95_ms},
+            "stages_ms": timing.stages_ms,
+            "fps": timing.fps,
+            "round_fps": list(timing.round_fps),
             "memory_bytes": dict(self.memory),
         }
 
@@ -64,14 +66,14 @@ def profile(
     device_kind: Literal["gpu", "cpu", "other"] = "other",
     step: Callable[[], None] = lambda: None,
 ) -> Profile:
-    """Return how fast a fresh `renderer` draws `cameras`, in turn and repeatedly.
+    """Time a new `renderer` that draws the `cameras` in turn, and return times and memory.
 
-    Timing goes on until `frames` and `seconds` are both reached. The warm-up is by default of 10 frames or
-    one second, whichever ends first, but of as many frames as a renderer needs to settle. `device_kind` is of
-    what draws, for the record. `step` is called after each timed frame.
+    The timing ends when `frames` and `seconds` are both reached. The default warm-up (`warm_up` None) ends
+    after 10 frames or one second, but not before the renderer's buffers have settled. `device_kind` is stored
+    in the result. `step` is called after each timed frame.
     """
     if not cameras:
-        raise ValueError("there is no camera to time")
+        raise ValueError("cameras is empty; at least one camera is required")
     turns = _Turns(renderer, cameras, background)
     if warm_up is None:
         turns.repeat(WARM_UP_FRAMES, WARM_UP_SECONDS if frames > 1 else 0, any_of=True)
@@ -79,6 +81,7 @@ def profile(
             turns.repeat(SETTLED_AT - turns.frames, 0)
     elif warm_up:
         turns.repeat(warm_up, 0)
+    # Only these frames are timed. The remaining cameras are drawn afterwards for their memory.
     start = time.perf_counter()
     turns.ends.clear()
     drawn = turns.repeat(frames, seconds, step=step)
@@ -86,12 +89,14 @@ def profile(
     ends = [start, *turns.ends]
     while turns.unseen:
         turns.draw(min(turns.unseen))
-    spans = [one.span for one in drawn]
+    # Percentiles over all timed frames, and the median of each stage.
+    spans = [frame.span for frame in drawn]
     p50, p95 = np.percentile(spans, (50, 95)).tolist()
-    busy_p50, busy_p95 = np.percentile([sum(one.stages.values()) for one in drawn], (50, 95)).tolist()
-    queued = [one.since_queued for one in drawn if one.since_queued is not None]
+    busy_p50, busy_p95 = np.percentile([sum(frame.stages.values()) for frame in drawn], (50, 95)).tolist()
+    queued = [frame.since_queued for frame in drawn if frame.since_queued is not None]
     queued_p50, queued_p95 = np.percentile(queued, (50, 95)).tolist() if queued else (None, None)
-    names = dict.fromkeys(name for one in drawn for name in one.stages)
+    names = dict.fromkeys(name for frame in drawn for name in frame.stages)
+    stages = {name: float(np.median([frame.stages.get(name, 0.0) for frame in drawn])) for name in names}
     fps = len(drawn) / elapsed
     timing = Timing(
         frames=len(drawn),
@@ -105,14 +110,17 @@ def profile(
         queued_p50_ms=queued_p50,
         queued_p95_ms=queued_p95,
         round_fps=_round_rates(ends),
-        stages_ms={name: float(np.median([one.stages.get(name, 0.0) for one in drawn])) for name in names},
+        stages_ms=stages,
         device_kind=device_kind,
     )
     return Profile(timing, dict(renderer.memory()), dict(renderer.memory_groups()))
 
 
 def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:
-    """Return the frame rates of up to `ROUNDS` rounds, from when the clock started and every frame ended."""
+    """Return the frame rates of up to `ROUNDS` rounds of consecutive frames.
+
+    `ends` holds the start of the timing and the end of every frame, in seconds.
+    """
     frames = len(ends) - 1
     rounds = min(ROUNDS, frames)
     marks = [number * frames // rounds for number in range(rounds + 1)]
@@ -120,7 +128,7 @@ def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:
 
 
 class _Turns:
-    """Draws cameras, and knows which were not drawn since the renderer settled (`unseen`)."""
+    """Draws cameras in turn; `unseen` are those not drawn since the renderer's buffers settled."""
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:
         self.renderer, self.cameras, self.background = renderer, cameras, background
@@ -129,7 +137,7 @@ class _Turns:
         self.unseen = set(range(len(cameras)))
 
     def draw(self, number: int) -> Drawn:
-        """Draw the camera with this number."""
+        """Draw the camera with index `number`."""
         self.frames += 1
         if self.frames >= SETTLED_AT:
             self.unseen.discard(number)
@@ -143,7 +151,7 @@ class _Turns:
         any_of: bool = False,
         step: Callable[[], None] = lambda: None,
     ) -> list[Drawn]:
-        """Draw in turn until `frames` and `seconds` are both reached, or either of them."""
+        """Draw the cameras in turn until `frames` and `seconds` are reached; with `any_of`, one of them."""
         drawn: list[Drawn] = []
         start = time.perf_counter()
         while True:

@@ -1,4 +1,4 @@
-"""How far a stage of a run is: what is being computed, and how long the rest will take."""
+"""The progress of a stage of a run: its present tasks, and an estimate of the remaining time."""
 
 import statistics
 import time
@@ -7,20 +7,20 @@ from typing import NamedTuple
 
 
 class Left(NamedTuple):
-    """An estimate of the time that is left."""
+    """An estimate of the remaining time."""
 
     seconds: float
-    # Whether more than this is to be expected: some of what is left is of a kind of which nothing has been
-    # finished, or takes longer than what was.
+    # Whether the true time is probably longer: no task of one of the remaining kinds has ended yet, or a
+    # task already takes longer than the average of its kind.
     at_least: bool
 
 
 class Stage:
-    """One stage of a run, kept up to date while its tasks end.
+    """One stage of a run; `end` is called after each task.
 
-    Workers take tasks in their order, `at_once` at a time, so those being computed are the first ones that
-    have not ended. What a task takes says something about others of its kind only. Of the time of the stages
-    that come `then` nothing is known yet.
+    Workers take tasks in order, `at_once` at a time, so the present tasks are the first ones that have not
+    ended. Each task has a kind, and the remaining time is estimated from finished tasks of the same kind. It
+    does not include the stages `then` that follow.
     """
 
     def __init__(
@@ -42,19 +42,19 @@ class Stage:
 
     @property
     def done(self) -> int:
-        """The number of tasks that have ended."""
+        """The number of finished tasks."""
         return len(self.names) - len(self._waiting)
 
     @property
     def now(self) -> tuple[str, ...]:
-        """The names of the tasks that are being computed."""
+        """The names of the present tasks."""
         return tuple(self.names[number] for number in self._waiting[: self._at_once])
 
     def end(self, number: int, seconds: float | None = None, *, failed: bool = False) -> None:
-        """Note that a task, by its place among them, has ended.
+        """Record the end of the task with index `number`.
 
-        `seconds` is the time it took, where that is known better than from when it was begun and ended; how
-        long a failure took says nothing about others.
+        `seconds` is the duration of the task; by default, it is the time since the task became a present one.
+        Durations of failed tasks are not used for estimates.
         """
         took = self._clock() - self._began.get(number, self._clock()) if seconds is None else seconds
         self._waiting.remove(number)
@@ -63,11 +63,11 @@ class Stage:
         self._begin()
 
     def left(self) -> Left | None:
-        """Return the time that the tasks left will take, by the mean of what tasks of their kind took.
+        """Return the estimated time of the remaining tasks, from the average time of each kind.
 
-        None is returned where nothing is known of any of them.
+        The result is None if no task of any remaining kind has ended.
         """
-        # A bar asks in a thread of its own, so what changes meanwhile is copied.
+        # The progress bar calls this in another thread, so lists that may change are copied.
         means = {kind: statistics.fmean(took) for kind, took in list(self._took.items())}
         now = self._clock()
         known: list[float] = []
@@ -80,5 +80,6 @@ class Stage:
         return Left(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
 
     def _begin(self) -> None:
+        """Record the start of tasks that have become present ones."""
         for number in self._waiting[: self._at_once]:
             self._began.setdefault(number, self._clock())

@@ -1,4 +1,4 @@
-"""The protocol file (TOML), read and checked: which methods on which scenes, in which conditions, and how."""
+"""Read and validate protocol files (TOML), which name the methods, scenes and conditions of a benchmark."""
 
 import json
 import os
@@ -12,7 +12,6 @@ from typing import Any
 from msb.api.demo import PROTOCOL, demo_folder
 from msb.base.bounded_parsing import parse_toml
 from msb.base.paths import given_path
-from msb.bench.checked import checked, read_bytes
 from msb.bench.folder import check_names
 from msb.bench.protocol_tables import (
     AUTO,
@@ -23,25 +22,27 @@ from msb.bench.protocol_tables import (
     MethodTable,
     Protocol,
     VariantTable,
-    protocol_model,
+    make_protocol_model,
 )
 from msb.bench.records import CONDITIONS, WALKED
+from msb.bench.validation import read_bytes, validate
 from msb.errors import InputError, UsageError, shorten
 from msb.registry import METHODS
 
 PROTOCOL_NAME = "protocol.toml"
+# Maximum size of a protocol in bytes.
 _MAX_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class ProtocolFile:
-    """A protocol and the file it came from. Paths in it are relative to that file's folder."""
+    """A protocol and its file; paths in the protocol are relative to the folder of the file."""
 
     path: Path
-    # The content of the file, which is kept with the results.
+    # The content of the file, which is copied to the results.
     text: bytes
     protocol: Protocol
-    # The results folder to use instead of the one that the file names.
+    # Replaces the results folder of the protocol.
     results_instead: Path | None = None
 
     @property
@@ -52,10 +53,10 @@ class ProtocolFile:
         return self.resolve(self.protocol.results)
 
     def resolve(self, template: str, **names: str) -> Path:
-        """Return the path that `template` means: placeholders are filled from `names`, ".." is resolved."""
+        """Return the absolute path of a template, with placeholders such as {scene} filled from `names`."""
 
-        def fill(found: re.Match[str]) -> str:
-            return found[0][0] if found[1] is None else names.get(found[1], found[0])
+        def fill(match: re.Match[str]) -> str:
+            return match[0][0] if match[1] is None else names.get(match[1], match[0])
 
         filled = PLACE.sub(fill, template)
         return Path(os.path.normpath(Path(self.path.absolute().parent, Path(filled).expanduser())))
@@ -67,36 +68,36 @@ def read_protocol(path: str | os.PathLike[str]) -> ProtocolFile:
 
 
 def parse_protocol(text: bytes, path: str | os.PathLike[str]) -> ProtocolFile:
-    """Return the protocol in `text`, as if it stood in the file `path`; errors as for `read_protocol`."""
+    """Return the protocol in `text`, with paths and errors as if it were the content of the file `path`."""
     try:
         data = parse_toml(text.decode())
-    except ValueError as error:  # of the encoding, the syntax or the limits
-        fault = f"it is not TOML: {shorten(str(error))}"
+    except ValueError as error:  # wrong encoding or syntax, or a number or nesting beyond the limits
+        fault = f"the file is not valid TOML: {shorten(str(error))}"
         raise InputError("PROTOCOL_INVALID", fault, file=path) from error
-    model = protocol_model(bakes="bakes" in data)
-    protocol = checked(model, data, file=path, code="PROTOCOL_INVALID")
-    for pointer, fault in _check(protocol):
+    model = make_protocol_model(bakes="bakes" in data)
+    protocol = validate(model, data, file=path, code="PROTOCOL_INVALID")
+    for pointer, fault in _find_faults(protocol):
         raise InputError("PROTOCOL_INVALID", f"{pointer}: {fault}", file=path, pointer=pointer)
     return ProtocolFile(Path(path), text, protocol)
 
 
-def example(name: str) -> bytes:
-    """Return the text of a protocol file: "paper", the paper's experiment, or "demo", for the demo's data."""
+def read_example(name: str) -> bytes:
+    """Return the content of an example: "paper" (the paper's experiment) or "demo" (for msb demo-data)."""
     place = demo_folder() / PROTOCOL if name == "demo" else Path(__file__).with_name(f"{name}.toml")
     return place.read_bytes()
 
 
-def single_protocol(
+def make_single_protocol(
     model: str | os.PathLike[str],
     scene: str | os.PathLike[str],
     *,
     non_engine: str | None = None,
     image_folder: str | None = None,
 ) -> ProtocolFile:
-    """Return the protocol that evaluates one model on one scene, as if it stood in the current folder.
+    """Return a protocol that evaluates one model on one scene, as if its file were in the current folder.
 
-    Its results are in a folder of their own, named by the model and the scene. `non_engine` is a folder of
-    official renderings, or "reference".
+    The results folder is named by the model and the scene. `non_engine` is a folder of official renderings,
+    or "reference" for our reference renderer.
     """
     from msb.scenes.datasets import dataset_of
 
@@ -120,21 +121,21 @@ def single_protocol(
 
 
 def _path(given: str | os.PathLike[str]) -> str:
-    """Return a path as a protocol has it: the names as given, not where links lead; braces doubled."""
+    """Return an absolute path in TOML with doubled braces; symbolic links are not followed."""
     absolute = os.path.abspath(given_path(given))  # noqa: PTH100 - resolve() follows links
     return _quoted(absolute.replace("{", "{{").replace("}", "}}"))
 
 
 def _quoted(text: str) -> str:
-    """Return `text` as TOML writes it: as JSON, without pairs of surrogates and without a raw DEL."""
+    """Return `text` as a TOML string; this is JSON except for surrogate pairs and the character DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# Place and fault of what types alone cannot refuse.
+# (JSON pointer, text) of each error that the types of the tables cannot detect.
 _Faults = Iterator[tuple[str, str]]
 
 
-def _check(protocol: Protocol) -> _Faults:
+def _find_faults(protocol: Protocol) -> _Faults:
     from msb.render.backend import BUILT_IN, renderers
 
     for number, method in enumerate(protocol.methods):
@@ -147,72 +148,81 @@ def _check(protocol: Protocol) -> _Faults:
 
         for number, bake in enumerate(protocol.bakes):
             yield from _check_datasets(bake, protocol, f"/bakes/{number}")
-            yield from _refused(f"/bakes/{number}", partial(BakeOptions, **bake.options))
+            yield from _call(f"/bakes/{number}", partial(BakeOptions, **bake.options))
+    # A walk names conditions that we can render.
     walked = () if protocol.walk is None else protocol.walk.conditions
-    labels = [*(one.label for one in protocol.variants), *(one.label for one in protocol.bakes)]
-    drawn = (*WALKED, *protocol.engines, *labels)
+    labels = [*(table.label for table in protocol.variants), *(table.label for table in protocol.bakes)]
+    rendered = (*WALKED, *protocol.engines, *labels)
     for name in walked:
-        if name not in drawn:
-            text = f'nothing called "{shorten(name)}" is drawn; there are {", ".join(drawn)}'
+        if name not in rendered:
+            text = f'unknown condition "{shorten(name)}"; conditions with a walk are {", ".join(rendered)}'
             yield "/walk/conditions", text
     if protocol.trial is not None:
         from msb.trial.registry import chosen_tasks
 
-        yield from _refused("/trial/tasks", chosen_tasks, protocol.trial.tasks)
+        yield from _call("/trial/tasks", chosen_tasks, protocol.trial.tasks)
     engines = [name for name in renderers() if name not in BUILT_IN]
     for engine in protocol.engines:
         if engine not in engines:
-            yield "/engines", f'there is no engine "{engine}"; there are {", ".join(engines) or "none"}'
+            yield "/engines", f'unknown engine "{engine}"; available: {", ".join(engines) or "none"}'
 
 
 def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Faults:
     from msb.asset.settings import check_overrides
 
     if method.name != AUTO and method.name not in METHODS:
-        titles = {each.title.lower(): name for name, each in METHODS.items()}
+        titles = {known.title.lower(): name for name, known in METHODS.items()}
         meant = titles.get(method.name.lower())
-        there = ", ".join((AUTO, *METHODS)) + (f"; {method.name} is called {meant} here" if meant else "")
-        yield f"{place}/name", f'there is no method "{shorten(method.name)}"; there are {there}'
+        hint = f"did you mean {meant}?" if meant else f"known methods: {', '.join((AUTO, *METHODS))}"
+        yield f"{place}/name", f'unknown method "{shorten(method.name)}"; {hint}'
     if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
-        yield place, "it has no model, and no name with a folder of official renderings instead"
-    known = PLACES if method.name != AUTO else PLACES[:2]
-    there = ", ".join(f"{{{name}}}" for name in known)
+        yield place, "a method needs a model, or a name and a folder of official renderings (non_engine)"
+    # A method that is detected from its model has no {method}, because the name is unknown before that.
+    placeholders = PLACES if method.name != AUTO else PLACES[:2]
+    listed = ", ".join(f"{{{name}}}" for name in placeholders)
     for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):
         for match in PLACE.finditer(getattr(method, key) or ""):
-            if match[1] is not None and match[1] not in known:
-                yield f"{place}/{key}", f"there is no {{{shorten(match[1])}}}; there are {there}"
+            if match[1] is not None and match[1] not in placeholders:
+                text = f"unknown placeholder {{{shorten(match[1])}}}; available: {listed}"
+                yield f"{place}/{key}", text
     yield from _check_datasets(method, protocol, place)
     if method.name != AUTO:
-        yield from _refused(f"{place}/settings", check_overrides, method.name, overrides(method))
+        yield from _call(f"{place}/settings", check_overrides, method.name, get_overrides(method))
 
 
 def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: str) -> _Faults:
-    there = [dataset.name for dataset in protocol.datasets]
+    names = [dataset.name for dataset in protocol.datasets]
     for name in table.datasets:
-        if name not in there:
-            yield f"{place}/datasets", f'there is no dataset "{name}"; there are {", ".join(there)}'
+        if name not in names:
+            text = f'"{name}" is not a dataset of this protocol, which has {", ".join(names)}'
+            yield f"{place}/datasets", text
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Find a name of a model, a variant or a bake that would stand for two things in a table or a folder."""
+    """Yield labels that are also the name of something else in tables and folders."""
+    # Label of a model -> its method. Two models of a method may share a label if their scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
         place = f"/methods/{number}/label"
         if method.label is None:
             continue
         if method.label in (AUTO, *METHODS):
-            yield place, f'"{method.label}" is the name of a method; take another'
-        of = methods.setdefault(method.label.casefold(), method.name)
-        if of != method.name:
-            yield place, f'"{shorten(method.label)}" is the label of {of} already; take another'
+            yield place, f'"{method.label}" is the name of a method; use another label'
+        other = methods.setdefault(method.label.casefold(), method.name)
+        if other != method.name:
+            yield place, f'"{shorten(method.label)}" is already the label of {other}; use another label'
+    # Conditions, engines, variants and bakes are folders and columns of one model.
     taken = {name.casefold(): "a condition" for name in CONDITIONS}
     taken |= {name.casefold(): "an engine" for name in protocol.engines}
-    variants = [(f"/variants/{n}/label", one.label, "a variant") for n, one in enumerate(protocol.variants)]
-    bakes = [(f"/bakes/{n}/label", one.label, "a bake") for n, one in enumerate(protocol.bakes)]
-    for place, label, what in (*variants, *bakes):
+    variants = [
+        (f"/variants/{n}/label", table.label, "a variant") for n, table in enumerate(protocol.variants)
+    ]
+    bakes = [(f"/bakes/{n}/label", table.label, "a bake") for n, table in enumerate(protocol.bakes)]
+    for place, label, kind in (*variants, *bakes):
         if label.casefold() in taken:
-            yield place, f'"{shorten(label)}" is the name of {taken[label.casefold()]} already; take another'
-        taken[label.casefold()] = what
+            other = taken[label.casefold()]
+            yield place, f'"{shorten(label)}" is already the name of {other}; use another label'
+        taken[label.casefold()] = kind
 
 
 def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Faults:
@@ -220,26 +230,27 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     from msb.render.backend import renderers
 
     if not (variant.options or variant.renderer or variant.settings):
-        yield place, "it is the dedicated tier as it is; give it an order, sampling, renderer or settings"
+        yield place, "a variant needs an order, sampling, renderer or settings that differ from the default"
     if variant.renderer is not None and variant.renderer not in renderers():
-        there = ", ".join(renderers())
-        text = f'there is no renderer "{shorten(variant.renderer)}"; there are {there}'
+        text = f'unknown renderer "{shorten(variant.renderer)}"; available: {", ".join(renderers())}'
         yield f"{place}/renderer", text
+    # Each setting is checked for the methods that have it. If none has it, the check reports this.
     names = [method.name for method in protocol.methods]
     known = METHODS if AUTO in names else names
-    for name, value in overrides(variant).items():
+    for name, value in get_overrides(variant).items():
         able = [method for method in known if name in METHODS[method].settings]
         for method in able or known:
-            yield from _refused(f"{place}/settings", check_overrides, method, {name: value})
+            yield from _call(f"{place}/settings", check_overrides, method, {name: value})
 
 
-def _refused(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
+def _call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
+    """Call a function, and yield its UsageError as a fault at `place`."""
     try:
         check(*arguments)
     except UsageError as error:
         yield place, error.message
 
 
-def overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
-    """Return the settings of `table`; TOML has no null, so "none" switches one off, as ``--set`` does."""
+def get_overrides(table: MethodTable | VariantTable) -> dict[str, Any]:
+    """Return the settings of a table; "none" means None, because TOML has no null."""
     return {name: None if value == "none" else value for name, value in table.settings.items()}

@@ -1,4 +1,4 @@
-"""What a protocol file may hold, table by table."""
+"""The tables and keys of a protocol file."""
 
 import re
 from functools import cache
@@ -6,22 +6,23 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field, create_model
 
-from msb.bench.checked import Record
 from msb.bench.records import CONDITIONS, Condition
 from msb.bench.timing import Timing
+from msb.bench.validation import Record
 from msb.registry import Order, Sampling
 
+# The name of a method that is detected from its model.
 AUTO = "auto"
-# The word that stands for our NumPy renderer in the place of a folder of official renderings.
+# Used instead of a folder of official renderings: our NumPy renderer renders them.
 REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
-# A placeholder in a path; doubled braces stand for single ones.
+# A placeholder in a path, or a doubled brace, which means a single one.
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-# A name that becomes the name of a folder below the results.
+# A name that is also the name of a folder in the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
-# A path relative to the protocol file, in which {dataset}, {scene} and {method} are placeholders.
+# A path relative to the protocol file with the placeholders {dataset}, {scene} and {method}.
 Template = Annotated[str, Field(min_length=1)]
 Unit = Annotated[float, Field(ge=0, le=1)]
 Color = tuple[Unit, Unit, Unit]
@@ -29,120 +30,120 @@ Setting = bool | int | float | str
 
 
 class SceneOptions(Record):
-    """Options of a scene, set by its dataset; where a method sets one too, the method counts."""
+    """Options of a scene in a table of a dataset or a method; the method takes precedence."""
 
-    # The folder below the scene, such as "images_4"; the dataset's folder if not given.
+    # Folder of the photographs below the scene, such as "images_4". Default: the dataset's folder.
     image_folder: Annotated[str, Field(min_length=1)] | None = None
-    # With the meaning of ``-r`` in the 3DGS family.
+    # Downsampling factor or width in pixels, with the meaning of ``-r`` in code derived from 3DGS.
     resolution: int | None = None
     background: Color | None = None
-    # That of the method's training; by default "full_K" for DiffSoup, "gs_fov" for all others.
+    # Principal point during training. Default: "full_K" for DiffSoup, and "gs_fov" otherwise.
     camera_convention: Literal["gs_fov", "full_K"] | None = None
 
 
 class DatasetTable(SceneOptions):
-    """``[[datasets]]``: scenes of one dataset in one folder."""
+    """``[[datasets]]``: the scenes of one dataset in one folder."""
 
-    # "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any other for a capture of your own.
+    # "mipnerf360", "tanksandtemples", "nerf_synthetic", "dtu", or any name for another capture.
     name: FolderName
-    # The folder that holds the scenes' folders.
+    # The folder with one folder for each scene.
     path: Annotated[str, Field(min_length=1)]
-    # All scenes in the folder, if not given.
+    # Default: all scenes in the folder.
     scenes: tuple[FolderName, ...] = ()
 
 
 class MethodTable(SceneOptions):
-    """``[[methods]]``: where one method's models are, and what belongs to them."""
+    """``[[methods]]``: the models of one method and the files that belong to them."""
 
-    # A name that `msb methods` lists, or "auto", which takes the method found from the model.
+    # A name in the list of `msb methods`, or "auto", which detects the method from the model.
     name: str = AUTO
-    # Names the model's columns and folders, and tells it from others of its method; no method's name.
+    # Distinguishes models of one method, and names the columns and folders of the model.
     label: FolderName | None = None
-    # The checkpoint, .triasset or mesh of each scene. Without it there are official renderings only.
+    # The checkpoint, .triasset or mesh of each scene. Without it only official renderings are evaluated.
     model: Template | None = None
-    # Those that the method is evaluated on; all, if not given.
+    # Datasets for the evaluation of the method. Default: all.
     datasets: tuple[FolderName, ...] = ()
-    # Values that replace settings, as ``--set`` takes them.
+    # Values that replace settings, as ``--set`` does.
     settings: dict[str, Setting] = Field(default_factory=dict)
-    # Those of the protocol, if not given.
+    # Default: the conditions of the protocol.
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = None
-    # The folder of official renderings, or "reference". Without it there is no such cell.
+    # The folder of official renderings, or "reference". Without it the condition non_engine is left out.
     non_engine: Template | None = None
-    # The file that says how fast the method's own renderer is (`msb.renderer_timing/1`).
+    # A timing of the method's own renderer (schema msb.renderer_timing/1).
     non_engine_timing: Template | None = None
-    # The file that `msb track` wrote.
+    # A record of `msb track`.
     training: Template | None = None
-    # The mesh whose Chamfer distance is measured; the asset's own triangles if not given.
+    # The mesh for the Chamfer distance. Default: the triangles of the asset.
     mesh: Template | None = None
 
 
 class VariantTable(Record):
-    """``[[variants]]``: a condition of its own, drawn on the dedicated tier, but not as officially."""
+    """``[[variants]]``: an additional condition of the dedicated tier, rendered with other options."""
 
-    # Names the condition. It is no condition's, no engine's and no other variant's name.
+    # The name of the condition, which no other condition, engine or variant may have.
     label: FolderName
-    # As ``--order`` of `msb render` takes it; official if not given.
+    # As ``--order`` of `msb render`. Default: the order of the official renderer.
     order: Order | None = None
     sampling: Sampling | None = None
-    # A renderer that draws the dedicated tier, by its name in `msb devices`; ours if not given.
+    # A renderer of the dedicated tier, by its name in `msb devices`. Default: ours.
     renderer: Annotated[str, Field(min_length=1)] | None = None
-    # Overrides, as ``--set`` takes them, on top of the method's.
+    # Values that replace settings, as ``--set`` does, in addition to the method's settings.
     settings: dict[str, Setting] = Field(default_factory=dict)
 
     @property
     def options(self) -> dict[str, str]:
-        """What of `order` and `sampling` is given, as a renderer takes it."""
+        """The order and sampling that are set, as options of a renderer."""
         given = {"order": self.order, "sampling": self.sampling}
         return {name: value for name, value in given.items() if value is not None}
 
 
 class BakeTable(Record):
-    """``[[bakes]]``: a condition of its own: the standard tier draws what `msb bake` makes of a model.
+    """``[[bakes]]``: an additional condition, the result of `msb bake` on the standard tier.
 
-    The other keys are `BAKE_KEYS`, options of `msb bake` (`protocol_model`). Only training views supervise.
+    Its other keys are `BAKE_KEYS`, the options of `msb bake`. Bakes are supervised by training views only.
     """
 
-    # Names the condition. It is no condition's, no engine's, no variant's and no other bake's name.
+    # The name of the condition, which no other condition, engine, variant or bake may have.
     label: FolderName
-    # Those whose models are baked; all, if not given.
+    # The datasets whose models are baked. Default: all.
     datasets: tuple[FolderName, ...] = ()
 
     @property
     def options(self) -> dict[str, Any]:
-        """The options for `msb.bake`, except those that are None."""
+        """The options for `msb.bake` without None values."""
         return self.model_dump(exclude={"label", "datasets"}, exclude_none=True)
 
 
-# The options of a bake that a protocol may set. Without `teacher`, a method with a native rendering
-# supervises by it, and a plain mesh by photographs.
+# The options of a bake in a protocol. The default supervision is the native rendering of the method, or
+# photographs for a mesh without a method's renderer.
 BAKE_KEYS = ("geometry", "color", "teacher", "faces", "texture", "seconds", "seed")
 
 
 class MetricsTable(Record):
-    """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16, without which LPIPS is "--"."""
+    """``[metrics]``: `vgg_weights` is the file of torchvision's VGG16; without it LPIPS is not measured."""
 
     vgg_weights: str | None = None
 
 
 class TimingTable(Record):
-    """``[timing]``: the clock runs for at least `frames` and `seconds`; 0 frames mean no timing."""
+    """``[timing]``: the minimum number of frames and seconds; with 0 frames nothing is timed."""
 
     frames: Annotated[int, Field(ge=0)] = Timing.frames
     seconds: Annotated[float, Field(ge=0)] = Timing.seconds
 
 
 class ChamferTable(Record):
-    """``[chamfer]``, for scenes of DTU: the official evaluation data, and the seed of the sampling."""
+    """``[chamfer]``: the folder of DTU's official evaluation data, and the seed for sampling points."""
 
     data: Annotated[str, Field(min_length=1)]
     seed: Annotated[int, Field(ge=0)] = 0
 
 
 class VideosTable(Record):
-    """``[videos]``: films that show conditions side by side along a path.
+    """``[videos]``: films of the conditions side by side along a camera path.
 
-    The `path` "flight" goes smoothly through the test cameras; "test" shows the test views themselves, and
-    beside them the photographs and the official renderings.
+    The `path` "flight" moves smoothly through the test cameras. "test" shows the test views, together with
+    the photographs and the official renderings.
     """
 
     path: Literal["flight", "test"] = "flight"
@@ -151,36 +152,33 @@ class VideosTable(Record):
 
 
 class WalkTable(Record):
-    """``[walk]``: a flight off the path of the capture, on which flicker and holes are measured.
+    """``[walk]``: flicker and holes on a camera path away from the captured views."""
 
-    `size` is the longer side of the frames in pixels.
-    """
-
-    # Names of conditions, engines, variants and bakes; all that we or an engine draw, if not given.
+    # Names of conditions, engines, variants and bakes. Default: all that we or an engine render.
     conditions: tuple[FolderName, ...] = ()
 
-    # 24 of them lead from one stop to the next; 240 go round a capture of ten test views or more.
+    # 24 frames lead from one stop to the next. 240 frames go round a capture with ten or more test views.
     frames: Annotated[int, Field(ge=3, le=100_000)] = 240
-    # How far the stops lie from the cameras, as a share of the capture's radius.
+    # Distance of the stops from the cameras, relative to the radius of the capture.
     reach: Annotated[float, Field(ge=0, le=10)] = 0.25
+    # Longer side of the frames in pixels.
     size: Annotated[int, Field(ge=16, le=16_384)] = 640
 
 
 class TrialTable(Record):
-    """``[trial]``: tasks that are tried on the exported mesh, and the limits of each library."""
+    """``[trial]``: tasks on the exported mesh, and the limits of each library."""
 
-    # Names of tasks as `msb trial --task` takes them; all, if not given.
+    # Names of tasks as in `msb trial --task`. Default: all.
     tasks: tuple[str, ...] = ()
-    # Whether ways to repair the mesh are compared, as `msb repair --compare` does, and tried by the `tasks`
-    # given, else by those of that command.
+    # Compare repairs of the mesh as `msb repair --compare` does, with `tasks` or its default tasks.
     compare: bool = False
     seconds: Annotated[float, Field(gt=0)] = 60.0
-    # GiB.
+    # Memory limit in GiB.
     memory: Annotated[float, Field(gt=0)] = 4.0
 
 
 class Protocol(Record):
-    """The whole file. docs/protocol.md has it with comments."""
+    """A protocol file; docs/protocol.md shows one with comments."""
 
     results: Annotated[str, Field(min_length=1)] = "results"
     device: str | None = None
@@ -199,10 +197,10 @@ class Protocol(Record):
 
 
 @cache
-def protocol_model(*, bakes: bool) -> type[Protocol]:
-    """Return the model of a protocol file; with `bakes` the tables ``[[bakes]]`` have the options of a bake.
+def make_protocol_model(*, bakes: bool) -> type[Protocol]:
+    """Return the model of a protocol file.
 
-    These are declared by `msb.bake` alone, which only a protocol with bakes needs.
+    With `bakes`, the tables ``[[bakes]]`` have the options of `msb.bake`, which only such a protocol imports.
     """
     if not bakes:
         return Protocol

@@ -1,4 +1,4 @@
-"""The part "quality" of a cell: get its images, write them, and compare them with the photographs."""
+"""The part "quality" of a cell: its images, written to its folder and compared with the photographs."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from msb import metrics
 from msb.base.atomic import new_folder
 from msb.base.files import file_sha256
 from msb.bench.digest import digest
-from msb.bench.photographs import checked_scene
-from msb.bench.records import ImageQuality, Quality, RendererInfo, means_of
+from msb.bench.photographs import read_planned_scene
+from msb.bench.records import ImageQuality, Quality, RendererInfo, average_images
 from msb.bench.renders import check_size, find_renders
 from msb.errors import MetricError, UsageError
 from msb.metrics.identity import defined
@@ -39,68 +39,71 @@ NO_WEIGHTS = "no VGG weights ([metrics] vgg_weights)"
 
 
 def measure_quality(job: Job) -> dict[str, Any]:
-    """Return the parts of a record about a cell's images: quality, setup, renderer, device, renders."""
-    scene = checked_scene(job.scene, job.views)
-    source: _Imported | _Drawn = _Imported(job, scene) if job.renders is not None else _Drawn(job, scene)
+    """Return the keys of a record about images: quality, setup, renderer, device and renders."""
+    scene = read_planned_scene(job.scene, job.views)
+    official = job.renders is not None
+    source: _OfficialImages | _RenderedImages
+    source = _OfficialImages(job, scene) if official else _RenderedImages(job, scene)
     names = image_names(scene.test)
-    measures = image_measures(job.vgg_weights)
-    if job.parts["quality"].get("metrics") not in (None, metrics_digest(job.vgg_weights)):
-        here = ", ".join(one.name for one in measures.identities)
-        text = (
-            f"the metrics where this is computed are {here}, and not those of the run; install its packages"
-        )
+    measures = load_measures(job.vgg_weights)
+    if job.parts["quality"].get("metrics") not in (None, hash_metrics(job.vgg_weights)):
+        installed = ", ".join(identity.name for identity in measures.identities)
+        text = f"this worker has other metrics than the run ({installed}); install its packages here"
         raise UsageError("PACKAGE_LEFT_OUT", text)
+    # Images are compared while other threads compress and write them.
     compared: list[dict[str, Any]] = []
     with new_folder(job.folder / "images") as folder, Writers() as writers:
         for name, camera, image in zip(names, scene.test, source.images(), strict=True):
             writers.submit(write_image, folder / f"{name}.png", image, "png")
             truth = job.photographs / f"{name}.png"
             compared.append(_compare(job, camera, name, to_bytes(image), truth, measures))
-        if not source.shows:
-            text = "no test view shows a pixel of the model, so there is nothing to compare; its coordinates "
-            raise MetricError("METRIC_NOTHING_SHOWN", f"{text}may not be those of the scene")
+        if not source.is_visible:
+            text = (
+                "the model is not visible in any test view; check that it is in the coordinates of the scene"
+            )
+            raise MetricError("METRIC_NOTHING_SHOWN", text)
     rows = [ImageQuality(**row, sha256=file_sha256(job.folder / row["file"])) for row in compared]
     return {
-        "quality": _summary(rows, measures, job.vgg_weights),
+        "quality": _summarize(rows, measures, job.vgg_weights),
         "setup": job.views.setup,
         **source.about(),
     }
 
 
 @lru_cache(maxsize=1)
-def image_measures(weights: Path | None) -> metrics.Measures:
-    """Return the image metrics, their weights loaded once for a process."""
+def load_measures(weights: Path | None) -> metrics.Measures:
+    """Return the image metrics; their weights are loaded once per process."""
     return metrics.Measures(weights)
 
 
-def metrics_digest(weights: Path | None) -> str:
-    """Return a hash of the metrics' definitions, which decides whether their values still hold."""
-    return digest([defined(one.to_dict()) for one in image_measures(weights).identities])
+def hash_metrics(weights: Path | None) -> str:
+    """Return a hash of the definitions of all metrics; recorded values are valid while it is equal."""
+    return digest([defined(identity.to_dict()) for identity in load_measures(weights).identities])
 
 
 @dataclass
-class _Imported:
-    """Official renderings."""
+class _OfficialImages:
+    """Renderings of the method's authors, read from files."""
 
     job: Job
     scene: Scene
-
-    shows: bool = False
+    # Whether at least one of the images is not uniform.
+    is_visible: bool = False
 
     def __post_init__(self) -> None:
         assert self.job.renders is not None
-        self.found = find_renders(self.job.renders, self.scene.test)
+        self.renders = find_renders(self.job.renders, self.scene.test)
 
     def images(self) -> Iterator[NDArray[np.float32]]:
-        for path, camera in zip(self.found.files, self.scene.test, strict=True):
+        for path, camera in zip(self.renders.files, self.scene.test, strict=True):
             image = metrics.read_image(path, background=self.scene.background)
             check_size(path, (image.shape[1], image.shape[0]), camera)
-            try:  # here, because bytes are made of it before the metrics see it
+            try:  # before the conversion to bytes hides NaN and values out of range
                 checked_image(image, "the rendering")
             except MetricError as error:
                 raise error.at(path) from None
             scale = np.float32(255 if image.dtype == np.uint8 else 1)
-            self.shows |= not is_plain(image)
+            self.is_visible |= not is_plain(image)
             yield np.asarray(image, np.float32) / scale
 
     def about(self) -> dict[str, Any]:
@@ -108,20 +111,21 @@ class _Imported:
             name=self.job.cell.method,
             version="",
             kind="upstream",
-            settings={"matched_by": self.found.matched_by},
+            settings={"matched_by": self.renders.matched_by},
         )
-        return {"renders": self.found.folder, "renderer": info, "device": None}
+        return {"renders": self.renders.folder, "renderer": info, "device": None}
 
 
 @dataclass
-class _Drawn:
-    """Images of one of our renderers, or of an engine."""
+class _RenderedImages:
+    """Images of one of our renderers or of an engine."""
 
     job: Job
     scene: Scene
     name: str = ""
     engine: Mapping[str, str] | None = None
-    shows: bool = False
+    # Whether at least one of the images shows the model.
+    is_visible: bool = False
 
     def images(self) -> Iterator[NDArray[np.float32]]:
         with open_renderer(self.job) as renderer:
@@ -131,21 +135,21 @@ class _Drawn:
                 empty = (frame.alpha == 0).all() and (
                     frame.image == np.asarray(self.scene.background, np.float32)
                 ).all()
-                self.shows |= not empty
+                self.is_visible |= not empty
                 yield frame.image
 
     def about(self) -> dict[str, Any]:
-        host = self.job.tier == "reference"
+        uses_opencl = self.job.tier != "reference"
         return {
-            "renderer": renderer_info(self.job, self.name),
-            "device": machine(self.job.device, opencl=not host, engine=self.engine),
+            "renderer": describe_renderer(self.job, self.name),
+            "device": machine(self.job.device, opencl=uses_opencl, engine=self.engine),
         }
 
 
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
-    """Return the cell's renderer, with options by which it computes nothing but the image.
+    """Return the renderer of a cell for `asset`, by default the model of the cell.
 
-    It draws `asset`, by default the cell's model.
+    Its options disable everything except the image, such as buffers that only other commands need.
     """
     from msb.render import Renderer
     from msb.render.backend import lean_options
@@ -157,8 +161,8 @@ def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
     return Renderer(asset or job.model.open(), tier, job.device, settings, name=engine, **options)
 
 
-def renderer_info(job: Job, name: str) -> RendererInfo:
-    """Return the record of the renderer that calls itself `name`."""
+def describe_renderer(job: Job, name: str) -> RendererInfo:
+    """Return the record of a renderer from its name "TITLE VERSION" and the settings of a job."""
     from msb.asset.settings import effective_settings
 
     assert job.model is not None
@@ -175,7 +179,10 @@ def renderer_info(job: Job, name: str) -> RendererInfo:
 def _compare(
     job: Job, camera: Camera, name: str, pixels: Pixels, truth: Path, measures: metrics.Measures
 ) -> dict[str, Any]:
-    """Return the arguments of `ImageQuality` but for the hash of the file, which is still being written."""
+    """Return the arguments of `ImageQuality` except the hash of the file, which is still being written.
+
+    `pixels` is the image as (H, W, 3) uint8, and `truth` is the file of the photograph.
+    """
     values = measures(pixels, metrics.read_image(truth))
     equal = values["psnr"] == math.inf
     return {
@@ -190,13 +197,14 @@ def _compare(
     }
 
 
-def _summary(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
-    means: dict[str, Any] = means_of(rows)
+def _summarize(rows: list[ImageQuality], measures: metrics.Measures, weights: Path | None) -> Quality:
+    """Return the averages over all images, with the identities of the metrics."""
+    averages: dict[str, Any] = average_images(rows)
     return Quality(
-        **means,
+        **averages,
         lpips_reason=NO_WEIGHTS if weights is None else None,
-        missing={key: text for key, text in measures.failed.items() if means[key] is None},
+        missing={key: text for key, text in measures.failed.items() if averages[key] is None},
         psnr_inf_count=sum(row.psnr_infinite for row in rows),
         images=tuple(rows),
-        metrics=tuple(one.to_dict() for one in measures.identities),
+        metrics=tuple(identity.to_dict() for identity in measures.identities),
     )

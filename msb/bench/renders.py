@@ -1,4 +1,4 @@
-"""Official renderings, made elsewhere: which image belongs to which camera, and whether all are there."""
+"""Official renderings: find the image of each test camera, and check that the set is complete."""
 
 import re
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ from typing import Literal
 
 from msb.base.files import file_sha256, is_folder
 from msb.base.paths import normal_form
-from msb.bench.checked import read_bytes
 from msb.bench.digest import list_sha256
 from msb.bench.records import File
+from msb.bench.validation import read_bytes
 from msb.errors import InputError, MetricError, shorten
 from msb.metrics.image_files import read_image
 from msb.metrics.pairs import images_below
@@ -19,37 +19,39 @@ from msb.scenes import Camera
 from msb.scenes.image_size import IMAGE_SUFFIXES as PHOTOGRAPHS
 from msb.scenes.image_size import image_size
 
-# A file as ``sha256sum`` writes it. If it exists, it must list every image with its present hash.
+# An optional file in the format of ``sha256sum``. If it exists, it must list the hash of every image.
 SUMS = "SHA256SUMS"
-# Most bytes of that file: a hundred thousand lines.
+# Maximum size of that file in bytes, enough for a hundred thousand lines.
 _MAX_SUMS = 16 << 20
-_NAMED = 4
+# Maximum number of file names in an error message.
+_MAX_NAMES = 4
 
 
 @dataclass(frozen=True)
 class Renders:
     """A folder of official renderings."""
 
-    # The file of each camera, in the cameras' order.
+    # One file per camera, in the order of the cameras.
     files: tuple[Path, ...]
-    # "name" if images have the names of the photographs; "number" if they are called 00000, 00001, ... in
-    # the order of the test views, as the 3DGS family writes them.
+    # "name": images have the names of the photographs. "number": they are called 00000, 00001, ... in the
+    # order of the test views, as code derived from 3DGS writes them.
     matched_by: Literal["name", "number"]
-    # Its `sha256` is that of the images' list of hashes.
+    # Path, size, and the SHA-256 of the list of hashes of the images.
     folder: File
 
 
 def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
-    """Return the rendering of each of the cameras, all test views of a scene."""
+    """Return the official rendering of each test camera of a scene."""
     if not is_folder(folder):
-        raise InputError("FILE_NOT_FOUND", "there is no such folder of renderings", file=folder)
+        raise InputError("FILE_NOT_FOUND", "the folder of renderings does not exist", file=folder)
     images = images_below(folder)
+    # Images are matched by number only if their names are exactly the numbers of the test views.
     names = [normal_form(name) for name in image_names(cameras)]
     numbers = [f"{index:05d}" for index in range(len(cameras))]
     by_number = set(images) == set(numbers) != set(names)
-    wanted = numbers if by_number else names
-    _check_names(folder, set(images), set(wanted))
-    files = tuple(images[name] for name in wanted)
+    expected = numbers if by_number else names
+    _check_names(folder, set(images), set(expected))
+    files = tuple(images[name] for name in expected)
     hashes = [(file.relative_to(folder).as_posix(), file_sha256(file)) for file in files]
     _check_sums(folder / SUMS, dict(hashes))
     size = sum(file.stat().st_size for file in files)
@@ -57,8 +59,8 @@ def find_renders(folder: Path, cameras: Sequence[Camera]) -> Renders:
     return Renders(files, "number" if by_number else "name", about)
 
 
-def stored_size(path: Path) -> tuple[int, int]:
-    """Return width and height of a rendering, of a PNG or JPEG from its header alone."""
+def measure_size(path: Path) -> tuple[int, int]:
+    """Return width and height of a rendering in pixels; only the header of a PNG or JPEG is read."""
     if path.suffix.lower() in PHOTOGRAPHS:
         return image_size(path)
     height, width = read_image(path).shape[:2]
@@ -66,39 +68,40 @@ def stored_size(path: Path) -> tuple[int, int]:
 
 
 def check_size(path: Path, size: tuple[int, int], camera: Camera) -> None:
-    """Refuse a rendering that has not the size of the photograph of its camera."""
+    """Raise METRIC_SIZES_DIFFER if a rendering does not have the size of its photograph."""
     if size != (camera.width, camera.height):
-        text = f"it is {size[0]} x {size[1]}, the photograph {camera.width} x {camera.height}"
+        text = f"the image has {size[0]} x {size[1]} pixels, the photograph {camera.width} x {camera.height}"
         raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
 
 
-def _check_names(folder: Path, found: set[str], wanted: set[str]) -> None:
-    for names, what in ((wanted - found, "missing"), (found - wanted, "of no test view")):
+def _check_names(folder: Path, present: set[str], expected: set[str]) -> None:
+    """Raise METRIC_IMAGE_NAMES if an image is missing or does not belong to a test view."""
+    for names, fault in ((expected - present, "missing images"), (present - expected, "unknown images")):
         if names:
-            shown = ", ".join(shorten(name, 60) for name in sorted(names)[:_NAMED])
-            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-            verb = "is" if len(names) == 1 else "are"
+            listed = ", ".join(shorten(name, 60) for name in sorted(names)[:_MAX_NAMES])
+            more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
             text = (
-                f"{shown}{more} {verb} {what}; there must be one image for each of the {len(wanted)} "
-                "test views, called as its photograph, or 00000, 00001, ... in their order"
+                f"{fault}: {listed}{more}. The folder must contain one image for each of the "
+                f"{len(expected)} test views, named like its photograph, or 00000, 00001, ... in their order"
             )
             raise MetricError("METRIC_IMAGE_NAMES", text, file=folder)
 
 
 def _check_sums(path: Path, hashes: dict[str, str]) -> None:
+    """Raise RENDERS_CHANGED if the file `path` exists and does not list these (name -> SHA-256)."""
     if not path.is_file():
         return
     try:
         lines = read_bytes(path, _MAX_SUMS, "FILE_UNREADABLE").decode().splitlines()
     except UnicodeDecodeError as error:
-        raise InputError("FILE_UNREADABLE", f"it is not UTF-8: {error}", file=path) from error
-    said = {
-        normal_form(match[2]): match[1].lower()
+        raise InputError("FILE_UNREADABLE", f"the file is not UTF-8: {error}", file=path) from error
+    listed = {
+        normal_form(match[2]).removeprefix("./"): match[1].lower()
         for line in lines
         if (match := re.fullmatch(r"(\w{64}) [ *](.+)", line))
     }
     for file, sha256 in hashes.items():
         name = normal_form(file)
-        if said.get(name.removeprefix("./"), said.get(f"./{name}")) != sha256:
-            what = "has another hash in it" if name in said or f"./{name}" in said else "is not in it"
-            raise InputError("RENDERS_CHANGED", f"{name} {what}", file=path)
+        if listed.get(name) != sha256:
+            fault = "has another hash" if name in listed else "is not listed"
+            raise InputError("RENDERS_CHANGED", f"{name} {fault}", file=path)

@@ -1,7 +1,7 @@
-"""A whole run: models made ready and baked, photographs written, cells computed, timings taken, films made.
+"""A run: export and bake models, write ground truth, compute cells, take timings and write films.
 
-Every stage hands plain tasks to the workers and goes on even if one of them fails. Finished work is on disk,
-so a run that ends at any point goes on from there when it is started again.
+Each stage submits tasks to the workers and continues if a task fails. Finished work is on disk, so a run that
+was interrupted continues when it is started again.
 """
 
 import contextlib
@@ -15,82 +15,83 @@ from typing import Any, Protocol
 from msb.adapters.training_cameras import CAMERAS
 from msb.base.atomic import new_file
 from msb.bench.bakes import BakeTask, make_bake
-from msb.bench.cell import compute, reason_of, write_lost, write_result
-from msb.bench.folder import Results, exclusive
-from msb.bench.inputs import Known
-from msb.bench.job import Done, Job
-from msb.bench.missing import Missing, find_missing, find_unknown, start_errors
-from msb.bench.models import Model, ModelTask, known_model, prepare_model
+from msb.bench.cell import compute, make_reason, write_lost, write_result
+from msb.bench.folder import Results, lock_results
+from msb.bench.inputs import KnownFacts
+from msb.bench.job import Job, JobOutcome
+from msb.bench.missing_inputs import Missing, find_missing, find_start_errors, find_unknown_cells
+from msb.bench.models import ModelAsset, ModelTask, find_known_model, prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
-from msb.bench.plan import Pair, Planned, Planner, pairs_of
+from msb.bench.plan import Pair, Planned, Planner, find_pairs
 from msb.bench.pool import DaskWorkers, LocalWorkers, Workers, check_address, run_all
 from msb.bench.progress import Stage
 from msb.bench.protocol import PROTOCOL_NAME, ProtocolFile
 from msb.bench.protocol_tables import AUTO
 from msb.bench.records import Cell, Reason, Result
-from msb.bench.videos import grid_tasks, video_tasks, write_grid, write_video
+from msb.bench.videos import plan_grids, plan_videos, write_grid, write_video
 from msb.errors import EXIT_STATUS, InputError, MsbError
 from msb.render.machine import machine
 from msb.scenes import write_cameras
 
+# Exit status of an unexpected error, EX_SOFTWARE of sysexits.h.
 _INTERNAL_STATUS = 70
 
 
 class Watch(Protocol):
-    """The interface by which a run reports its progress."""
+    """The interface for progress reports of a run."""
 
     def stage(self, stage: Stage) -> AbstractContextManager[Callable[[str], None]]:
-        """Begin a stage, which says how far it is; call the function with the name of each ended task."""
+        """Enter a stage; the yielded function is called with the name of each finished task."""
         return contextlib.nullcontext(lambda _name: None)
 
     def note(self, text: str) -> None:
-        """Report a line of text."""
+        """Report one line of text."""
         return
 
 
-class _Nobody(Watch):
-    """Hears nothing."""
+class _SilentWatch(Watch):
+    """Ignores all reports."""
 
 
 @dataclass(frozen=True)
-class Row:
-    """The outcome of one cell in this run."""
+class CellOutcome:
+    """The outcome of one cell in a run."""
 
     planned: Planned
-    # The record as it is now; None in a dry run if there is no record.
+    # The present record; None in a dry run if there is no record.
     result: Result | None
-    # The time that this run spent on the cell.
+    # Time that the run spent on the cell.
     seconds: float
-    # "cell", or a part -> the reason why it is missing.
+    # "cell" or the name of a part -> why it is missing.
     reasons: Mapping[str, Reason]
 
 
 @dataclass(frozen=True)
 class Report:
-    """The outcome of the whole run."""
+    """The outcome of a run."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[CellOutcome, ...]
+    # Path of an unreadable model with an unknown method -> the error.
     models: Mapping[str, Reason]
-    """The models that could not be read and whose method is unknown, and why."""
     seconds: float
+    # The missing inputs of a dry run.
     missing: tuple[Missing, ...] = ()
-    """In a dry run, all that must be there before the cells that need it can be computed."""
 
     @property
     def exit_status(self) -> int:
-        """The highest exit status among the failures; a condition that is not supported is no failure.
+        """The highest exit status of all failures; an unsupported condition is not a failure.
 
-        Of a dry run it is 3 if anything is missing, whatever that is.
+        A dry run with any missing input has status 3.
         """
         if self.missing:
             return EXIT_STATUS[InputError]
         codes = [reason.code for reason in self.models.values()]
         codes += [reason.code for row in self.rows for reason in row.reasons.values()]
-        return max((status_of(code) for code in codes), default=0)
+        return max((get_exit_status(code) for code in codes), default=0)
 
 
-def status_of(code: str) -> int:
-    """Return the exit status of a failure with `code`."""
+def get_exit_status(code: str) -> int:
+    """Return the exit status for an error code."""
     status = next((status for kind, status in EXIT_STATUS.items() if code in kind.codes), _INTERNAL_STATUS)
     return 0 if code.startswith("UNSUPPORTED_") else status
 
@@ -105,32 +106,32 @@ def run_protocol(
     dry: bool = False,
     watch: Watch | None = None,
 ) -> Report:
-    """Evaluate the cells of the protocol `file` that are not done yet.
+    """Evaluate the cells of a protocol that are not finished yet.
 
-    The work is done by `jobs` processes of this machine, or by the workers of a Dask `scheduler`. `only`
-    selects cells (`msb.bench.plan.selected`), `redo` computes finished parts again. A `dry` run computes and
-    writes nothing; its report holds the plan.
+    The tasks run in `jobs` processes on this machine, or on the workers of a Dask `scheduler`. `only` selects
+    cells (`msb.bench.plan.is_selected`), and `redo` computes finished parts again. A `dry` run computes and
+    writes nothing; its report contains the plan and the missing inputs.
     """
     start = time.perf_counter()
-    watch = watch or _Nobody()
+    watch = watch or _SilentWatch()
     if scheduler is not None:
         check_address(scheduler)
     if dry:
         return _dry(file, scheduler, only, redo, start, watch)
-    for error in start_errors(file, watch.note):
+    for error in find_start_errors(file, watch.note):
         raise error
-    with exclusive(file.results) as run, _workers(jobs, scheduler) as workers:
+    with lock_results(file.results) as run, _connect_workers(jobs, scheduler) as workers:
         with new_file(file.results / PROTOCOL_NAME) as copy:
             copy.write(file.text)
-        return _Run(file, run, workers, watch).all(only, redo, start)
+        return _Run(file, run, workers, watch).execute(only, redo, start)
 
 
-def _workers(jobs: int, scheduler: str | None) -> Workers:
+def _connect_workers(jobs: int, scheduler: str | None) -> Workers:
     return LocalWorkers(jobs) if scheduler is None else DaskWorkers(scheduler)
 
 
-def _device(workers: Workers, selector: str | None) -> Mapping[str, Any]:
-    """Return the OpenCL device of the workers."""
+def _find_device(workers: Workers, selector: str | None) -> Mapping[str, Any]:
+    """Return the record of the OpenCL device of the workers."""
     device: Mapping[str, Any] = workers.executor().submit(machine, selector).result()["device"]
     return device
 
@@ -143,153 +144,170 @@ def _dry(
     start: float,
     watch: Watch,
 ) -> Report:
-    wrong = list({str(error): error for error in start_errors(file, watch.note)}.values())
+    """Return the report of a dry run: the plan of all cells and the missing inputs."""
+    errors = list({str(error): error for error in find_start_errors(file, watch.note)}.values())
     device: Mapping[str, Any] | None = None
     try:
         if scheduler is None:
             device = machine(file.protocol.device)["device"]
         else:
             with DaskWorkers(scheduler) as workers:
-                device = _device(workers, file.protocol.device)
+                device = _find_device(workers, file.protocol.device)
     except MsbError as error:
-        wrong.append(error)
+        errors.append(error)
     results = Results(file.results)
+    # Only models of an earlier run are known, because a dry run exports none.
     lost: dict[str, MsbError] = {}
-    pairs = pairs_of(file, only, lost)
-    models: dict[Pair, Model | Exception] = {}
+    pairs = find_pairs(file, only, lost)
+    models: dict[Pair, ModelAsset | Exception] = {}
     for pair in pairs:
         task = pair.task(file.results, "")
-        known = None if task is None else known_model(results, task)
+        known = None if task is None else find_known_model(results, task)
         if known is not None:
             models[pair] = known
-    planner = Planner(file, "", Known(device), only, redo=redo)
-    planned, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], wrong)
+    planner = Planner(file, "", KnownFacts(device), only, redo=redo)
+    cells, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], errors)
     for line in planner.known.notes():
         watch.note(line)
-    rows = tuple(_row(results, one, 0.0) for one in planned)
-    missing += find_unknown(lost, pairs)
+    rows = tuple(_make_outcome(results, planned, 0.0) for planned in cells)
+    missing += find_unknown_cells(lost, pairs)
     return Report(rows, {}, time.perf_counter() - start, tuple(missing))
 
 
 class _Run:
-    """One run: the stages in their order."""
+    """The stages of a run in their order."""
 
     def __init__(self, file: ProtocolFile, run: str, workers: Workers, watch: Watch) -> None:
         self.file, self.run, self.workers, self.watch = file, run, workers, watch
         self.results = Results(file.results)
+        # Cell -> seconds that this run spent on it.
         self.spent: dict[Cell, float] = {}
 
-    def all(self, only: Sequence[str], redo: bool, start: float) -> Report:
-        """Go through all stages."""
-        pairs = pairs_of(self.file, only)
-        models = self.models(pairs)
-        known = Known(_device(self.workers, self.file.protocol.device))
+    def execute(self, only: Sequence[str], redo: bool, start: float) -> Report:
+        """Run all stages, and return the report; `start` is the time of the start of the run."""
+        pairs = find_pairs(self.file, only)
+        models = self.prepare_models(pairs)
+        known = KnownFacts(_find_device(self.workers, self.file.protocol.device))
         planner = Planner(self.file, self.run, known, only, redo=redo)
-        planned = self.bakes(planner, planner.plan(pairs, models))
-        made = [model for model in models.values() if isinstance(model, Model)]
-        for line in dict.fromkeys([*(line for model in made for line in model.warnings), *known.notes()]):
+        cells = self.make_bakes(planner, planner.plan(pairs, models))
+        assets = [model for model in models.values() if isinstance(model, ModelAsset)]
+        for line in dict.fromkeys([*(line for asset in assets for line in asset.warnings), *known.notes()]):
             self.watch.note(line)
-        self.keep_cameras(planned)
-        planned = self.photographs(planned)
-        for one in planned:
-            if one.reason is not None:
-                self.record(one)
-        pending = [one.job for one in planned if one.job is not None and one.status == "pending"]
-        first = [_only(job, timing=False) for job in pending]
-        second = [_only(job, timing=True) for job in pending]
+        self.write_scene_cameras(cells)
+        cells = self.write_ground_truth(cells)
+        for planned in cells:
+            if planned.reason is not None:
+                self.record(planned)
+        # Timings run alone after all other parts, and only for cells whose other parts did not fail.
+        pending = [
+            planned.job for planned in cells if planned.job is not None and planned.status == "pending"
+        ]
+        untimed = [_split_timing(job, timing=False) for job in pending]
+        timed = [_split_timing(job, timing=True) for job in pending]
         later = ["videos"] if self.file.protocol.videos is not None else []
-        then = ["timing", *later] if any(job.parts for job in second) else later
-        failed = self.cells("cells", [job for job in first if job.parts], then)
-        timed = [job for job in second if job.parts and job.name not in failed]
-        self.cells("timing", timed, later, alone=True)
-        self.videos(planned)
-        rows = tuple(_row(self.results, one, self.spent.get(one.cell, 0.0)) for one in planned)
+        then = ["timing", *later] if any(job.parts for job in timed) else later
+        failed = self.compute_cells("cells", [job for job in untimed if job.parts], then)
+        timed = [job for job in timed if job.parts and job.name not in failed]
+        self.compute_cells("timing", timed, later, alone=True)
+        self.write_videos(cells)
+        rows = tuple(
+            _make_outcome(self.results, planned, self.spent.get(planned.cell, 0.0)) for planned in cells
+        )
         unknown = {
-            str(pair.model): reason_of(model)
+            str(pair.model): make_reason(model)
             for pair, model in models.items()
             if isinstance(model, Exception) and pair.method.name == AUTO
         }
         return Report(rows, unknown, time.perf_counter() - start)
 
-    def models(self, pairs: Sequence[Pair]) -> dict[Pair, Model | Exception]:
-        """Make every model ready."""
+    def prepare_models(self, pairs: Sequence[Pair]) -> dict[Pair, ModelAsset | Exception]:
+        """Export all models; return pair -> model or error."""
         tasks = {pair: pair.task(self.file.results, self.run) for pair in pairs}
         unique = list(dict.fromkeys(task for task in tasks.values() if task is not None))
-        made = dict(self.each("models", prepare_model, unique))
-        return {pair: made[task] for pair, task in tasks.items() if task is not None}
+        models = dict(self.run_tasks("models", prepare_model, unique))
+        return {pair: models[task] for pair, task in tasks.items() if task is not None}
 
-    def bakes(self, planner: Planner, planned: list[Planned]) -> list[Planned]:
-        """Make the bakes that are not there, and plan their cells."""
-        tasks = [one.bake for one in planned if one.bake is not None]
-        made = {id(task): answer for task, answer in self.each("bakes", make_bake, tasks)}
-        for one in planned:
-            answer = made.get(id(one.bake))
-            if isinstance(answer, Model) and answer.bake is not None:
-                self.spent[one.cell] = answer.bake.seconds
+    def make_bakes(self, planner: Planner, cells: list[Planned]) -> list[Planned]:
+        """Compute the missing bakes, and return the plan with their cells."""
+        tasks = [planned.bake for planned in cells if planned.bake is not None]
+        bakes = {id(task): answer for task, answer in self.run_tasks("bakes", make_bake, tasks)}
+        for planned in cells:
+            answer = bakes.get(id(planned.bake))
+            if isinstance(answer, ModelAsset) and answer.bake is not None:
+                self.spent[planned.cell] = answer.bake.seconds
         return [
-            one if one.bake is None else planner.with_bake(one.cell, made[id(one.bake)]) for one in planned
+            planned if planned.bake is None else planner.with_bake(planned.cell, bakes[id(planned.bake)])
+            for planned in cells
         ]
 
-    def keep_cameras(self, planned: Sequence[Planned]) -> None:
-        """Write each scene's cameras beside the assets made of its models: they judge these later, too."""
-        jobs = [one.job for one in planned if one.job is not None]
+    def write_scene_cameras(self, cells: Sequence[Planned]) -> None:
+        """Write the cameras of each scene beside its assets, so that later commands use them."""
+        jobs = [planned.job for planned in cells if planned.job is not None]
         scenes = {Path(job.model.asset.path).parent: job.scene for job in jobs if job.model is not None}
         for folder, at in scenes.items():
             if folder.is_relative_to(self.results.root / "assets"):
                 scene = at.read()
                 write_cameras([*scene.train, *scene.test], folder / CAMERAS)
 
-    def photographs(self, planned: list[Planned]) -> list[Planned]:
-        """Write missing or changed ground truth; if that fails, the cells that need it have failed."""
+    def write_ground_truth(self, cells: list[Planned]) -> list[Planned]:
+        """Write missing or damaged ground truth, and return the plan with cells that failed because of it."""
+        jobs = [
+            planned.job
+            for planned in cells
+            if planned.job is not None and planned.cell.condition != "exported_mesh"
+        ]
         tasks = {
-            one.job.photographs: PhotographTask(self.results.root, self.run, one.job.scene, one.job.views)
-            for one in planned
-            if one.job is not None and one.cell.condition != "exported_mesh"
+            job.photographs: PhotographTask(self.results.root, self.run, job.scene, job.views) for job in jobs
         }
-        broken: dict[Any, Reason] = {}
-        for task, answer in self.each("photographs", write_photographs, list(tasks.values())):
+        broken: dict[Path, Reason] = {}
+        for task, answer in self.run_tasks("photographs", write_photographs, list(tasks.values())):
             if isinstance(answer, Exception):
-                broken[task.folder] = reason_of(answer)
+                broken[task.folder] = make_reason(answer)
             elif answer:
                 self.watch.note(f"warning: {task.folder}: {answer}; the ground truth was written again")
         return [
-            one
-            if one.job is None or "quality" not in one.job.parts or one.job.photographs not in broken
-            else replace(one, job=None, status="failed", reason=broken[one.job.photographs])
-            for one in planned
+            replace(planned, job=None, status="failed", reason=broken[planned.job.photographs])
+            if planned.job is not None
+            and "quality" in planned.job.parts
+            and planned.job.photographs in broken
+            else planned
+            for planned in cells
         ]
 
-    def cells(self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False) -> set[str]:
-        """Compute jobs; return the names of those whose cell failed."""
+    def compute_cells(
+        self, stage: str, jobs: list[Job], then: Sequence[str], *, alone: bool = False
+    ) -> set[str]:
+        """Compute jobs, and return the names of the failed ones."""
         failed = set()
-        for job, answer in self.each(stage, compute, jobs, then, alone=alone):
-            if isinstance(answer, Done):
+        for job, answer in self.run_tasks(stage, compute, jobs, then, alone=alone):
+            if isinstance(answer, JobOutcome):
                 self.spent[job.cell] = self.spent.get(job.cell, 0.0) + answer.seconds
                 if answer.status == "failed":
                     failed.add(job.name)
             else:
                 failed.add(job.name)
-                write_lost(job, reason_of(answer))
+                write_lost(job, make_reason(answer))
         return failed
 
     def record(self, planned: Planned) -> None:
-        """Record a cell that cannot be computed."""
+        """Write the record of a cell that cannot be computed."""
         assert planned.status in ("failed", "unsupported")
         result = Result(cell=planned.cell, status=planned.status, reason=planned.reason, seconds=0.0)
         write_result(self.results.cell(planned.cell), result)
 
-    def videos(self, planned: list[Planned]) -> None:
-        """Make the films the protocol asks for."""
+    def write_videos(self, cells: list[Planned]) -> None:
+        """Write the films of the protocol, if it has any."""
         options = self.file.protocol.videos
         if options is None:
             return
-        jobs = [one.job for one in planned if one.job is not None]
-        for write, tasks in ((write_video, video_tasks), (write_grid, grid_tasks)):  # grids are of the films
-            for task, answer in self.each("videos", write, tasks(options, jobs)):
+        jobs = [planned.job for planned in cells if planned.job is not None]
+        # Grids are planned after the films that they consist of have been written.
+        for write, plan in ((write_video, plan_videos), (write_grid, plan_grids)):
+            for task, answer in self.run_tasks("videos", write, plan(options, jobs)):
                 if isinstance(answer, Exception):
-                    self.watch.note(f"warning: {task.name}: no film: {answer}")
+                    self.watch.note(f"warning: {task.name}: the film was not written: {answer}")
 
-    def each(
+    def run_tasks(
         self,
         title: str,
         function: Callable[[Any], Any],
@@ -298,25 +316,28 @@ class _Run:
         *,
         alone: bool = False,
     ) -> Iterator[tuple[Any, Any]]:
-        """Compute tasks and yield them with their answers; raise errors that concern the whole run."""
+        """Compute the tasks of a stage, and yield each with its result or exception.
+
+        An error of the whole cluster is raised. `then` are the names of the stages that follow.
+        """
         if not tasks:
             return
-        kinds, at_once = list(map(_kind, tasks)), 1 if alone else self.workers.jobs
+        kinds, at_once = list(map(_find_kind, tasks)), 1 if alone else self.workers.jobs
         stage = Stage(title, [task.name for task in tasks], kinds, at_once=at_once, then=then)
         numbers = {id(task): number for number, task in enumerate(tasks)}
         with self.watch.stage(stage) as step:
             for task, answer in run_all(self.workers, function, tasks, alone=alone):
                 if isinstance(answer, MsbError) and answer.code == "RUN_SCHEDULER":
                     raise answer
-                done = answer if isinstance(answer, Done) else None
+                done = answer if isinstance(answer, JobOutcome) else None
                 failed = isinstance(answer, Exception) or (done is not None and done.status == "failed")
                 stage.end(numbers[id(task)], None if done is None else done.seconds, failed=failed)
                 step(task.name)
                 yield task, answer
 
 
-def _kind(task: Any) -> str:
-    """Return what tasks have in common that take about the same time."""
+def _find_kind(task: Any) -> str:
+    """Return the kind of a task; tasks of one kind take about the same time."""
     if isinstance(task, Job):
         return " ".join((task.cell.condition_key, *task.parts))
     if isinstance(task, BakeTask):
@@ -324,21 +345,21 @@ def _kind(task: Any) -> str:
     return task.method if isinstance(task, ModelTask) else ""
 
 
-def _only(job: Job, *, timing: bool) -> Job:
+def _split_timing(job: Job, *, timing: bool) -> Job:
+    """Return a job with only its timing, or with everything else."""
     parts = {part: inputs for part, inputs in job.parts.items() if (part == "timing") is timing}
     return replace(job, parts=parts)
 
 
-def _row(results: Results, planned: Planned, seconds: float) -> Row:
+def _make_outcome(results: Results, planned: Planned, seconds: float) -> CellOutcome:
+    """Return the outcome of a cell with its present record."""
     try:
         result: Result | None = results.read(planned.cell)
     except MsbError:
         result = None
     if planned.status == "failed" and planned.reason is not None:
-        return Row(planned, result, seconds, {"cell": planned.reason})
-    reasons: dict[str, Reason] = {}
-    if result is not None:
-        reasons = dict(result.reasons)
-        if result.status == "failed" and result.reason is not None:
-            reasons["cell"] = result.reason
-    return Row(planned, result, seconds, reasons)
+        return CellOutcome(planned, result, seconds, {"cell": planned.reason})
+    reasons = {} if result is None else dict(result.reasons)
+    if result is not None and result.status == "failed" and result.reason is not None:
+        reasons["cell"] = result.reason
+    return CellOutcome(planned, result, seconds, reasons)

@@ -1,7 +1,8 @@
-"""What the loss from Dedicated to Standard is made of, from records: colours, faces, blending.
+"""The loss from Dedicated to Standard, split into the parts of colours, faces and blending.
 
-Between the two stand bakes of the same model, drawn on the standard tier with one sample a pixel: the same
-triangles in the best static colours (the ceiling of what an exporter can reach), and triangles made anew.
+The parts meet at two bakes of the same model, rendered on the standard tier with one sample per pixel. The
+ceiling keeps the triangles and has the best static colours, which is the best result of any exporter. The
+other bake has new triangles.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ if TYPE_CHECKING:
     from msb.bench.gaps import Conditions
 
 StepName = Literal["colors", "faces", "blending"]
-# What is lost from ceiling to Standard, from the best bake to the ceiling, from Dedicated to that bake.
+# The losses from ceiling to Standard, from the best bake to the ceiling, and from Dedicated to the best bake.
 STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
 
 
 @dataclass(frozen=True)
 class Split:
-    """The parts of one loss; over the same scenes they add up to `total`.
+    """The parts of one loss; they cover the same scenes and add up to `total`.
 
     Attributes
     ----------
     total : Gap or None
-        From Dedicated to Standard; None where the method has not both.
+        The loss from Dedicated to Standard; None if the method does not have both.
     steps : mapping of StepName to Gap
-        Signed as all losses: positive where the better end is Dedicated's.
+        The parts; positive if the condition on Dedicated's side is better.
     within : mapping of StepName to StepName
-        A part without a bake of its own -> the part whose gap has both.
+        A part that has no bake to separate it -> the part that includes it.
     ceiling, baked : str or None
-        The bakes at which the parts meet, as conditions.
+        The conditions of the bakes that separate the parts.
     """
 
     total: Gap | None
@@ -47,53 +48,68 @@ class Split:
 
 
 def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[str]) -> Split | None:
-    """Return the parts of the loss in `metric` of one method on a dataset; None without a bake to split by.
+    """Return the parts of the loss in `metric` of one method on a dataset, or None if it has no bake.
 
-    `results` are the records by scene and condition, `scenes` those that there should be. The best by PSNR of
-    the bakes that kept the triangles is the ceiling, the best of the others the bake.
+    `results` is scene -> condition -> record, and `scenes` are the expected scenes. The ceiling is the bake
+    with the best PSNR among all bakes with unchanged triangles, and the other bake is the best of the rest.
     """
-    wanted = tuple(scenes)
-    ceiling = _best(results, wanted, kept=True)
-    baked = _best(results, wanted, kept=False)
+    expected = tuple(scenes)
+    ceiling = _best(results, expected, kept=True)
+    baked = _best(results, expected, kept=False)
     if ceiling is None and baked is None:
         return None
-    there = {name for own in results.values() for name, one in own.items() if one.status == "done"}
-    # From the lossy end; the parts lie between neighbours.
+    finished = {
+        name
+        for conditions in results.values()
+        for name, record in conditions.items()
+        if record.status == "done"
+    }
+    # The four conditions from the largest loss to the smallest; each part lies between two of them.
     ends = ["standard", ceiling, baked, "dedicated"]
-    known = [place for place, name in enumerate(ends) if name in there]
+    known = [place for place, name in enumerate(ends) if name in finished]
     pairs = {places: (ends[places[1]], ends[places[0]]) for places in pairwise(known)}
-    common = wanted
+    # All parts cover the same scenes, so that they add up.
+    common = expected
     for better, worse in pairs.values():
         assert better is not None
         assert worse is not None
-        common = tuple(s for s in common if s in gap_between(metric, results, wanted, better, worse)[1])
-    over = common or wanted  # where nothing is common, each part says why it is not there
+        covered = gap_between(metric, results, expected, better, worse)[1]
+        common = tuple(scene for scene in common if scene in covered)
+    over = common or expected  # without a common scene, each part gives its reason
 
     def gap(better: str, worse: str) -> Gap:
-        return replace(gap_between(metric, results, over, better, worse)[0], expected=len(wanted))
+        return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
 
+    # A gap that skips a missing bake includes all parts that it spans.
     steps: dict[StepName, Gap] = {}
     within: dict[StepName, StepName] = {}
     for (low, high), (better, worse) in pairs.items():
         assert better is not None
         assert worse is not None
-        own = STEPS[low:high]
-        steps[own[-1]] = gap(better, worse)
-        within |= dict.fromkeys(own[:-1], own[-1])
-    both = {"standard", "dedicated"} <= there
-    return Split(gap("dedicated", "standard") if both else None, steps, within, ceiling, baked)
+        spanned = STEPS[low:high]
+        steps[spanned[-1]] = gap(better, worse)
+        within |= dict.fromkeys(spanned[:-1], spanned[-1])
+    has_total = {"standard", "dedicated"} <= finished
+    return Split(gap("dedicated", "standard") if has_total else None, steps, within, ceiling, baked)
 
 
 def _best(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
-    """Return the bake with the best mean PSNR on the most scenes, of those that kept all triangles or not."""
+    """Return the bake with the most scenes and then the best average PSNR.
+
+    With `kept` only bakes are compared that keep all triangles, otherwise only the others.
+    """
     values: dict[str, dict[str, float | None]] = {}
-    moved: set[str] = set()
+    changed: set[str] = set()
     for scene in scenes:
-        for condition, one in results.get(scene, {}).items():
-            if condition.startswith(f"{BAKED}/") and one.bake is not None and one.quality is not None:
-                values.setdefault(condition, {})[scene] = one.quality.values["psnr"]
-                if one.bake.geometry != "kept":
-                    moved.add(condition)
-    means = {name: mean_over(own, scenes) for name, own in values.items() if (name in moved) is not kept}
+        for condition, record in results.get(scene, {}).items():
+            if condition.startswith(f"{BAKED}/") and record.bake is not None and record.quality is not None:
+                values.setdefault(condition, {})[scene] = record.quality.values["psnr"]
+                if record.bake.geometry != "kept":
+                    changed.add(condition)
+    means = {
+        name: mean_over(by_scene, scenes)
+        for name, by_scene in values.items()
+        if (name in changed) is not kept
+    }
     ranked = [(mean.present, mean.value, name) for name, mean in means.items() if mean.value is not None]
     return max(ranked, default=(0, 0.0, None))[2]

@@ -1,10 +1,11 @@
-"""A submission: results made fit to be published, as one file that whoever receives it can check.
+"""Submissions: results packaged into a single file for publication, which its receiver can verify.
 
-It holds the published fields of the records (numbers, hashes, versions, names of scenes, methods and
-devices), the commands that evaluate the models again, and a few small pictures. Texts that may hold a path or
-the name of a person are never published. The file is a ZIP of stored members with fixed dates, so the same
-results give the same bytes, and nothing in it can grow when it is unpacked. A list in it has the SHA-256 of
-every other member.
+A submission contains the published fields of the records, the commands that repeat the evaluation, and a few
+small images. Published fields are numbers, hashes, versions, and names of scenes, methods and devices.
+Strings that may contain a path or the name of a person are not published.
+
+The file is a ZIP archive without compression and with fixed dates, so equal results give equal bytes, and its
+members are not larger than the file. The member submission.json lists the SHA-256 of all others.
 """
 
 import hashlib
@@ -16,42 +17,45 @@ import stat
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, NoReturn
 
 from pydantic import Field
 
-from msb.asset.strict_zip import Member, Policy, read_members
+from msb.asset.strict_zip import Policy, read_members
 from msb.base.files import file_sha256, map_file
 from msb.base.version import __version__
-from msb.bench.checked import Name, Record, Sha256, checked, parse_json
 from msb.bench.digest import list_sha256
-from msb.bench.records import MAX_BYTES, Result, checked_result
+from msb.bench.records import MAX_BYTES, Result, validate_result
+from msb.bench.validation import Name, Record, Sha256, parse_json, validate
 from msb.errors import InputError, shorten
 from msb.metrics.registry import IMAGE_METRICS
 
 SCHEMA: Literal["msb.submission/1"] = "msb.submission/1"
 ABOUT = "submission.json"
-# Published in place of a text that a record must have and that may be private.
+# Replaces a required string that may be private.
 WITHHELD = "withheld"
 MOST_PICTURES = 200
 _MOST_RECORDS = 20_000
+# Maximum sizes in bytes of the file, of the list of members, and of an image.
 _MAX_FILE = 1 << 30
 _MAX_ABOUT = 16 << 20
 _MAX_PICTURE = 1 << 20
+# The date of every member, the earliest that ZIP can store.
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 _MEMBER = re.compile(r"submission\.json|records/\d{5}\.json|pictures/\d{4}\.jpg")
+# Marks a field that is published unchanged.
 _KEEP = object()
 
 
 def _keep(*names: str) -> dict[str, Any]:
+    """Return fields that are published unchanged."""
     return dict.fromkeys(names, _KEEP)
 
 
-class _Each(NamedTuple):
-    """The fields of every value of a mapping."""
+class _Values(NamedTuple):
+    """The published fields of each value of a mapping with arbitrary keys."""
 
     fields: Any
 
@@ -64,10 +68,9 @@ _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
 def _fields() -> dict[str, Any]:
-    """Return the published fields of a record.
+    """Return the published fields of a record: name -> nested fields, `_KEEP`, or a constant.
 
-    Each name leads to the fields below it, to `_KEEP`, or to a constant. The constant replaces any value
-    other than None.
+    A constant replaces any value except None.
     """
     metrics = dict.fromkeys(IMAGE_METRICS, _KEEP)
     image = {**_keep("name", "width", "height", "psnr_infinite", "sha256"), "file": WITHHELD, "gt": WITHHELD}
@@ -85,7 +88,7 @@ def _fields() -> dict[str, Any]:
             **metrics,
             "images": {**image, **metrics},
             "metrics": {**identity, "weights": {"vgg": _WEIGHTS, "heads": _WEIGHTS}},
-            "missing": _Each(WITHHELD),
+            "missing": _Values(WITHHELD),
         },
         "memory": _keep("geometry", "appearance", "scratch", "targets", "uses", "driver_bytes"),
         "chamfer": {**_keep("mean_d2s", "mean_s2d", "overall", "seed", "scan"), "metric": identity},
@@ -126,26 +129,26 @@ def _fields() -> dict[str, Any]:
             "schema", "frames", "seconds", "device", "whole_command", "peak_gpu_memory_bytes"
         )
         | {"timed": WITHHELD},
-        "reasons": _Each(_REASON),
+        "reasons": _Values(_REASON),
         "inputs": {"quality": _keep("cameras", "photographs", "metrics")},
     }
 
 
-def _published(data: Any, fields: Any) -> Any:
-    """Return the fields of JSON data that are published."""
+def _select(data: Any, fields: Any) -> Any:
+    """Return JSON data reduced to its published fields."""
     if data is None or fields is _KEEP:
         return data
     if isinstance(data, list):
-        return [_published(one, fields) for one in data]
-    if isinstance(fields, _Each):
-        return {name: _published(one, fields.fields) for name, one in data.items()}
+        return [_select(value, fields) for value in data]
+    if isinstance(fields, _Values):
+        return {name: _select(value, fields.fields) for name, value in data.items()}
     if isinstance(fields, dict):
-        return {name: _published(data[name], inner) for name, inner in fields.items() if name in data}
+        return {name: _select(data[name], inner) for name, inner in fields.items() if name in data}
     return fields
 
 
-class Shown(Record):
-    """A picture of a submission: what it shows, and its file. Without a condition it is the photograph."""
+class SubmittedImage(Record):
+    """An image in a submission; without a condition it is the photograph."""
 
     file: Name
     dataset: Name
@@ -158,90 +161,95 @@ class Shown(Record):
 
 
 class About(Record):
-    """The list in a submission: who sent it, of what, and the SHA-256 of every member."""
+    """The content of submission.json: the submitter, the commands, and the SHA-256 of every other member."""
 
     schema_: Literal["msb.submission/1"] = Field(default=SCHEMA, alias="schema")
-    # What the submitter wants to be called.
+    # The name of the submitter, in a form of their choice.
     name: Annotated[str, Field(min_length=1, max_length=60)]
     tool_version: Name
-    # That of the list of hashes of the package's files, where the submission was made.
+    # Hash of the package's code on the submitter's machine (`code_sha256`).
     code_sha256: Sha256
-    # Evaluate the models again, with the names of scenes and models in the place of their paths.
+    # The commands that repeat the evaluation, with names of scenes and models instead of paths.
     commands: tuple[str, ...]
     files: dict[Name, Sha256]
-    pictures: Annotated[tuple[Shown, ...], Field(max_length=MOST_PICTURES)]
+    pictures: Annotated[tuple[SubmittedImage, ...], Field(max_length=MOST_PICTURES)]
 
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that was read and verified."""
+    """A submission that has been read and verified."""
 
     path: Path
     sha256: str
     about: About
     records: tuple[Result, ...]
-    # Name of a member -> a JPEG.
+    # Name of a member -> content of the JPEG.
     pictures: Mapping[str, bytes]
 
 
-def write_submission(name: str, records: Sequence[Result], pictures: Sequence[tuple[Shown, bytes]]) -> bytes:
-    """Return the file of a submission.
+def write_submission(
+    name: str, records: Sequence[Result], pictures: Sequence[tuple[SubmittedImage, bytes]]
+) -> bytes:
+    """Return the content of a submission file.
 
     Parameters
     ----------
     name : str
-        What the submitter wants to be called.
+        The name of the submitter.
     records : sequence of Result
-    pictures : sequence of (Shown, bytes)
-        At most `MOST_PICTURES` JPEGs; the names of their files are given here.
+    pictures : sequence of (SubmittedImage, bytes)
+        JPEG images; only the first `MOST_PICTURES` are used. Their file names are assigned here.
     """
     ordered = sorted(records, key=lambda record: record.cell.names)
     fields = _fields()
     members: dict[str, bytes] = {}
+    # Records are validated as their receiver will validate them.
     for number, record in enumerate(ordered):
-        data = _published(json.loads(record.to_json()), fields)
+        data = _select(json.loads(record.to_json()), fields)
         text = json.dumps(data, ensure_ascii=False, sort_keys=True, separators=(",", ":"), allow_nan=False)
         members[f"records/{number:05d}.json"] = text.encode()
-        checked_result(json.loads(text), file=Path(name))
-    shown = []
-    for number, (one, data) in enumerate(pictures[:MOST_PICTURES]):
+        validate_result(json.loads(text), file=Path(name))
+    listed = []
+    for number, (picture, data) in enumerate(pictures[:MOST_PICTURES]):
         file = f"pictures/{number:04d}.jpg"
         members[file] = data
-        shown.append(one.model_copy(update={"file": file}))
+        listed.append(picture.model_copy(update={"file": file}))
     about = About(
         name=name,
         tool_version=__version__,
         code_sha256=code_sha256(),
-        commands=tuple(_commands(ordered)),
+        commands=tuple(_make_commands(ordered)),
         files={file: hashlib.sha256(data).hexdigest() for file, data in members.items()},
-        pictures=tuple(shown),
+        pictures=tuple(listed),
     )
-    return archive_of({ABOUT: about.to_json(), **members})
+    return make_archive({ABOUT: about.to_json(), **members})
 
 
 def code_sha256() -> str:
-    """Return the SHA-256 of the list of hashes of the package's own files."""
+    """Return the SHA-256 of the list of hashes of all files of the package msb."""
     root = Path(str(files("msb")))
-    own = (path for path in root.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
-    return list_sha256((path.relative_to(root).as_posix(), file_sha256(path)) for path in own)
+    paths = (path for path in root.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return list_sha256((path.relative_to(root).as_posix(), file_sha256(path)) for path in paths)
 
 
-def _commands(records: Sequence[Result]) -> Iterator[str]:
-    """Yield the command that evaluates each model."""
+def _make_commands(records: Sequence[Result]) -> Iterator[str]:
+    """Yield the command that evaluates each model again."""
+    # Dataset, scene and model -> the records of its conditions.
     models: dict[tuple[str, ...], list[Result]] = {}
     for record in records:
         models.setdefault(record.cell.names[:3], []).append(record)
-    for (dataset, scene, model), own in models.items():
+    for (dataset, scene, model), group in models.items():
         words = ["msb", "run", "--scene", f"{dataset}/{scene}"]
-        folders = {one.setup.image_folder for one in own if one.setup is not None} - {"."}
+        folders = {record.setup.image_folder for record in group if record.setup is not None} - {"."}
         words += ["--image-folder", min(folders)] if folders else []
-        kinds = {one.renderer.kind for one in own if one.renderer and one.cell.condition == "non_engine"}
+        native = [record.renderer for record in group if record.cell.condition == "non_engine"]
+        kinds = {renderer.kind for renderer in native if renderer is not None}
         words += ["--non-engine", "reference" if "msb_reference" in kinds else "renders"] if kinds else []
         yield shlex.join([*words, model])
 
 
-def archive_of(members: Mapping[str, bytes]) -> bytes:
-    """Return the archive of members, the same bytes at all times."""
+def make_archive(members: Mapping[str, bytes]) -> bytes:
+    """Return a ZIP archive of members (name -> content); equal members give equal bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
         for name, data in members.items():
@@ -252,7 +260,7 @@ def archive_of(members: Mapping[str, bytes]) -> bytes:
 
 
 class _Members(Policy):
-    """What a submission may hold: plain files of the three kinds, none of them compressed."""
+    """The rules for the members of a submission: uncompressed files with one of three kinds of names."""
 
     max_members = 1 + _MOST_RECORDS + MOST_PICTURES
 
@@ -265,74 +273,70 @@ class _Members(Policy):
     def name(self, raw: bytes, flags: int, at: int) -> str:
         text = raw.decode("ascii", "replace")
         if not _MEMBER.fullmatch(text):
-            kinds = f"{ABOUT}, records/NNNNN.json and pictures/NNNN.jpg"
-            self.refuse("PATH", f'the member "{shorten(text, 60)}" is none of {kinds}', at)
+            kinds = f"{ABOUT}, records/NNNNN.json or pictures/NNNN.jpg"
+            self.refuse("PATH", f'the member "{shorten(text, 60)}" must be named {kinds}', at)
         return text
 
     def check_entry(self, name: str, extra: int, attributes: int, at: int) -> None:
         if extra or stat.S_IFMT(attributes >> 16) not in (0, stat.S_IFREG) or attributes & 0x10:
-            self.refuse("PATH", f"{name} is a link, folder or device, or has data in its header", at)
+            self.refuse("PATH", f"{name} is not a plain file, or has additional data in its header", at)
 
 
 def is_submission(path: Path) -> bool:
-    """Return whether a path is that of a submission, by its name alone."""
+    """Return whether a path has the file extension of a submission."""
     return path.suffix.lower() == ".zip"
 
 
 def read_submission(path: Path) -> Submission:
-    """Return a submission, every byte of it verified.
+    """Read a submission and verify all of its content.
 
     Raises
     ------
     InputError
-        FILE_NOT_FOUND or FILE_UNREADABLE; RECORD_INVALID: it is no archive as `write_submission` makes it, a
-        member's hash is not that in the list, a member is missing or unlisted, too large, or not valid.
+        FILE_NOT_FOUND or FILE_UNREADABLE. RECORD_INVALID if the file is not an archive in the format of
+        `write_submission`, or if a member is missing, unlisted, too large, invalid, or has another hash.
     """
-    return _Reader(path).read()
+    data = map_file(path, _MAX_FILE + 1)
+    if len(data) > _MAX_FILE:
+        raise _invalid(path, f"the file is longer than {_MAX_FILE:,} bytes")
+    members = read_members(data, _Members(path))
 
-
-class _Reader:
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.data = map_file(path, _MAX_FILE + 1)
-        if len(self.data) > _MAX_FILE:
-            raise InputError("RECORD_INVALID", f"it is longer than {_MAX_FILE:,} bytes", file=path)
-        self.members = read_members(self.data, _Members(path))
-
-    @cached_property
-    def about(self) -> About:
-        if ABOUT not in self.members:
-            raise self.bad(f"there is no {ABOUT} in it, as msb submit writes")
-        about = checked(About, self.document(ABOUT, _MAX_ABOUT), file=self.path, code="RECORD_INVALID")
-        if others := about.files.keys() ^ (self.members.keys() - {ABOUT}):
-            raise self.bad(f"{shorten(min(others), 60)} is in its list or in the file, and not in both")
-        return about
-
-    def read(self) -> Submission:
-        about = self.about
-        records, pictures = [], {}
-        for name, sha256 in about.files.items():
-            if hashlib.sha256(self.content(name, MAX_BYTES)).hexdigest() != sha256:
-                raise self.bad(f"{name} is not the one that was submitted: its SHA-256 is another")
-            if name.startswith("records/"):
-                records.append(checked_result(self.document(name, MAX_BYTES), file=f"{self.path}: {name}"))
-            else:
-                pictures[name] = self.content(name, _MAX_PICTURE)
-        cells = [record.cell for record in records]
-        if len({cell.names for cell in cells}) < len(cells) or not cells:
-            raise self.bad("it holds no record" if not cells else "it holds two records of one cell")
-        if missing := {shown.file for shown in about.pictures} - pictures.keys():
-            raise self.bad(f"the picture {shorten(min(missing), 60)} is not in it")
-        return Submission(self.path, hashlib.sha256(self.data).hexdigest(), about, tuple(records), pictures)
-
-    def bad(self, text: str) -> InputError:
-        return InputError("RECORD_INVALID", text, file=self.path)
-
-    def content(self, name: str, most: int) -> bytes:
-        member: Member = self.members[name]
+    def content(name: str, most: int) -> bytes:
+        member = members[name]
         if member.size > most:
-            raise self.bad(f"{name} has {member.size:,} bytes; {most:,} are allowed")
-        return bytes(self.data[member.offset : member.offset + member.size])
+            raise _invalid(path, f"{name} has {member.size:,} bytes, but at most {most:,} are allowed")
+        return bytes(data[member.offset : member.offset + member.size])
 
-    def document(self, name: str, most: int) -> Any:
-        return parse_json(self.content(name, most), most, file=f"{self.path}: {name}")
+    def document(name: str, most: int) -> Any:
+        return parse_json(content(name, most), most, file=f"{path}: {name}")
+
+    # The list must name exactly the members of the archive.
+    if ABOUT not in members:
+        raise _invalid(path, f"the archive has no {ABOUT}; submissions are written by msb submit")
+    about = validate(About, document(ABOUT, _MAX_ABOUT), file=path, code="RECORD_INVALID")
+    if others := about.files.keys() ^ (members.keys() - {ABOUT}):
+        raise _invalid(path, f"{shorten(min(others), 60)} must be both in the list and in the archive")
+    # Every member must have the listed hash and be valid.
+    records, pictures = [], {}
+    for name, sha256 in about.files.items():
+        if hashlib.sha256(content(name, MAX_BYTES)).hexdigest() != sha256:
+            raise _invalid(path, f"{name} was changed: its SHA-256 differs from the list")
+        if name.startswith("records/"):
+            records.append(validate_result(document(name, MAX_BYTES), file=f"{path}: {name}"))
+        else:
+            pictures[name] = content(name, _MAX_PICTURE)
+    cells = {record.cell.names for record in records}
+    if len(cells) < len(records) or not records:
+        fault = "there are two records of one cell" if records else "the archive contains no records"
+        raise _invalid(path, fault)
+    if missing := {picture.file for picture in about.pictures} - pictures.keys():
+        raise _invalid(path, f"the image {shorten(min(missing), 60)} is missing")
+    return Submission(path, hashlib.sha256(data).hexdigest(), about, tuple(records), pictures)
+
+
+def _invalid(path: Path, text: str) -> InputError:
+    return InputError("RECORD_INVALID", text, file=path)
+
+
+# Former names, used by msb.report and fuzz.seeds.
+Shown, archive_of = SubmittedImage, make_archive

@@ -1,4 +1,4 @@
-"""Measure the cost of a command and all it starts: wall time, and peak memory on the GPU and on the host."""
+"""Measure wall time, peak GPU memory and peak RAM of a command and its child processes."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ from pydantic import Field
 
 from msb.base.extras import need_extra
 from msb.base.version import __version__
-from msb.bench.checked import Amount, Count, Record, checked, read_json
 from msb.bench.nvml import Gpu, Gpus
 from msb.bench.records import RendererTiming
+from msb.bench.validation import Amount, Count, Record, read_json, validate
 from msb.errors import InputError
 
+# Seconds between two measurements of memory.
 INTERVAL = 0.2
-WHOLE_COMMAND = "whole command, loading and writing included"
+WHOLE_COMMAND = "whole command, including loading and writing"
+# Maximum size of a record in bytes.
 _MAX_BYTES = 1 << 20
 _FORWARDED = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
 
 
 class Track(Record):
-    """The record of one command, schema msb.track/1. Times are in UTC, in the form of ISO 8601."""
+    """The record of one command, schema msb.track/1. Times are in UTC and ISO 8601 format."""
 
     schema_: Literal["msb.track/1"] = Field(default="msb.track/1", alias="schema")
     command: tuple[str, ...]
@@ -40,19 +42,18 @@ class Track(Record):
     seconds: Amount
     # The command's exit status, or 128 + n if signal n ended it.
     exit_status: int
-    # The most bytes that all GPUs together held at one look.
+    # Peak of the sum over all GPUs, in bytes.
     peak_gpu_memory_bytes: Count | None
-    # "processes": the memory that NVML reports for the command's processes. "device": the memory that the
-    # whole device held beyond what it held before, if NVML cannot tell processes apart on every GPU; other
-    # programs on the device falsify this number.
+    # "processes": memory that NVML reports for the processes of the command. "device": growth of the memory
+    # in use on the whole device, if NVML cannot distinguish processes on every GPU. This number includes
+    # other programs on the device.
     gpu_source: Literal["processes", "device"] | None
-    # The reason why there is no number.
+    # Why the memory is unknown.
     gpu_reason: str | None
     gpus: tuple[Gpu, ...]
-    # The most bytes of RAM that the command and its descendants held at one look: the sum of their resident
-    # sets.
+    # Peak of the sum of the resident sets of the command and its child processes, in bytes.
     peak_host_memory_bytes: Count | None
-    # Seconds between two looks; a shorter peak can be missed.
+    # Seconds between two measurements of memory; a shorter peak may be missed.
     interval_seconds: Amount
     machine: dict[str, Any]
     tool_version: str
@@ -60,27 +61,27 @@ class Track(Record):
 
 def read_track(path: Path) -> Track:
     """Return the record in the file `path`."""
-    return checked(Track, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
+    return validate(Track, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
 
 
-def timing_of_command(found: Track, frames: int) -> RendererTiming:
-    """Return what a command that drew `frames` images says of its renderer: a bound of its time."""
-    device = ", ".join(gpu.name for gpu in found.gpus) or str(found.machine.get("host", "unknown"))
+def make_renderer_timing(record: Track, frames: int) -> RendererTiming:
+    """Return the timing of a renderer whose command drew `frames` images; its time is an upper bound."""
+    device = ", ".join(gpu.name for gpu in record.gpus) or str(record.machine.get("host", "unknown"))
     return RendererTiming(
         frames=frames,
-        seconds=found.seconds,
+        seconds=record.seconds,
         device=device,
         timed=WHOLE_COMMAND,
         whole_command=True,
-        peak_gpu_memory_bytes=found.peak_gpu_memory_bytes,
+        peak_gpu_memory_bytes=record.peak_gpu_memory_bytes,
     )
 
 
 def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
-    """Run a program with its arguments, without a shell, and return what it cost.
+    """Run a program with its arguments, without a shell, and return its time and memory.
 
-    It gets this process's own standard streams, and signals that this process receives meanwhile. `interval`
-    is in seconds, between two looks at its memory.
+    The program inherits the standard streams, and receives the signals that this process gets. `interval` is
+    the time between two measurements of memory in seconds.
     """
     need_extra("bench", "psutil", what="tracking a command")
     gpus = Gpus()
@@ -89,9 +90,9 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
         try:
             child = subprocess.Popen(list(command))
         except FileNotFoundError as error:
-            raise InputError("FILE_NOT_FOUND", "there is no such program", file=command[0]) from error
+            raise InputError("FILE_NOT_FOUND", "the program does not exist", file=command[0]) from error
         except OSError as error:
-            text = f"it cannot be run: {error.strerror}"
+            text = f"the program cannot be started: {error.strerror}"
             raise InputError("FILE_UNREADABLE", text, file=command[0]) from error
         begin(child)
         watch = _Watch(child.pid, gpus, interval)
@@ -101,7 +102,7 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     watch.stop()
     peak, source, reason = gpus.result()
     return Track(
-        # Arguments need not be text; records must be.
+        # Arguments may be arbitrary bytes, but JSON must be valid text.
         command=tuple(word.encode(errors="backslashreplace").decode() for word in command),
         started=started.isoformat(timespec="seconds"),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -119,7 +120,7 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
 
 
 class _Watch(threading.Thread):
-    """Look at a process and its descendants until told to stop."""
+    """Measures the memory of a process and its children until `stop` is called."""
 
     def __init__(self, pid: int, gpus: Gpus, interval: float) -> None:
         super().__init__(daemon=True)
@@ -128,19 +129,19 @@ class _Watch(threading.Thread):
         self.peak = 0
 
     def run(self) -> None:
-        """Look at the memory and wait, again and again."""
+        """Measure the memory once per interval."""
         while True:
-            pids = self._look()
-            self._gpus.look(pids)
+            self._gpus.look(self._measure_host())
             if self._done.wait(self._interval):
                 return
 
     def stop(self) -> None:
-        """Stop looking."""
+        """End the measurements."""
         self._done.set()
         self.join()
 
-    def _look(self) -> set[int]:
+    def _measure_host(self) -> set[int]:
+        """Update the peak of RAM, and return the process numbers."""
         import psutil
 
         try:
@@ -158,22 +159,22 @@ class _Watch(threading.Thread):
 
 @contextlib.contextmanager
 def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
-    """Pass signals on to the child that the function yielded is told of; only the main thread can.
+    """Forward signals to a child process, which is passed to the yielded function; main thread only.
 
-    One that comes before there is a child waits for it: the child may be running before we know of it. One
-    that is ignored here, as under nohup, stays so: with a handler, the child would not ignore it.
+    A signal that arrives before the child is known is forwarded later. A signal that this process ignores, as
+    under nohup, gets no handler, because the child would then not inherit that it is ignored.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []
 
     def send(number: int) -> None:
-        with contextlib.suppress(OSError, ValueError):  # Windows knows few signals
+        with contextlib.suppress(OSError, ValueError):  # Windows supports few signals
             children[0].send_signal(number)
 
     def forward(number: int, _frame: object) -> None:
         if not children:
             early.append(number)
-        # An interrupt from the keyboard went to all processes of the terminal's foreground group already.
+        # The terminal sends Ctrl-C to all processes of the foreground group, so also to the child.
         elif number != signal.SIGINT or not _in_foreground():
             send(number)
 
@@ -196,9 +197,9 @@ def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
 
 
 def _in_foreground() -> bool:
-    """Return whether this process belongs to the foreground group of its terminal.
+    """Return whether this process is in the foreground group of its terminal.
 
-    On Windows an interrupt goes to all processes of a console, so that it always does.
+    On Windows an interrupt reaches all processes of a console, so the result is always true.
     """
     if sys.platform == "win32":
         return True

@@ -1,4 +1,4 @@
-"""Films of a method's conditions side by side, along a flight or the test views, and of all methods."""
+"""Films of the conditions of a method side by side, and grids of the films of all methods of a scene."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from msb import metrics
 from msb.base.atomic import new_file
 from msb.bench.aggregate import CONDITION_TITLES
-from msb.bench.checked import read_json
 from msb.bench.digest import digest
 from msb.bench.folder import Results, check_run
-from msb.bench.photographs import checked_scene
+from msb.bench.photographs import read_planned_scene
 from msb.bench.quality import open_renderer
+from msb.bench.validation import read_json
 from msb.errors import MsbError
 from msb.registry import METHODS
 from msb.render.images import image_names, read_film, to_bytes, write_film
@@ -33,155 +33,154 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.video/1"
 PHOTOGRAPH = "photograph"
-# Height of a title, as a share of the image's height.
-_LABEL = 1 / 20
-# The least height of a film in pixels; in smaller images each pixel is enlarged to a square.
-_SMALLEST = 240
+# Height of a title divided by the height of an image.
+_TITLE_HEIGHT = 1 / 20
+# Minimum height of a film in pixels. Smaller images are enlarged by a whole factor.
+_MIN_HEIGHT = 240
+# Maximum size in bytes of the JSON file beside a film.
+_MAX_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
-class VideoTask:
-    """The order to make one film of a method on a scene."""
+class FilmTask:
+    """A task for a worker: one film of a method on a scene, or a grid of all methods of a scene."""
 
-    # Those of the conditions shown, in the order shown.
+    # Dataset and scene; for the film of one method also the model.
+    names: tuple[str, ...]
+    # One job for each condition of the film, or for each method of the grid, in their order.
     jobs: tuple[Job, ...]
     options: VideosTable
-    # The hash of all inputs that decide the film.
+    # The hash of all inputs of the film.
     inputs: str
 
     @property
     def name(self) -> str:
-        """What progress shows."""
-        cell = self.jobs[0].cell
-        return " ".join(cell.names[:3])
-
-    @property
-    def path(self) -> Path:
-        """The film's."""
-        return Results(self.jobs[0].root).video(*self.jobs[0].cell.names[:3])
-
-
-def video_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[VideoTask]:
-    """Return the films to be made: those of finished cells that have no film, or an outdated one.
-
-    A flight shows what can be rendered; official renderings and photographs exist at the test views only.
-    """
-    groups: dict[tuple[str, ...], list[Job]] = {}
-    for job in jobs:
-        shown = job.cell.condition in ("dedicated", "standard")
-        if shown or (job.cell.condition == "non_engine" and options.path == "test"):
-            groups.setdefault(job.cell.names[:3], []).append(job)
-    tasks = []
-    for group in groups.values():
-        held: list[tuple[Job, Any]] = []
-        for job in group:
-            with contextlib.suppress(MsbError):
-                result = Results(job.root).read(job.cell)
-                if result.status == "done":
-                    held.append((job, result.inputs["quality"]))
-        if held:
-            inputs = digest(
-                [options.model_dump(), [(job.cell.condition_name, inputs) for job, inputs in held]]
-            )
-            task = VideoTask(tuple(job for job, _ in held), options, inputs)
-            if _about(task.path).get("inputs") != task.inputs:
-                tasks.append(task)
-    return tasks
-
-
-@dataclass(frozen=True)
-class GridTask:
-    """The order to put the films of a scene's methods below each other."""
-
-    root: Path
-    run: str
-    # Dataset and scene.
-    names: tuple[str, str]
-    models: tuple[str, ...]
-    options: VideosTable
-    inputs: str
-
-    @property
-    def name(self) -> str:
-        """What progress shows."""
+        """The name in progress lines."""
         return " ".join(self.names)
 
     @property
     def path(self) -> Path:
-        """The film's."""
-        return Results(self.root).grid(*self.names)
+        """The path of the film."""
+        return Results(self.jobs[0].root).video(*self.names)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the film exists and its inputs have not changed."""
+        return _read_description(self.path).get("inputs") == self.inputs
 
 
-def grid_tasks(options: VideosTable, jobs: Sequence[Job]) -> list[GridTask]:
-    """Return the films of several methods to be made, of those whose own films are there."""
+def plan_videos(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
+    """Return the films to write, for finished cells whose film is missing or outdated.
+
+    A flight shows only conditions that we can render. Official renderings and photographs exist at the test
+    views only.
+    """
+    # Dataset, scene and model -> the jobs of the conditions in the film.
+    groups: dict[tuple[str, ...], list[Job]] = {}
+    for job in jobs:
+        is_rendered = job.cell.condition in ("dedicated", "standard")
+        if is_rendered or (job.cell.condition == "non_engine" and options.path == "test"):
+            groups.setdefault(job.cell.names[:3], []).append(job)
+    tasks = []
+    for names, group in groups.items():
+        finished: list[tuple[Job, Any]] = []
+        for job in group:
+            with contextlib.suppress(MsbError):
+                result = Results(job.root).read(job.cell)
+                if result.status == "done":
+                    finished.append((job, result.inputs["quality"]))
+        if finished:
+            inputs = digest(
+                [options.model_dump(), [(job.cell.condition_name, inputs) for job, inputs in finished]]
+            )
+            tasks.append(FilmTask(names, tuple(job for job, _ in finished), options, inputs))
+    return [task for task in tasks if not task.is_done]
+
+
+def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
+    """Return the grids to write: one for each scene with the films of at least two methods."""
+    # Dataset and scene -> model -> the first job of the model.
     scenes: dict[tuple[str, str], dict[str, Job]] = {}
     for job in jobs:
         dataset, scene, model, _ = job.cell.names
-        scenes.setdefault((dataset, scene), {})[model] = job
+        scenes.setdefault((dataset, scene), {}).setdefault(model, job)
     tasks = []
     for names, models in scenes.items():
-        first = next(iter(models.values()))
-        inputs = {model: _about(Results(first.root).video(*names, model)).get("inputs") for model in models}
-        made = tuple(model for model, own in inputs.items() if own is not None)
-        task = GridTask(first.root, first.run, names, made, options, digest(["grid", inputs]))
-        if len(made) > 1 and _about(task.path).get("inputs") != task.inputs:
-            tasks.append(task)
-    return tasks
+        inputs = {model: _read_description(_film_path(job)).get("inputs") for model, job in models.items()}
+        filmed = tuple(job for model, job in models.items() if inputs[model] is not None)
+        if len(filmed) > 1:
+            tasks.append(FilmTask(names, filmed, options, digest(["grid", inputs])))
+    return [task for task in tasks if not task.is_done]
 
 
-def _about(film: Path) -> dict[str, Any]:
-    """Return what the file beside a film says of it; nothing unless both are there."""
+def _film_path(job: Job) -> Path:
+    """Return the path of the film of a job's model on its scene."""
+    return Results(job.root).video(*job.cell.names[:3])
+
+
+def _read_description(film: Path) -> dict[str, Any]:
+    """Return the content of the JSON file beside a film; empty unless both files exist."""
     with contextlib.suppress(MsbError):
-        about = read_json(film.with_suffix(".json"), 1 << 16)
-        if isinstance(about, dict) and film.exists():
-            return about
+        description = read_json(film.with_suffix(".json"), _MAX_BYTES)
+        if isinstance(description, dict) and film.exists():
+            return description
     return {}
 
 
-def write_video(task: VideoTask) -> None:
-    """Render and write a film, and beside it a file that says what it shows."""
+def write_video(task: FilmTask) -> None:
+    """Render and write the film of a method, and a JSON file that describes it."""
     first = task.jobs[0]
     check_run(first.root, first.run)
-    scene = checked_scene(first.scene, first.views)
+    scene = read_planned_scene(first.scene, first.views)
     titles = [CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name) for job in task.jobs]
     with contextlib.ExitStack() as stack:
         if task.options.path == "test":
             titles = [PHOTOGRAPH.capitalize(), *titles]
-            frames = _held(task, image_names(scene.test))
+            frames = _read_test_frames(task, image_names(scene.test))
         else:
             cameras = interpolated(scene.test, task.options.frames)
-            frames = _flight(task, cameras, scene.background, stack)
-        write_film(task.path, (labelled(row, titles) for row in frames), task.options.fps)
-    _write_about(task, columns=titles)
+            frames = _render_flight(task, cameras, scene.background, stack)
+        write_film(task.path, (label_images(row, titles) for row in frames), task.options.fps)
+    _write_description(task, columns=titles)
 
 
-def write_grid(task: GridTask) -> None:
-    """Write the film of a scene's methods below each other, each cut from its own film, and what it shows."""
-    check_run(task.root, task.run)
-    films = [Results(task.root).video(*task.names, model) for model in task.models]
-    shown = [_about(film)["columns"] for film in films]
-    # Most first: they have the order of all.
+def write_grid(task: FilmTask) -> None:
+    """Write a film with the films of all methods of a scene below each other, and its description.
+
+    Methods are rows and conditions are columns.
+    """
+    check_run(task.jobs[0].root, task.jobs[0].run)
+    films, models = [_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
+    captions = [_read_description(film)["columns"] for film in films]
+    # The method with the most conditions comes first and determines the order of the columns.
     columns = list(
-        dict.fromkeys(title for titles in sorted(shown, key=len, reverse=True) for title in titles)
+        dict.fromkeys(title for titles in sorted(captions, key=len, reverse=True) for title in titles)
     )
-    rows = zip(*(_panels(film, titles) for film, titles in zip(films, shown, strict=True)), strict=False)
-    titles = [METHODS[model].title if model in METHODS else model for model in task.models]
-    write_film(task.path, (_grid(row, columns, titles) for row in rows), task.options.fps)
-    _write_about(task, columns=columns, rows=list(task.models))
+    panels = [_read_panels(film, titles) for film, titles in zip(films, captions, strict=True)]
+    rows = zip(*panels, strict=False)
+    titles = [METHODS[model].title if model in METHODS else model for model in models]
+    write_film(task.path, (_draw_grid(row, columns, titles) for row in rows), task.options.fps)
+    _write_description(task, columns=columns, rows=models)
 
 
-def _panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
-    """Yield title -> picture for each frame of a method's film."""
+def _read_panels(film: Path, titles: Sequence[str]) -> Iterator[dict[str, NDArray[np.uint8]]]:
+    """Yield title of a condition -> image for each frame of the film of a method."""
     for pixels in read_film(film):
         width = pixels.shape[1] // len(titles)
         yield {title: pixels[:, n * width : (n + 1) * width] for n, title in enumerate(titles)}
 
 
-def _grid(
+def _draw_grid(
     rows: Sequence[dict[str, NDArray[np.uint8]]], columns: Sequence[str], titles: Sequence[str]
 ) -> NDArray[np.float32]:
-    """Return the panels of all methods in one picture, each method's title below its first panel's own."""
+    """Return one frame of a grid, (H, W, 3) with values from 0 to 1.
+
+    `rows` holds title of a condition -> image for each method. `columns` are the titles of all conditions,
+    and `titles` the titles of the methods.
+    """
     from PIL import Image
+
+    # All panels are scaled to the largest one; a missing condition stays black.
 
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
@@ -189,36 +188,31 @@ def _grid(
         for title, panel in row.items():
             x = columns.index(title)
             picture.paste(Image.fromarray(panel).resize((width, height)), (x * width, y * height))
-        _write_title(picture, name, (0, (y + 1) * height - 2 * round(height * _LABEL)), height)
+        _draw_title(picture, name, (0, (y + 1) * height - 2 * round(height * _TITLE_HEIGHT)), height)
     return np.asarray(picture, np.float32) / np.float32(255)
 
 
-def _write_about(task: VideoTask | GridTask, **shown: list[str]) -> None:
-    about = {
-        "schema": SCHEMA,
-        "inputs": task.inputs,
-        **shown,
-        "path": task.options.path,
-        "frames": task.options.frames,
-        "fps": task.options.fps,
-    }
+def _write_description(task: FilmTask, **shown: list[str]) -> None:
+    """Write the JSON file beside a film; `shown` are its columns and rows."""
+    description = {"schema": SCHEMA, "inputs": task.inputs, **shown, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
-        file.write(json.dumps(about, indent=1).encode() + b"\n")
+        file.write(json.dumps(description, indent=1).encode() + b"\n")
 
 
-def _flight(
-    task: VideoTask,
+def _render_flight(
+    task: FilmTask,
     cameras: Sequence[Camera],
     background: tuple[float, float, float],
     stack: contextlib.ExitStack,
 ) -> Iterator[list[NDArray[Any]]]:
+    """Yield the images of all conditions for each camera of a flight."""
     renderers = [stack.enter_context(open_renderer(job)) for job in task.jobs]
     for camera in cameras:
         yield [to_bytes(renderer.render(camera, background).image) for renderer in renderers]
 
 
-def _held(task: VideoTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
-    """Yield the test views as they are on disk, each for the same time."""
+def _read_test_frames(task: FilmTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]:
+    """Yield the stored images of the test views, each for the same number of frames."""
     folders = [task.jobs[0].photographs, *(job.folder / "images" for job in task.jobs)]
     last, row = None, []
     for frame in range(task.options.frames):
@@ -228,24 +222,27 @@ def _held(task: VideoTask, names: Sequence[str]) -> Iterator[list[NDArray[Any]]]
         yield row
 
 
-def labelled(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArray[np.float32]:
-    """Return images of one size, (H, W, 3) uint8, side by side with a title in the corner of each."""
+def label_images(images: Sequence[NDArray[Any]], titles: Sequence[str]) -> NDArray[np.float32]:
+    """Return images of equal size, (H, W, 3) uint8, side by side with a title in the corner of each.
+
+    The result has values from 0 to 1.
+    """
     from PIL import Image
 
-    times = -(-_SMALLEST // images[0].shape[0])
+    times = -(-_MIN_HEIGHT // images[0].shape[0])
     pixels = np.concatenate(images, axis=1).repeat(times, axis=0).repeat(times, axis=1)
     height, width = pixels.shape[0], pixels.shape[1] // len(images)
     picture = Image.fromarray(pixels)
     for number, title in enumerate(titles):
-        _write_title(picture, title, (number * width, 0), height)
+        _draw_title(picture, title, (number * width, 0), height)
     return np.asarray(picture, np.float32) / np.float32(255)
 
 
-def _write_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
-    """Write a title into a picture, below and right of a corner, as large as it is in a panel of `height`."""
+def _draw_title(picture: Image, title: str, corner: tuple[int, int], height: int) -> None:
+    """Draw a title below and to the right of a corner, in the size for a panel of `height` pixels."""
     from PIL import ImageDraw, ImageFont
 
-    size = round(height * _LABEL)
+    size = round(height * _TITLE_HEIGHT)
     place = (corner[0] + size // 2, corner[1] + size // 2)
     font = ImageFont.load_default(size)
     edge: dict[str, Any] = {"stroke_width": size // 10, "stroke_fill": (0, 0, 0)}

@@ -1,4 +1,4 @@
-"""The part "walk" of a cell: a flight off the path of a capture, what flickers on it, and the holes."""
+"""The part "walk" of a cell: flicker and holes on a camera path away from the captured views."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from msb.base.extras import is_installed
 from msb.bench.aggregate import CONDITION_TITLES
 from msb.bench.folder import WALK_FILM
-from msb.bench.photographs import checked_scene
+from msb.bench.photographs import read_planned_scene
 from msb.bench.quality import open_renderer
 from msb.bench.records import WalkDocument
-from msb.bench.videos import labelled
+from msb.bench.videos import label_images
 from msb.errors import Unsupported
 from msb.metrics.steadiness import Still, holes, still, surface_points, unexplained_change
 from msb.render.images import to_bytes, write_film
@@ -30,54 +30,60 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Frames, evenly spread, whose surfaces are looked for in all others.
-_LOOKS = 8
-# In a film, levels of change are shown so many times as bright.
-_LOUDER = 16
+# Number of frames, evenly spread over the walk, whose surface points are searched for in all other frames.
+_SURFACE_FRAMES = 8
+# Brightness factor of the changes in the film, which are invisible at their true size.
+_CHANGE_GAIN = 16
 
 
-class _Moment(NamedTuple):
-    """What is measured of a frame between its neighbours, and its picture beside what flickers, as bytes."""
+class _FrameChange(NamedTuple):
+    """The measurements of one frame between its neighbours."""
 
+    # Sum of the squared changes in squared levels, and the number of compared pixels.
     squares: float
     counted: int
+    # Numbers of pixels in holes, and of pixels that show the model or a hole.
     holes: int
-    shown: int
+    visible: int
+    # The image and its enlarged changes, both (H, W, 3) uint8.
     pictures: tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
-def flight(scene: Scene, wanted: WalkTable) -> list[Camera]:
-    """Return the cameras of a scene's walk, past its test views and off all of its views."""
-    every = (*scene.train, *scene.test)
-    return walk(scene.test, every, wanted.frames, wanted.reach, wanted.size)
+def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
+    """Return the cameras of the walk of a scene, which passes the test views at a distance from all views."""
+    views = (*scene.train, *scene.test)
+    return walk(scene.test, views, table.frames, table.reach, table.size)
 
 
 def measure_walk(job: Job) -> dict[str, Any]:
-    """Return how steady a cell's condition is on the walk.
+    """Return flicker and holes of a cell on the walk.
 
-    The cell's folder gets a film of the second that flickers most, if the extra `video` is installed.
+    With the extra `video`, a film of the second with the most flicker is written to the folder of the cell.
     """
     assert job.walk is not None
     start = time.perf_counter()
-    scene = checked_scene(job.scene, job.views)
-    cameras = flight(scene, job.walk)
-    squares, counted, missing, shown = 0.0, 0, 0, 0
-    worst, worst_frame, film = 0.0, 0, list[_Moment]()
-    recent: deque[_Moment] = deque(maxlen=min(PACE, len(cameras) - 2))
+    scene = read_planned_scene(job.scene, job.views)
+    cameras = plan_walk(scene, job.walk)
+    squares, counted, missing, visible = 0.0, 0, 0, 0
+    worst, worst_frame, film = 0.0, 0, list[_FrameChange]()
+    # A window over the latest second of frames; the film shows the window with the most flicker.
+    recent: deque[_FrameChange] = deque(maxlen=min(PACE, len(cameras) - 2))
     with open_renderer(job) as renderer:
-        for number, moment in enumerate(_moments(renderer, cameras, scene)):
-            squares, counted = squares + moment.squares, counted + moment.counted
-            missing, shown = missing + moment.holes, shown + moment.shown
-            recent.append(moment)
+        for number, change in enumerate(_measure_frames(renderer, cameras, scene)):
+            squares, counted = squares + change.squares, counted + change.counted
+            missing, visible = missing + change.holes, visible + change.visible
+            recent.append(change)
             if len(recent) == recent.maxlen and (not film or _flicker(recent) > worst):
                 worst, worst_frame, film = _flicker(recent), number + 2 - len(recent), list(recent)
     if not counted:
-        text = "no frame of the walk shows depths of the model that can be followed into the next ones"
+        text = (
+            "flicker cannot be measured, because no surface point is visible in successive frames of the walk"
+        )
         raise Unsupported("UNSUPPORTED_TIER", text)
     if filmed := is_installed("av"):
         title = CONDITION_TITLES.get(job.cell.condition_name, job.cell.condition_name)
-        titles = [title, f"Flicker, {_LOUDER} times"]
-        write_film(job.folder / WALK_FILM, (labelled(one.pictures, titles) for one in film), PACE)
+        titles = [title, f"Flicker x {_CHANGE_GAIN}"]
+        write_film(job.folder / WALK_FILM, (label_images(change.pictures, titles) for change in film), PACE)
     document = WalkDocument(
         frames=len(cameras),
         width=cameras[0].width,
@@ -85,42 +91,45 @@ def measure_walk(job: Job) -> dict[str, Any]:
         flicker=math.sqrt(squares / counted),
         flicker_worst=worst,
         worst_frame=worst_frame,
-        holes=missing / max(1, shown),
+        holes=missing / max(1, visible),
         film=WALK_FILM if filmed else None,
         seconds=time.perf_counter() - start,
     )
     return {"walk": document}
 
 
-def _flicker(moments: Iterable[_Moment]) -> float:
-    squares, counted = zip(*((one.squares, one.counted) for one in moments), strict=True)
+def _flicker(changes: Iterable[_FrameChange]) -> float:
+    """Return the root mean square of the changes in several frames, in levels of 255."""
+    squares, counted = zip(*((change.squares, change.counted) for change in changes), strict=True)
     return math.sqrt(sum(squares) / max(1, sum(counted)))
 
 
-def _moments(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_Moment]:
-    """Yield every frame of a walk but the first and the last, measured."""
-    spread = [cameras[k * len(cameras) // _LOOKS] for k in range(min(_LOOKS, len(cameras)))]
-    points = np.concatenate([surface_points(one) for one, _ in _drawn(renderer, spread, scene)])
-    frames = _drawn(renderer, cameras, scene)
-    (before, _), (here, picture) = next(frames), next(frames)
-    for after, later in frames:
-        change = unexplained_change(before, here, after)
-        hole = holes(here, points)
-        louder = to_bytes(np.nan_to_num(change) * (_LOUDER / 255))
-        yield _Moment(
+def _measure_frames(renderer: Renderer, cameras: Sequence[Camera], scene: Scene) -> Iterator[_FrameChange]:
+    """Yield the measurements of every frame of a walk except the first and the last."""
+    # Surface points of a few frames reveal holes in all others.
+    spread = [cameras[k * len(cameras) // _SURFACE_FRAMES] for k in range(min(_SURFACE_FRAMES, len(cameras)))]
+    points = np.concatenate([surface_points(frame) for frame, _ in _render_stills(renderer, spread, scene)])
+    # Each frame is compared with the one before and the one after it.
+    frames = _render_stills(renderer, cameras, scene)
+    (before, _), (current, picture) = next(frames), next(frames)
+    for after, next_picture in frames:
+        change = unexplained_change(before, current, after)
+        hole = holes(current, points)
+        enlarged = to_bytes(np.nan_to_num(change) * (_CHANGE_GAIN / 255))
+        yield _FrameChange(
             float(np.nansum(np.square(change, dtype=np.float64))),
             int(np.isfinite(change).sum()),
             int(hole.sum()),
-            int((hole | here.covered).sum()),
-            (picture, louder[..., None].repeat(3, axis=2)),
+            int((hole | current.covered).sum()),
+            (picture, enlarged[..., None].repeat(3, axis=2)),
         )
-        before, here, picture = here, after, later
+        before, current, picture = current, after, next_picture
 
 
-def _drawn(
+def _render_stills(
     renderer: Renderer, cameras: Sequence[Camera], scene: Scene
 ) -> Iterator[tuple[Still, NDArray[np.uint8]]]:
-    """Yield frames made ready to be measured, and their pictures as bytes."""
+    """Yield each frame with its depth, and its image as (H, W, 3) uint8."""
     for camera in cameras:
         frame = renderer.render(camera, scene.background)
         yield still(camera, frame.image, frame.alpha, frame.depth), to_bytes(frame.image)

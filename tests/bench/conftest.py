@@ -1,4 +1,4 @@
-"""A run that ended well, shared: tests that change its results get a copy."""
+"""Finished runs that tests share; a test that changes results gets a copy of them."""
 
 import shutil
 from dataclasses import replace
@@ -20,16 +20,15 @@ VARIANT = '[[variants]]\nlabel = "engine"\norder = "global"\nsampling = "engine"
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
-    """A protocol of two methods on one scene that has been run."""
-    file = protocol(tmp_path_factory.mktemp("run"), each=REFERENCE)
-    found = run_protocol(file, jobs=2)
-    assert found.exit_status == 0
+    """A finished run of two methods on one scene."""
+    file = protocol(tmp_path_factory.mktemp("run"), keys=REFERENCE)
+    assert run_protocol(file, jobs=2).exit_status == 0
     return file
 
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
-    """A run with a variant and without interruption, which interrupted runs and a cluster's must equal."""
+    """A finished run with a variant; interrupted runs and runs on a cluster must give equal results."""
     file = protocol(tmp_path_factory.mktemp("whole"), tail=VARIANT)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
@@ -37,6 +36,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
 
 @pytest.fixture
 def again(finished: ProtocolFile, tmp_path: Path) -> ProtocolFile:
-    """The same with results of its own, which may be changed."""
+    """A copy of the finished run whose results a test may change."""
     shutil.copytree(finished.results, tmp_path / "results")
     return replace(finished, path=tmp_path / "protocol.toml")

@@ -1,4 +1,4 @@
-"""A pretended NVIDIA driver."""
+"""A fake of the NVIDIA driver library."""
 
 import os
 from types import SimpleNamespace
@@ -8,7 +8,7 @@ ME = os.getpid()
 
 
 def nvml(held: dict[int, int | None], used: int, gpus: int = 1) -> Any:
-    """Return a driver with GPUs whose processes hold what `held` says, and each of which holds `used`."""
+    """Return a driver whose GPUs list the bytes of each process (`held`) and have `used` bytes in use."""
     driver = SimpleNamespace(NVMLError=RuntimeError, held=held, used=used)
     driver.nvmlInit = lambda: None
     driver.nvmlDeviceGetCount = lambda: gpus

@@ -1,6 +1,5 @@
-"""Small protocols on the shipped scenes, and results without what depends on clock and load, to compare."""
+"""Small protocols on the shipped scenes, and results without times, so that two runs can be compared."""
 
-import contextlib
 import json
 import time
 from collections.abc import Callable
@@ -8,10 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import read_result
-from msb.bench.run import Report
+from msb.bench.run import Report, Watch
 from msb.render.machine import OF_THE_MOMENT
 from tests.conftest import ROOT
 
@@ -26,10 +24,13 @@ def protocol(
     *,
     dataset: str = "nerf_synthetic",
     head: str = "",
-    each: str = "",
+    keys: str = "",
     tail: str = "",
 ) -> ProtocolFile:
-    """Return a protocol in `folder`: methods on one of the scenes, timed shortly."""
+    """Return a protocol in `folder` of methods on one scene, with two timed frames.
+
+    `head` comes first, `keys` are added to every method, and `tail` comes last.
+    """
     lines = [
         head,
         "[timing]",
@@ -44,7 +45,7 @@ def protocol(
             "[[methods]]",
             f'name = "{method}"',
             f"model = {json.dumps(str(PEBBLE / '{method}'))}",
-            each,
+            keys,
         ]
     return parse_protocol("\n".join([*lines, tail]).encode(), folder / "protocol.toml")
 
@@ -54,7 +55,7 @@ def changed(
 ) -> ProtocolFile:
     """Return the protocol with tables replaced; a mapping replaces keys of a table.
 
-    `method` and `dataset` are keys of the first one, of which it may be `alone`.
+    `method` and `dataset` replace keys of the first method and dataset; with `alone` the others are removed.
     """
     protocol = file.protocol
     for name, keys in (("methods", method), ("datasets", dataset)):
@@ -67,29 +68,26 @@ def changed(
     return replace(file, protocol=protocol.model_copy(update=tables))
 
 
-class Notes:
-    """Hears what a run says."""
+class Notes(Watch):
+    """Collects the notes of a run."""
 
     def __init__(self) -> None:
-        self.said: list[str] = []
-
-    def stage(self, stage: Stage) -> Any:
-        return contextlib.nullcontext(lambda _name: None)
+        self.lines: list[str] = []
 
     def note(self, text: str) -> None:
-        self.said.append(text)
+        self.lines.append(text)
 
 
 def until(condition: Callable[[], object]) -> None:
-    """Wait until something is so, for a minute at most."""
+    """Wait until a condition is true, for at most a minute."""
     end = time.monotonic() + 60
     while not condition():
-        assert time.monotonic() < end, "it takes too long"
+        assert time.monotonic() < end, "the condition did not become true"
         time.sleep(0.05)
 
 
 def records(results: Path) -> dict[str, Any]:
-    """Return every record below a results folder by its path, without what is of the moment or the place."""
+    """Return path -> record below a results folder, without times and without the folder's own path."""
     text = {path: path.read_text() for path in sorted(results.rglob("result.json"))}
     return {
         path.relative_to(results).as_posix(): _timeless(json.loads(content.replace(str(results), "RESULTS")))
@@ -97,23 +95,22 @@ def records(results: Path) -> dict[str, Any]:
     }
 
 
-def differences(one: Any, other: Any, place: str = "") -> list[str]:
-    """Return where two records, or all of two runs, differ: "place: value, other value"."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        keys = dict.fromkeys((*one, *other))
-        pairs = [(key, one.get(key, "absent"), other.get(key, "absent")) for key in keys]
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        pairs = [(number, *both) for number, both in enumerate(zip(one, other, strict=True))]
+def differences(first: Any, second: Any, place: str = "") -> list[str]:
+    """Return the differences of two JSON values as lines "place: first value, second value"."""
+    if isinstance(first, dict) and isinstance(second, dict):
+        keys = dict.fromkeys((*first, *second))
+        pairs = [(key, first.get(key, "absent"), second.get(key, "absent")) for key in keys]
+    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        pairs = [(number, *both) for number, both in enumerate(zip(first, second, strict=True))]
     else:
-        return [] if one == other else [f"{place}: {str(one)[:200]}, {str(other)[:200]}"]
-    return [line for key, first, second in pairs for line in differences(first, second, f"{place}/{key}")]
+        return [] if first == second else [f"{place}: {str(first)[:200]}, {str(second)[:200]}"]
+    return [line for key, a, b in pairs for line in differences(a, b, f"{place}/{key}")]
 
 
 def images(results: Path) -> dict[str, bytes]:
-    """Return every image below a results folder by its path."""
-    return {
-        path.relative_to(results).as_posix(): path.read_bytes() for path in sorted(results.rglob("*.png"))
-    }
+    """Return path -> content of every image below a results folder."""
+    files = sorted(results.rglob("*.png"))
+    return {path.relative_to(results).as_posix(): path.read_bytes() for path in files}
 
 
 def _timeless(data: Any) -> Any:
@@ -123,12 +120,12 @@ def _timeless(data: Any) -> Any:
 
 
 def cell(file: ProtocolFile, name: str) -> Any:
-    """Return the record METHOD/COLUMN of the scene pebble, of which any part may be there."""
+    """Return the record of the scene pebble named METHOD/CONDITION."""
     return read_result(file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json")
 
 
 def planned(report: Report) -> dict[str, Any]:
-    """Return model/condition -> state, or the parts that were computed and why."""
+    """Return model/condition -> status, or the parts to compute and the reason for each."""
     return {
         "/".join(row.planned.cell.names[2:]): dict(row.planned.why) or row.planned.status
         for row in report.rows

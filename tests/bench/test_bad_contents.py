@@ -1,4 +1,4 @@
-"""Bad protocols and records give their code."""
+"""Invalid protocols and records are rejected with the right error code."""
 
 import json
 from pathlib import Path
@@ -14,39 +14,27 @@ from tests.fuzz.bad_texts import Bad
 from tests.report.factory import AUDIT, TASK, chamfer, make_result, repairs, trial, way
 
 DIGITS = b"1" * 5000
-"""More than Python turns into a number."""
+"""More digits than Python converts to a number."""
 HEXADECIMAL = b"0x" + b"f" * 5000
-"""A number that Python makes, but does not print."""
+"""A number that Python reads and cannot print."""
 
 
 def protocol(more: bytes, old: str = "", new: str = "") -> bytes:
-    """Return a small good protocol with an end, or with a change."""
-    return MINIMAL.replace(old, new).encode() + more if old else MINIMAL.encode() + more
+    """Return a valid protocol in which `old` is replaced by `new`, and `more` is appended."""
+    return (MINIMAL.replace(old, new) if old else MINIMAL).encode() + more
 
 
 def result(**changes: Any) -> bytes:
-    """Return a good record with some of its keys replaced."""
-    made = json.loads(make_result("capture", "desk", "two_dts", "dedicated").to_json())
-    return json.dumps({**made, **changes}).encode()
+    """Return a valid record with some of its keys replaced."""
+    record = json.loads(make_result("capture", "desk", "two_dts", "dedicated").to_json())
+    return json.dumps({**record, **changes}).encode()
 
 
-def without(held: dict[str, Any], key: str) -> dict[str, Any]:
-    return {name: value for name, value in held.items() if name != key}
-
-
-def audited(**changes: Any) -> bytes:
-    return result(audit={**AUDIT, **changes})
-
-
-def repaired(**changes: Any) -> bytes:
-    return result(repairs=repairs(way(STORED, **changes)))
-
-
-def measured(image: dict[str, Any] | None = None, **changes: Any) -> bytes:
-    """Return a good record with some keys of its quality, or of its first image, replaced."""
+def first_image(**changes: Any) -> bytes:
+    """Return a valid record with some keys of its first image replaced."""
     quality = json.loads(result())["quality"]
-    quality["images"][0] |= image or {}
-    return result(quality={**quality, **changes})
+    quality["images"][0] |= changes
+    return result(quality=quality)
 
 
 _NESTED = b'{"a":' * 5000 + b"1" + b"}" * 5000
@@ -65,12 +53,13 @@ _RESULT: dict[str, bytes] = {
     "not JSON": result()[:-5],
     "no object": b"[]",
     "lone surrogate": result().replace(b'"done"', b'"\\ud800"'),
-    "audit of a text": audited(counts={**AUDIT["counts"], "faces": "9"}),
-    "chamfer of a truth": result(chamfer={**chamfer(1), "overall": True}),
-    "negative PSNR": measured({"psnr": -3.0}),
-    "other mean of SSIM": measured({"ssim": 0.25}),
-    "trial of no time": result(trial=trial({**TASK, "seconds": None})),
-    "repair with a list of trials": repaired(trials=["uv"]),
+    "faces are a string": result(audit={**AUDIT, "counts": {**AUDIT["counts"], "faces": "9"}}),
+    "chamfer distance is a boolean": result(chamfer={**chamfer(1), "overall": True}),
+    "negative PSNR": first_image(psnr=-3.0),
+    "wrong average of SSIM": first_image(ssim=0.25),
+    "trial without time": result(trial=trial({**TASK, "seconds": None})),
+    "repair with a list of trials": result(repairs=repairs(way(STORED, trials=["uv"]))),
+    "repairs without the original": result(repairs=repairs(way("weld"))),
     "image without width": result(quality={"psnr": 1, "ssim": 1, "images": [{"name": "a"}]}),
 }
 
@@ -106,17 +95,11 @@ _RECORDS: dict[str, Bad] = {
     )
 }
 
-BAD: dict[str, Bad] = {
-    **{
-        f"{target}: {name}": (target, content, code)
-        for target, code, table in (
-            ("protocol", "PROTOCOL_INVALID", _PROTOCOL),
-            ("result", "RECORD_INVALID", _RESULT),
-        )
-        for name, content in table.items()
-    },
-    **_RECORDS,
-}
+BAD: dict[str, Bad] = (
+    {f"protocol: {name}": ("protocol", content, "PROTOCOL_INVALID") for name, content in _PROTOCOL.items()}
+    | {f"result: {name}": ("result", content, "RECORD_INVALID") for name, content in _RESULT.items()}
+    | _RECORDS
+)
 
 
 @pytest.mark.parametrize("name", BAD)

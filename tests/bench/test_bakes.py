@@ -1,4 +1,4 @@
-"""Bakes of a protocol: made once a model and scene, drawn on the standard tier; what the loss is made of."""
+"""Bakes of a protocol: computed once per model and scene, and the parts of the loss to the standard tier."""
 
 import json
 import os
@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from msb.bench.bakes import bake_key
+from msb.bench.bakes import hash_bake_inputs
 from msb.bench.models import Model
-from msb.bench.photographs import views_of
+from msb.bench.photographs import describe_views
 from msb.bench.protocol import ProtocolFile, parse_protocol
 from msb.bench.records import File, Result
 from msb.bench.run import run_protocol
@@ -27,7 +27,7 @@ CEILING = '[[bakes]]\nlabel = "ceiling"\ngeometry = "kept"\n'
 TRIAL = '[trial]\ntasks = ["self_intersections"]\n'
 
 
-def test_bakes_are_read_with_the_names_and_defaults_of_the_command(tmp_path: Path) -> None:
+def test_bake_tables_have_the_names_and_defaults_of_the_command(tmp_path: Path) -> None:
     first, second = protocol(tmp_path, tail=f'{CEILING}[[bakes]]\nlabel = "b"\nfaces = 9\n').protocol.bakes
     assert first.options == {"geometry": "kept", "seconds": 60.0, "seed": 0}
     assert second.options == {"geometry": "auto", "faces": 9, "seconds": 60.0, "seed": 0}
@@ -46,69 +46,70 @@ def test_bakes_are_read_with_the_names_and_defaults_of_the_command(tmp_path: Pat
         ('[[variants]]\nlabel = "x"\norder = "none"\n[[bakes]]\nlabel = "x"', "/bakes/0/label"),
     ],
 )
-def test_what_is_no_bake_is_refused(tmp_path: Path, tail: str, pointer: str) -> None:
+def test_invalid_bake_tables_are_rejected(tmp_path: Path, tail: str, pointer: str) -> None:
     with pytest.raises(InputError) as caught:
         protocol(tmp_path, tail=tail)
     assert caught.value.message.startswith(f"{pointer}: ")
 
 
-def test_a_bake_is_another_where_any_input_is_and_the_same_wherever_it_lies() -> None:
+def test_the_key_of_a_bake_depends_on_its_inputs_and_not_on_its_place() -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble", dataset="nerf_synthetic")
-    views, asset = views_of(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
+    views, asset = describe_views(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
     facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None}
     model = Model(**facts, asset=asset, training={}, stamps=(), key="")
     options = {"teacher": "dedicated", "seconds": 60.0}
+
+    def moved(**changes: str) -> Model:
+        return model.model_copy(update={"asset": asset.model_copy(update=changes)})
+
     keys = [
-        bake_key(model, options, {}, scene, views),
-        bake_key(model, {**options, "seconds": 61.0}, {}, scene, views),
-        bake_key(model, {**options, "teacher": "photographs"}, {}, scene, views),
-        bake_key(model, options, {"gamma": 2.0}, scene, views),
-        bake_key(model, options, {}, replace(scene, train=scene.train[1:]), views),
-        bake_key(model, options, {}, scene, replace(views, photographs="others")),
-        bake_key(_of(model, sha256="1" * 64), options, {}, scene, views),
+        hash_bake_inputs(model, options, {}, scene, views),
+        hash_bake_inputs(model, {**options, "seconds": 61.0}, {}, scene, views),
+        hash_bake_inputs(model, {**options, "teacher": "photographs"}, {}, scene, views),
+        hash_bake_inputs(model, options, {"gamma": 2.0}, scene, views),
+        hash_bake_inputs(model, options, {}, replace(scene, train=scene.train[1:]), views),
+        hash_bake_inputs(model, options, {}, scene, replace(views, photographs="others")),
+        hash_bake_inputs(moved(sha256="1" * 64), options, {}, scene, views),
     ]
     assert len(set(keys)) == len(keys)
-    assert bake_key(_of(model, path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
+    assert hash_bake_inputs(moved(path="elsewhere.triasset"), options, {}, scene, views) == keys[0]
 
 
-def test_masks_beside_photographs_that_teach_are_of_a_bake(tmp_path: Path) -> None:
+def test_masks_are_inputs_of_a_bake_from_photographs(tmp_path: Path) -> None:
     root = Path(shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", tmp_path / "scan1"))
     scene = replace(read_scene(root, dataset="dtu"), mask_source="mask_folder")
     model: Any = SimpleNamespace(asset=File(path="a.triasset", bytes=1, sha256="0" * 64))
     views: Any = SimpleNamespace(cameras="", photographs="")
     before, after = [], []
     for keys in (before, after):
-        keys += [bake_key(model, {"teacher": who}, {}, scene, views) for who in ("dedicated", "photographs")]
+        keys += [
+            hash_bake_inputs(model, {"teacher": name}, {}, scene, views)
+            for name in ("dedicated", "photographs")
+        ]
         next((root / "mask").iterdir()).write_bytes(b"another")
-    assert [one == two for one, two in zip(before, after, strict=True)] == [True, False]
+    assert [old == new for old, new in zip(before, after, strict=True)] == [True, False]
 
 
-def test_a_bake_is_of_the_datasets_that_it_names(tmp_path: Path) -> None:
+def test_a_bake_applies_to_the_datasets_it_names(tmp_path: Path) -> None:
     other = f'[[datasets]]\nname = "other"\npath = {json.dumps(str(STUBS / "scenes" / "nerf_synthetic"))}\n'
     file = protocol(tmp_path, ("two_dts",), tail=f'{other}{CEILING}datasets = ["other"]')
     cells = [row.planned.cell for row in run_protocol(file, dry=True).rows]
-    assert {(one.dataset, one.bake) for one in cells} == {
-        ("nerf_synthetic", None),
-        ("other", None),
-        ("other", "ceiling"),
-    }
-
-
-def _of(model: Model, **changes: str) -> Model:
-    return model.model_copy(update={"asset": model.asset.model_copy(update=changes)})
+    names = {(cell.dataset, cell.bake) for cell in cells}
+    assert names == {("nerf_synthetic", None), ("other", None), ("other", "ceiling")}
 
 
 def scenes(*rows: dict[str, float]) -> dict[str, dict[str, Result]]:
-    """Return records by scene and condition, of these PSNRs; what is baked/kept kept its triangles."""
-    found: dict[str, dict[str, Result]] = {}
-    for number, row in enumerate(rows):
-        own = found[f"s{number}"] = {}
-        for name, value in row.items():
-            baked = name.partition("/")[2]
-            made: dict[str, Any] = bake(baked, "kept" if baked == "kept" else "fitted") if baked else {}
-            condition = "standard" if baked else name
-            own[name] = result(condition, quality=quality(value), **made)
-    return found
+    """Return records by scene and condition from rows of PSNRs; the bake "baked/kept" keeps all triangles."""
+
+    def record(name: str, value: float) -> Result:
+        label = name.partition("/")[2]
+        parts: dict[str, Any] = bake(label, "kept" if label == "kept" else "fitted") if label else {}
+        return result("standard" if label else name, quality=quality(value), **parts)
+
+    return {
+        f"s{number}": {name: record(name, value) for name, value in row.items()}
+        for number, row in enumerate(rows)
+    }
 
 
 def test_the_parts_add_up_to_the_loss() -> None:
@@ -122,7 +123,7 @@ def test_the_parts_add_up_to_the_loss() -> None:
     assert split.total.scenes == 2
 
 
-def test_the_parts_are_over_the_scenes_that_have_all_of_them() -> None:
+def test_the_parts_are_averaged_over_scenes_with_all_conditions() -> None:
     whole = {"dedicated": 30.0, "baked/kept": 21.0, "baked/b": 27.0, "standard": 18.0}
     without = {"dedicated": 40.0, "baked/b": 20.0, "standard": 10.0}
     split = loss_split("psnr", scenes(whole, without), ["s0", "s1"])
@@ -131,7 +132,7 @@ def test_the_parts_are_over_the_scenes_that_have_all_of_them() -> None:
     assert sum(gap.signed for gap in split.steps.values()) == pytest.approx(12)
 
 
-def test_a_part_without_a_bake_of_its_own_is_within_the_next() -> None:
+def test_a_part_without_a_bake_is_included_in_the_next() -> None:
     split = loss_split("psnr", scenes({"dedicated": 30.0, "baked/kept": 21.0, "standard": 18.0}), ["s0"])
     assert {name: gap.signed for name, gap in split.steps.items()} == {"colors": 3, "blending": 9}
     assert split.within == {"faces": "blending"}
@@ -142,62 +143,58 @@ def test_a_part_without_a_bake_of_its_own_is_within_the_next() -> None:
 
 
 def test_a_bake_of_another_asset_is_not_compared() -> None:
-    found = scenes({"dedicated": 30.0, "baked/kept": 21.0, "standard": 18.0})
+    records = scenes({"dedicated": 30.0, "baked/kept": 21.0, "standard": 18.0})
     other = File(path="y.triasset", bytes=9, sha256="f" * 64)
-    found["s0"]["baked/kept"] = found["s0"]["baked/kept"].model_copy(update={"source": other})
-    split = loss_split("psnr", found, ["s0"])
+    records["s0"]["baked/kept"] = records["s0"]["baked/kept"].model_copy(update={"source": other})
+    split = loss_split("psnr", records, ["s0"])
     assert {gap.reason for gap in split.steps.values()} == {"asset_mismatch"}
 
 
 @pytest.fixture(scope="module")
 def baked(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
-    """A run of a method without static colours, whose triangles are kept and moved."""
-    moved = '[[bakes]]\nlabel = "fitted"\ngeometry = "fitted"\nseconds = 1\n'
-    file = protocol(tmp_path_factory.mktemp("baked"), ("diffsoup",), tail=f"{TRIAL}{CEILING}{moved}")
+    """A run of a method without static colours, with two bakes: triangles kept, and triangles fitted."""
+    fitted = '[[bakes]]\nlabel = "fitted"\ngeometry = "fitted"\nseconds = 1\n'
+    file = protocol(tmp_path_factory.mktemp("baked"), ("diffsoup",), tail=f"{TRIAL}{CEILING}{fitted}")
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 
 
 @pytest.mark.slow
-def test_the_record_of_a_bake_says_all_of_it(baked: ProtocolFile) -> None:
-    found, model = cell(baked, "diffsoup/ceiling"), cell(baked, "diffsoup/dedicated")
-    assert (found.cell.condition, found.cell.bake, found.cell.condition_key) == (
-        *("standard", "ceiling"),
-        "baked/ceiling",
-    )
-    assert found.bake.geometry == "kept"
-    assert found.source == model.asset
-    assert found.asset.sha256 != model.asset.sha256
-    assert found.quality.values["psnr"] == pytest.approx(found.bake.psnr.photographs.after, abs=0.01)
-    assert found.quality.views == model.quality.views
-    assert [one.task for one in found.trial.trials] == ["self_intersections"]
-    assert (found.audit.counts.faces, found.timing is None) == (found.bake.faces, False)
+def test_the_record_of_a_bake_is_complete(baked: ProtocolFile) -> None:
+    record, model = cell(baked, "diffsoup/ceiling"), cell(baked, "diffsoup/dedicated")
+    where = record.cell
+    assert (where.condition, where.bake, where.condition_key) == ("standard", "ceiling", "baked/ceiling")
+    assert record.bake.geometry == "kept"
+    assert record.source == model.asset
+    assert record.asset.sha256 != model.asset.sha256
+    assert record.quality.values["psnr"] == pytest.approx(record.bake.psnr.photographs.after, abs=0.01)
+    assert record.quality.views == model.quality.views
+    assert [trial.task for trial in record.trial.trials] == ["self_intersections"]
+    assert (record.audit.counts.faces, record.timing is None) == (record.bake.faces, False)
     assert cell(baked, "diffsoup/fitted").bake.geometry == "fitted"
     assert cell(baked, "diffsoup/standard").status == "unsupported"
 
 
 @pytest.mark.slow
-def test_a_bake_is_made_once_and_again_only_where_something_of_it_changed(baked: ProtocolFile) -> None:
+def test_a_bake_is_repeated_only_if_an_input_changed(baked: ProtocolFile) -> None:
     assert set(planned(run_protocol(baked, dry=True)).values()) == {"done", "unsupported"}
     place = baked.results / "assets" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling.triasset"
-    os.utime(place, ns=(0, 0))  # a copy of the results is the same
-    made = place.stat().st_mtime_ns
+    os.utime(place, ns=(0, 0))  # as in a copy of the results
     record = baked.results / "cells" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling" / "result.json"
-    record.unlink()  # as a run leaves it that is killed between the bake and its cell
+    record.unlink()  # as after a run that was killed between the bake and its cell
     assert planned(run_protocol(baked, only=["ceiling"]))["diffsoup/ceiling"]["quality"] == "new"
-    assert place.stat().st_mtime_ns == made
+    assert place.stat().st_mtime_ns == 0
     text = baked.text.replace(b"seconds = 1\n", b"seconds = 2\n")
     changed = replace(parse_protocol(text, baked.path), results_instead=baked.results)
     why = planned(run_protocol(changed, dry=True))
-    assert {name: one for name, one in why.items() if isinstance(one, dict)} == {
-        "diffsoup/fitted": {"bake": "changed"}
-    }
+    pending = {name: reasons for name, reasons in why.items() if isinstance(reasons, dict)}
+    assert pending == {"diffsoup/fitted": {"bake": "changed"}}
     place.write_bytes(b"no asset")
     assert planned(run_protocol(baked, dry=True))["diffsoup/ceiling"] == {"bake": "changed"}
 
 
 @pytest.mark.slow
-def test_a_plain_mesh_is_taught_by_photographs(tmp_path: Path) -> None:
+def test_a_mesh_without_native_rendering_is_baked_from_photographs(tmp_path: Path) -> None:
     import msb
 
     mesh = tmp_path / "plain.glb"

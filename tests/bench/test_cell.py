@@ -1,4 +1,4 @@
-"""One cell, computed in this process: LPIPS, engines, bugs, and what an old record keeps."""
+"""One cell, computed in this process: LPIPS, engines, internal errors, and parts of records that are kept."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,12 +11,12 @@ import pytest
 from msb.bench import cell as cells
 from msb.bench import parts
 from msb.bench.cell import compute
-from msb.bench.folder import Results, exclusive
-from msb.bench.inputs import Known
-from msb.bench.job import Done, Job, Part
+from msb.bench.folder import Results, lock_results
+from msb.bench.inputs import KnownFacts
+from msb.bench.job import Job, JobOutcome, PartName
 from msb.bench.models import prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
-from msb.bench.plan import Planned, Planner, pairs_of
+from msb.bench.plan import Planned, Planner, find_pairs
 from msb.bench.protocol import ProtocolFile
 from msb.bench.records import Reason, read_result
 from msb.metrics import registry
@@ -33,36 +33,46 @@ class Bench:
     def __init__(self, file: ProtocolFile, run: str) -> None:
         self.file, self.run = file, run
 
-    def plan(self, only: str, *, redo: bool = False) -> list[Planned]:
-        pairs = pairs_of(self.file)
-        models: dict[Any, Any] = {}
-        for pair in pairs:
-            task = pair.task(self.file.results, self.run)
-            models[pair] = prepare_model(task)
-        return Planner(self.file, self.run, Known(), [only], redo=redo).plan(pairs, models)
+    def plan(self, only: str, *, redo: bool = False) -> Planned:
+        """Return the plan of the one cell that `only` selects."""
+        pairs = find_pairs(self.file)
+        models: dict[Any, Any] = {
+            pair: prepare_model(pair.task(self.file.results, self.run)) for pair in pairs
+        }
+        (planned,) = Planner(self.file, self.run, KnownFacts(), [only], redo=redo).plan(pairs, models)
+        return planned
 
     def job(self, only: str) -> Job:
-        (planned,) = self.plan(only, redo=True)
-        write_photographs(PhotographTask(self.file.results, self.run, planned.job.scene, planned.job.views))
-        return planned.job
+        """Return the job that computes all parts of a cell, whose ground truth has been written."""
+        job = self.plan(only, redo=True).job
+        write_photographs(PhotographTask(self.file.results, self.run, job.scene, job.views))
+        return job
 
-    def compute(self, only: str, *names: str) -> Done:
+    def compute(self, only: str, *names: str) -> JobOutcome:
         job = self.job(only)
         return compute(replace(job, parts={part: job.parts[part] for part in names}))
 
-    def record(self, done: Done) -> Any:
+    def record(self, done: JobOutcome) -> Any:
         return read_result(Results(self.file.results).record(done.cell))
 
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     file = protocol(tmp_path, ("mesh_splatting",))
-    with exclusive(file.results) as run:
+    with lock_results(file.results) as run:
         yield Bench(file, run)
 
 
+@pytest.fixture
+def measures(monkeypatch: pytest.MonkeyPatch) -> dict[PartName, Any]:
+    """The functions that compute parts; images and timings are replaced by ones that need no time."""
+    monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
+    monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
+    return cells.MEASURES
+
+
 class FakeNetwork:
-    """Stands for LPIPS: the mean absolute difference, so that no weights are needed."""
+    """Replaces the network of LPIPS by the mean absolute difference, which needs no weights."""
 
     weights = {  # noqa: RUF012
         "vgg": {"file": "vgg.pth", "sha256": "0" * 64, "known": None},
@@ -81,87 +91,100 @@ def fake_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_lpips_is_measured_where_there_are_weights(bench: Bench, tmp_path: Path, fake_network: None) -> None:
+def test_lpips_is_measured_with_weights_and_again_without(
+    bench: Bench, tmp_path: Path, fake_network: None
+) -> None:
     bench.file = changed(bench.file, metrics={"vgg_weights": "vgg.pth"})
     assert bench.job("standard").vgg_weights == tmp_path / "vgg.pth"
-    found = bench.record(bench.compute("standard", "quality")).quality
-    assert found.lpips == pytest.approx(np.mean([image.lpips for image in found.images]))
-    assert found.lpips > 0.005
-    assert found.lpips_reason is None
-    assert [one["name"] for one in found.metrics] == ["psnr", "ssim", "lpips_vgg"]
-    assert found.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
+    quality = bench.record(bench.compute("standard", "quality")).quality
+    assert quality.lpips == pytest.approx(np.mean([image.lpips for image in quality.images]))
+    assert quality.lpips > 0.005
+    assert quality.lpips_reason is None
+    assert [metric["name"] for metric in quality.metrics] == ["psnr", "ssim", "lpips_vgg"]
+    assert quality.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
     bench.file = changed(bench.file, metrics={"vgg_weights": None})
-    (planned,) = bench.plan("standard")
-    assert planned.why["quality"] == "metrics changed"
+    assert bench.plan("standard").why["quality"] == "metrics changed"
 
 
 @pytest.mark.slow
-def test_a_bug_costs_one_part_and_says_where(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_error_costs_one_part(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_job: Job) -> dict[str, Any]:
         raise KeyError("what")
 
     monkeypatch.setitem(cells.MEASURES, "timing", broken)
     done = bench.compute("dedicated", "quality", "timing")
-    found = bench.record(done)
-    assert (done.status, found.status) == ("done", "done")
-    assert found.quality is not None
-    assert found.reasons["timing"].code == "INTERNAL"
+    record = bench.record(done)
+    assert (done.status, record.status) == ("done", "done")
+    assert record.quality is not None
+    assert record.reasons["timing"].code == "INTERNAL"
     monkeypatch.setitem(cells.MEASURES, "quality", broken)
     done = bench.compute("dedicated", "quality")
-    found = bench.record(done)
-    assert (done.status, found.reason.code, found.quality) == ("failed", "INTERNAL", None)
+    record = bench.record(done)
+    assert (done.status, record.reason.code, record.quality) == ("failed", "INTERNAL", None)
 
 
 @pytest.mark.slow
-def test_a_timing_keeps_the_images_and_the_other_way_round(bench: Bench) -> None:
+def test_a_timing_keeps_the_images_and_vice_versa(bench: Bench) -> None:
     first = bench.record(bench.compute("dedicated", "quality"))
     second = bench.record(bench.compute("dedicated", "timing"))
-    assert second.quality == first.quality
-    assert second.setup == first.setup
-    assert second.renderer == first.renderer
+    assert (second.quality, second.setup, second.renderer) == (first.quality, first.setup, first.renderer)
     assert second.timing is not None
     assert second.seconds > first.seconds
     third = bench.record(bench.compute("dedicated", "quality"))
     assert (third.timing, third.memory, third.device) == (second.timing, second.memory, second.device)
     assert second.floor == third.floor
     assert 0 < second.floor.memory_bytes < second.memory.total
-    assert (second.floor.width, second.floor.height) == next(
-        (image.width, image.height) for image in first.quality.images
-    )
+    image = first.quality.images[0]
+    assert (second.floor.width, second.floor.height) == (image.width, image.height)
     assert set(third.inputs) == {"quality", "timing"}
 
 
-def test_a_new_asset_has_no_number_of_the_old_one(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run of a new model that ends before the timing, or whose timing dies, or that times no more."""
+def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict[PartName, Any]) -> None:
+    """The new asset's run ends before its timing, its protocol has no timing, or the timing crashes."""
 
-    def measured(job: Job, part: Part) -> Any:
-        return bench.record(compute(replace(job, parts={part: job.wanted[part]})))
+    def measure(job: Job, part: PartName) -> Any:
+        return bench.record(compute(replace(job, parts={part: job.requested[part]})))
 
-    monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
-    monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
     old = bench.job("dedicated")
-    measured(old, "quality")
-    assert measured(old, "timing").timing == timing()
-    assert measured(old, "quality").timing == timing(), "what still holds stays"
+    measure(old, "quality")
+    assert measure(old, "timing").timing == timing()
+    assert measure(old, "quality").timing == timing(), "a valid timing stays"
 
     asset = old.model.asset.model_copy(update={"sha256": "1" * 64})
-    wanted = {part: {**inputs, "asset": "1" * 16} for part, inputs in old.wanted.items()}
-    new = replace(old, model=old.model.model_copy(update={"asset": asset}), wanted=wanted)
-    untimed = replace(new, wanted={"quality": wanted["quality"]})
+    requested = {part: {**inputs, "asset": "1" * 16} for part, inputs in old.requested.items()}
+    new = replace(old, model=old.model.model_copy(update={"asset": asset}), requested=requested)
+    untimed = replace(new, requested={"quality": requested["quality"]})
     for job in (new, untimed):
-        measured(old, "timing")
-        found = measured(job, "quality")
-        assert (found.asset, found.timing, set(found.inputs)) == (asset, None, {"quality"})
+        measure(old, "timing")
+        record = measure(job, "quality")
+        assert (record.asset, record.timing, set(record.inputs)) == (asset, None, {"quality"})
 
-    measured(old, "timing")
-    died = replace(new, parts={"timing": wanted["timing"]})
+    measure(old, "timing")
+    died = replace(new, parts={"timing": requested["timing"]})
     cells.write_lost(died, Reason(code="INTERNAL", message="it died"))
-    found = read_result(Results(bench.file.results).record(died.cell))
-    assert (found.timing, found.reasons["timing"].message) == (None, "it died")
+    record = read_result(Results(bench.file.results).record(died.cell))
+    assert (record.timing, record.reasons["timing"].message) == (None, "it died")
+
+
+@pytest.mark.parametrize("appears", [True, False])
+@pytest.mark.parametrize(("option", "kept"), [("order", None), ("metrics", timing())])
+def test_a_timing_is_dropped_only_if_an_option_that_affects_it_changed(
+    bench: Bench, measures: dict[PartName, Any], appears: bool, option: str, kept: object
+) -> None:
+    """The protocol requests no timing any more, and one option of the images appears or disappears."""
+    job = bench.job("dedicated")
+    timed = {"order": "global"} if option == "order" and not appears else {}
+    images = {name: text for name, text in job.requested["quality"].items() if name != option}
+    with_option = {**images, option: "global"}
+    before, after = (images, with_option) if appears else (with_option, images)
+    requested = {"quality": before, "timing": {**job.requested["timing"], **timed}}
+    compute(replace(job, parts=requested, requested=requested))
+    later = replace(job, parts={"quality": after}, requested={"quality": after})
+    assert bench.record(compute(later)).timing == kept
 
 
 class Engine:
-    """An engine that sees nothing but red, and cannot draw without reading back."""
+    """An engine whose images are uniformly red; it cannot draw without reading its image back."""
 
     name, version = "red engine", "1.2"
     color: tuple[float, float, float] | None = (1.0, 0.0, 0.0)
@@ -181,50 +204,42 @@ class Engine:
 
 @pytest.fixture
 def red(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
-    there = {**renderers(), "red": "tests.bench.test_cell:Engine"}
+    names = {**renderers(), "red": "tests.bench.test_cell:Engine"}
     for module in ("msb.render.backend", "msb.bench.plan"):
-        monkeypatch.setattr(f"{module}.renderers", lambda: there, raising=False)
+        monkeypatch.setattr(f"{module}.renderers", lambda: names, raising=False)
     bench.file = changed(bench.file, engines=("red",))
     return bench
 
 
-def test_an_update_of_an_engine_draws_its_cells_again(red: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_version_of_an_engine_renders_again(red: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Engine, "installed", lambda: "1.2", raising=False)
     red.compute("red", "quality")
-    (planned,) = red.plan("red")
-    assert "quality" not in planned.why
+    assert "quality" not in red.plan("red").why
     monkeypatch.setattr(Engine, "installed", lambda: "1.3")
-    (planned,) = red.plan("red")
-    assert planned.why["quality"] == "renderer changed"
+    assert red.plan("red").why["quality"] == "renderer changed"
 
 
-def test_an_engine_has_a_column_of_its_own(red: Bench) -> None:
-    bench = red
-    done = bench.compute("red", "quality", "timing")
-    found = bench.record(done)
+def test_an_engine_is_a_condition(red: Bench) -> None:
+    done = red.compute("red", "quality", "timing")
+    record = red.record(done)
     assert done.cell.condition_name == "red"
-    assert (found.cell.condition, found.cell.renderer, found.status) == ("standard", "red", "done")
-    assert (found.renderer.kind, found.renderer.name, found.renderer.version) == (
-        "engine",
-        "red engine",
-        "1.2",
-    )
-    assert found.quality.psnr < 10
-    assert found.timing is None
-    assert found.reasons["timing"].code == "UNSUPPORTED_TIER"
+    assert (record.cell.condition, record.cell.renderer, record.status) == ("standard", "red", "done")
+    renderer = record.renderer
+    assert (renderer.kind, renderer.name, renderer.version) == ("engine", "red engine", "1.2")
+    assert record.quality.psnr < 10
+    assert record.timing is None
+    assert record.reasons["timing"].code == "UNSUPPORTED_TIER"
 
 
-def test_a_condition_that_shows_nothing_has_no_number_but_a_reason(
-    red: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_empty_images_are_a_failure(red: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Engine, "color", None)
-    found = red.record(red.compute("red", "quality"))
-    assert (found.status, found.quality) == ("failed", None)
-    assert found.reason.code == "METRIC_NOTHING_SHOWN"
+    record = red.record(red.compute("red", "quality"))
+    assert (record.status, record.quality) == ("failed", None)
+    assert record.reason.code == "METRIC_NOTHING_SHOWN"
 
 
 @pytest.mark.parametrize(("scale", "value"), [(1, np.nan), (255, 1)])
-def test_official_floats_are_checked_before_they_become_bytes(
+def test_float_renderings_are_checked_before_they_become_bytes(
     bench: Bench, tmp_path: Path, scale: float, value: float
 ) -> None:
     job = bench.job("standard")
@@ -235,12 +250,12 @@ def test_official_floats_are_checked_before_they_become_bytes(
         image = np.full((camera.height, camera.width, 3), 0.5 * scale, np.float32)
         image[0, 0, 0] = value
         np.save(path, image)
-    own = replace(job, renders=tmp_path / "official")
-    found = bench.record(compute(replace(own, parts={"quality": job.parts["quality"]})))
-    assert (found.status, found.reason.code) == ("failed", "METRIC_IMAGE")
+    official = replace(job, renders=tmp_path / "official", parts={"quality": job.parts["quality"]})
+    record = bench.record(compute(official))
+    assert (record.status, record.reason.code) == ("failed", "METRIC_IMAGE")
 
 
-def test_chamfer_needs_a_scan(bench: Bench) -> None:
-    assert parts.scan_number("scan24") == 24
+def test_the_scan_number_is_read_from_the_scene_name() -> None:
+    assert parts.parse_scan_number("scan24") == 24
     with pytest.raises(Exception, match="METRIC_ARGUMENT"):
-        parts.scan_number("garden")
+        parts.parse_scan_number("garden")

@@ -1,4 +1,4 @@
-"""`msb eval`, and an image metric of another package there, in runs, records and reports."""
+"""`msb eval`, and an image metric of another package in `msb eval`, runs, records and reports."""
 
 import csv
 import json
@@ -33,7 +33,7 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
-def test_json_and_csv_hold_full_doubles(msb: Msb, tmp_path: Path) -> None:
+def test_json_and_csv_have_full_precision(msb: Msb, tmp_path: Path) -> None:
     cases = {case["id"]: case for case in golden("psnr_ssim.json")["cases"]}
     data = msb("eval", "--json", "-", "--csv", tmp_path / "rows.csv", PRED, GT).json
     assert (data["schema"], data["count"], data["partial"]) == ("msb.eval/1", 3, False)
@@ -49,12 +49,12 @@ def test_json_and_csv_hold_full_doubles(msb: Msb, tmp_path: Path) -> None:
     assert float(rows[1]["psnr"]) == data["images"][1]["psnr"]
     assert (rows[2]["psnr"], rows[2]["lpips"]) == ("inf", "")
     msb("eval", "--csv", tmp_path / "rows.csv", PRED, GT).ends(2, "OUTPUT_EXISTS: ")
-    (one,) = msb("eval", "--json", "-", PRED / "r_0.png", GT / "r_1.png").json["images"]
-    assert one["name"] == "r_0"
+    (image,) = msb("eval", "--json", "-", PRED / "r_0.png", GT / "r_1.png").json["images"]
+    assert image["name"] == "r_0"
 
 
 @pytest.mark.slow
-def test_every_bad_image_is_a_line_and_the_rest_is_compared(msb: Msb, folders: tuple[Path, Path]) -> None:
+def test_each_bad_image_is_one_line_and_the_others_are_compared(msb: Msb, folders: tuple[Path, Path]) -> None:
     pred, gt = folders
     (pred / "r_0.png").write_bytes((pred / "r_0.png").read_bytes()[:200])
     Image.fromarray(np.zeros((5, 5, 3), np.uint8)).save(gt / "r_2.png")
@@ -107,7 +107,7 @@ def test_lpips(msb: Msb, vgg_file: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_all_images_fail_by_is_said_once(msb: Msb, tmp_path: Path) -> None:
+def test_an_error_of_all_images_is_printed_once(msb: Msb, tmp_path: Path) -> None:
     for folder, size in (("pred", (8, 6)), ("gt", (16, 12))):
         (tmp_path / folder).mkdir()
         for number in range(3):
@@ -124,14 +124,14 @@ def site(tmp_path: Path) -> Path:
     return installed("docs/extending.md", tmp_path / "site")
 
 
-def test_no_metric_may_have_the_key_of_something_else() -> None:
+def test_reserved_metric_names_are_the_keys_of_records() -> None:
     fields = {*Quality.model_fields, *ImageQuality.model_fields, *METRICS, "pred"}
     assert fields - {"psnr", "ssim", "lpips"} == registry.RESERVED
 
 
 @pytest.mark.slow
-def test_runs_and_reports_have_it(site: Path, msb: Msb, tmp_path: Path) -> None:
-    file = protocol(tmp_path, ("two_dts",), each='conditions = ["dedicated", "standard"]')
+def test_a_metric_of_another_package_is_in_runs_and_reports(site: Path, msb: Msb, tmp_path: Path) -> None:
+    file = protocol(tmp_path, ("two_dts",), keys='conditions = ["dedicated", "standard"]')
     file.path.write_bytes(file.text)
     where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
     msb("run", "--jobs", "2", file.path, status=0, **where)
@@ -142,7 +142,7 @@ def test_runs_and_reports_have_it(site: Path, msb: Msb, tmp_path: Path) -> None:
     for quality in records.values():
         values = [image["edges"] for image in quality["images"]]
         assert quality["edges"] == pytest.approx(math.fsum(values) / len(values))
-    # A record of before the metric is read beside them.
+    # A record that is older than the metric is read too.
     write(file.results, make_result("mipnerf360", "garden", "two_dts", "standard"))
     report = tmp_path / "report"
     msb("report", "--allow-mixed", "-o", report, file.results, status=0, **where)
@@ -153,19 +153,19 @@ def test_runs_and_reports_have_it(site: Path, msb: Msb, tmp_path: Path) -> None:
     assert "Edges ↓" in tables["renderer_comparison-nerf_synthetic"]
     assert ">Edges" in (report / "verdict-nerf_synthetic-pebble-two_dts.html").read_text()
     shutil.rmtree(file.results / "cells" / "mipnerf360")
-    # Without the package the records are read, and its values are left out.
+    # Without the package the records are read without the values of its metric.
     msb("report", "-o", tmp_path / "without", file.results, status=0)
     assert "Edges ↓" not in (tmp_path / "without" / "index.html").read_text()
-    # With a broken one runs and comparisons go on, and say so once.
+    # If the metric raises an error, runs and comparisons continue with one warning.
     code = (site / "msb_edges.py").read_text()
     (site / "msb_edges.py").write_text(code.replace(*FAILS))
     again = msb("run", "--redo", file.path, status=0, **where)
     assert again.err.count("METRIC_FAILED: ") == 1
-    held = [read_result(path).quality for path in file.results.rglob("result.json")]
-    assert all(quality is not None and quality.values["psnr"] and quality.missing for quality in held)
-    found = msb("eval", "--json", "-", GOLDEN / "pred", GOLDEN / "gt", status=0, **where)
-    assert {image["edges"] for image in found.json["images"]} == {None}
-    assert found.err.count("METRIC_FAILED: ") == 1
+    qualities = [read_result(path).quality for path in file.results.rglob("result.json")]
+    assert all(quality is not None and quality.values["psnr"] and quality.missing for quality in qualities)
+    compared = msb("eval", "--json", "-", PRED, GT, status=0, **where)
+    assert {image["edges"] for image in compared.json["images"]} == {None}
+    assert compared.err.count("METRIC_FAILED: ") == 1
 
 
 def test_a_record_with_a_metric_that_is_not_installed_is_read(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Means over scenes, gaps, slowdowns and t intervals: what is missing, not compared or not tested."""
+"""Averages over scenes, gaps, slowdowns and t intervals, and the reasons for missing ones."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ OTHER = VIEWS[0].model_copy(update={"name": "c.png"})
 
 
 @pytest.mark.parametrize(
-    ("metric", "values", "wanted", "excess"),
+    ("metric", "values", "expected", "excess"),
     [
         ("psnr", (20, 22, 15), (2, 7, 5), 4),
         ("psnr", (20, 15, 18), (5, 3, 2), 6),
@@ -29,18 +29,18 @@ OTHER = VIEWS[0].model_copy(update={"name": "c.png"})
         ("psnr", (20, 20, 15), (0, 5, 5), 0),
     ],
 )
-def test_where_the_identity_fails_it_says_by_how_much(
-    metric: str, values: tuple[float, ...], wanted: tuple[float, ...], excess: float
+def test_triangle_excess_if_dedicated_is_not_between(
+    metric: str, values: tuple[float, ...], expected: tuple[float, ...], excess: float
 ) -> None:
     gaps = value_gaps(metric, *values)
-    assert [gaps[name].value for name in PAIRS] == pytest.approx(list(wanted))
+    assert [gaps[name].value for name in PAIRS] == pytest.approx(list(expected))
     assert gaps.triangle_excess == pytest.approx(excess)
     assert gaps.monotone is (excess == 0)
     signed = [gaps[name].signed for name in PAIRS]
     assert signed[0] + signed[1] == pytest.approx(signed[2])
 
 
-def test_signs_say_which_way_it_goes() -> None:
+def test_losses_are_positive_and_gains_negative() -> None:
     assert value_gaps("psnr", 20, 22, 15).adapt.signed == -2
     assert value_gaps("lpips", 0.25, 0.5, 0.75).adapt.signed == 0.25
     assert value_gaps("fps", 10, 40, 400).port.signed == -360
@@ -59,13 +59,12 @@ def records(*triples: tuple[float | None, ...]) -> dict[str, dict[str, Any]]:
     }
 
 
-def test_a_datasets_gap_is_that_of_the_means() -> None:
-    found = dataset_gaps("psnr", records((20, 22, 15), (30, 26, 25)), ["s0", "s1"])
-    assert (found.adapt.value, found.adapt.signed) == (1, 1)
-    assert found.adapt.mean_abs_scene_gap == 3
-    assert (found.deploy.value, found.deploy.mean_abs_scene_gap) == (5, 5)
-    assert found.monotone
-    assert (found.adapt.scenes, found.adapt.partial) == (2, False)
+def test_the_gap_of_a_dataset_is_between_the_averages() -> None:
+    gaps = dataset_gaps("psnr", records((20, 22, 15), (30, 26, 25)), ["s0", "s1"])
+    assert (gaps.adapt.value, gaps.adapt.signed, gaps.adapt.mean_abs_scene_gap) == (1, 1, 3)
+    assert (gaps.deploy.value, gaps.deploy.mean_abs_scene_gap) == (5, 5)
+    assert gaps.monotone
+    assert (gaps.adapt.scenes, gaps.adapt.partial) == (2, False)
 
 
 @pytest.mark.parametrize(
@@ -82,18 +81,18 @@ def test_a_datasets_gap_is_that_of_the_means() -> None:
         ({"asset": File(path="x.triasset", bytes=10, sha256="b" * 64)}, "asset_mismatch"),
     ],
 )
-def test_what_is_not_alike_is_not_compared(other: dict[str, Any] | None, reason: str) -> None:
+def test_incomparable_records_give_a_reason_and_no_gap(other: dict[str, Any] | None, reason: str) -> None:
     first = result("dedicated")
     second = None if other is None else result("standard", **other)
     assert incomparable("psnr", first, second) == reason
     pair = {"dedicated": first} if second is None else {"dedicated": first, "standard": second}
-    found = scene_gaps("psnr", pair)
-    assert (found.port.value, found.port.reason, found.port.scenes) == (None, reason, 0)
-    assert found.adapt.reason == "missing"
+    gaps = scene_gaps("psnr", pair)
+    assert (gaps.port.value, gaps.port.reason, gaps.port.scenes) == (None, reason, 0)
+    assert gaps.adapt.reason == "missing"
 
 
-def test_metric_identity_counts_but_not_the_versions_of_libraries() -> None:
-    changed = [{**one, "libraries": {"numpy": "1"}} for one in MEASURES]
+def test_metric_definitions_must_be_equal_but_not_library_versions() -> None:
+    changed = [{**identity, "libraries": {"numpy": "1"}} for identity in MEASURES]
     same = quality().model_copy(update={"metrics": tuple(changed)})
     assert incomparable("psnr", result(), result("standard", quality=same)) is None
     changed[0] = {**changed[0], "data_range": 255.0}
@@ -102,7 +101,7 @@ def test_metric_identity_counts_but_not_the_versions_of_libraries() -> None:
     assert incomparable("ssim", result(), result("standard", quality=other)) is None
 
 
-def test_speeds_of_two_devices_are_not_compared() -> None:
+def test_frame_rates_of_two_devices_are_not_compared() -> None:
     here, there = ({"device": {"device": {"name": name}}} for name in ("a", "b"))
     assert incomparable("fps", result(**here), result("standard", **there)) == "device_mismatch"
     assert incomparable("psnr", result(**here), result("standard", **there)) is None
@@ -113,44 +112,47 @@ def test_speeds_of_two_devices_are_not_compared() -> None:
     assert (ratio.value, ratio.reason, ratio.partial) == (None, "device_mismatch", True)
 
 
-def test_the_slowdown_of_a_dataset_is_the_ratio_of_means() -> None:
+def test_the_slowdown_of_a_dataset_is_the_ratio_of_averages() -> None:
     rates = {"s0": {"dedicated": 100.0, "standard": 1000.0}, "s1": {"dedicated": 300.0, "standard": 600.0}}
     records = {
-        scene: {name: result(name, timing=timing(fps)) for name, fps in own.items()}
-        for scene, own in rates.items()
+        scene: {name: result(name, timing=timing(fps)) for name, fps in conditions.items()}
+        for scene, conditions in rates.items()
     }
-    found = slowdown(records, rates)
-    assert found.value == 4
-    assert found.per_scene == pytest.approx({"s0": 10, "s1": 2})
+    ratio = slowdown(records, rates)
+    assert ratio.value == 4
+    assert ratio.per_scene == pytest.approx({"s0": 10, "s1": 2})
 
 
-def test_nine_scenes_are_not_two_groups() -> None:
+def test_an_average_weighs_scenes_and_not_groups() -> None:
     values = dict.fromkeys(scene_groups("mipnerf360")["indoor_mean"], 0.0)
     values |= dict.fromkeys(scene_groups("mipnerf360")["outdoor_mean"], 9.0)
     assert mean_over(values, SCENES["mipnerf360"]).value == 5
     assert {len(names) for names in SCENES.values()} == {9, 2, 8, 15}
 
 
-def test_missing_values_make_a_mean_partial_and_never_zero() -> None:
+def test_missing_values_make_an_average_partial() -> None:
     records = {"a": result(quality=quality(lpips=None)), "b": result(quality=quality(lpips=0.5))}
-    mean = mean_over({name: METRICS["lpips"].get(one) for name, one in records.items()}, ["a", "b", "c"])
+    values = {name: METRICS["lpips"].get(record) for name, record in records.items()}
+    mean = mean_over(values, ["a", "b", "c"])
     assert (mean.value, mean.present, mean.expected, mean.partial) == (0.5, 1, 3, True)
     assert METRICS["chamfer"].get(records["a"]) is None
     assert mean_over({"a": 1.0, "other": 5.0}, ["a"]).value == 1
 
 
 def test_expected_scenes_are_the_published_ones() -> None:
-    assert expected_scenes("tanksandtemples", ["train"]) == ("train", "truck")
-    assert expected_scenes("tanksandtemples", ["train", "shed"]) == ("train", "truck")
-    assert expected_scenes("tanksandtemples", ["shed"]) == ("shed",)
-    assert expected_scenes("my capture", ["b", "a", "b"]) == ("b", "a")
-    assert expected_scenes("mipnerf360", ["pebble"]) == ("pebble",)
-    assert len(expected_scenes("mipnerf360", ["garden", "pebble"])) == 9
-    assert expected_scenes("my capture", []) == ()
-    assert SCENES["dtu"][0] == "scan24"
+    published = ("train", "truck")
+    for dataset, present, expected in (
+        ("tanksandtemples", ["train"], published),
+        ("tanksandtemples", ["train", "shed"], published),
+        ("tanksandtemples", ["shed"], ("shed",)),
+        ("my capture", ["b", "a", "b"], ("b", "a")),
+        ("my capture", [], ()),
+        ("mipnerf360", ["garden", "pebble"], SCENES["mipnerf360"]),
+    ):
+        assert expected_scenes(dataset, present) == expected
 
 
-def test_every_metric_is_found_in_a_record() -> None:
+def test_every_metric_is_read_from_a_record() -> None:
     full = result(
         quality=quality(lpips=0.2),
         timing=timing(50),
@@ -163,9 +165,9 @@ def test_every_metric_is_found_in_a_record() -> None:
         trial=TrialDocument.of(trial(TASK)),
         bake=bake("ceiling")["bake"],
     )
-    found = {name: metric.get(full) for name, metric in METRICS.items()}
-    assert None not in found.values()
-    assert (found["memory"], found["asset_size"], found["chamfer"], found["fps"]) == (10, 7, 0.8, 50)
+    values = {name: metric.get(full) for name, metric in METRICS.items()}
+    assert None not in values.values()
+    assert (values["memory"], values["asset_size"], values["chamfer"], values["fps"]) == (10, 7, 0.8, 50)
     bare = Result(cell=full.cell, status="done", seconds=1.0)
     assert {metric.get(bare) for metric in METRICS.values()} == {None}
 
@@ -184,31 +186,31 @@ MIPNERF360 = [25, 24, 30, 35, 37, 39, 16, 22, 18]
         (MIPNERF360, 0.3, 1),
     ],
 )
-def test_pure_noise_is_called_significant_in_four_to_six_and_a_half_percent(
+def test_noise_is_significant_in_four_to_six_and_a_half_percent(
     views: list[int], effect: float, noise: float
 ) -> None:
     random = np.random.default_rng(len(views))
-    said = [
+    significant = [
         excludes_zero(interval([random.normal(effect * random.normal(), noise, count) for count in views]))
         for _ in range(3000)
     ]
-    assert 0.04 <= np.mean(np.array(said, float)) <= 0.065
+    assert 0.04 <= np.mean(np.array(significant, float)) <= 0.065
 
 
 @pytest.mark.parametrize("shape", [(25,), (2,), (9, 25, 7), (3, 3), (1, 1, 1, 1), (600,), (600, 300)])
-def test_is_that_of_scipys_test(shape: tuple[int, ...]) -> None:
+def test_intervals_equal_those_of_scipy(shape: tuple[int, ...]) -> None:
     random = np.random.default_rng(7)
     scenes = [list(random.normal(0.4 + random.normal(), 2, count)) for count in shape]
-    found = interval(scenes)
-    wanted = ttest_1samp(scenes[0] if len(shape) == 1 else [np.mean(views) for views in scenes], 0)
-    ends = wanted.confidence_interval(0.95)
-    assert found.ends == pytest.approx((ends.low, ends.high), rel=1e-12)
-    if found.reason is None:
-        assert found.p == pytest.approx(wanted.pvalue, rel=1e-12)
-        assert excludes_zero(found) is bool(wanted.pvalue < 0.05) is not (ends.low <= 0 <= ends.high)
+    ours = interval(scenes)
+    scipys = ttest_1samp(scenes[0] if len(shape) == 1 else [np.mean(views) for views in scenes], 0)
+    ends = scipys.confidence_interval(0.95)
+    assert ours.ends == pytest.approx((ends.low, ends.high), rel=1e-12)
+    if ours.reason is None:
+        assert ours.p == pytest.approx(scipys.pvalue, rel=1e-12)
+        assert excludes_zero(ours) is bool(scipys.pvalue < 0.05) is not (ends.low <= 0 <= ends.high)
 
 
-def test_it_says_what_was_drawn_at_random() -> None:
+def test_an_interval_names_its_sample() -> None:
     assert interval([[1.0, 2.0, 4.0]]).over == "3 views of one scene"
     assert interval([[1.0, 2.0], [4.0, 5.0]]).over == "2 scenes"
 
@@ -216,24 +218,24 @@ def test_it_says_what_was_drawn_at_random() -> None:
 @pytest.mark.parametrize(
     ("scenes", "ends", "reason"),
     [
-        ([], None, "no values of single views"),
-        ([[], [1.0, 2.0]], None, "no values of single views"),
-        ([[3.0]], None, "one view has no spread"),
+        ([], None, "no values"),
+        ([[], [1.0, 2.0]], None, "no values"),
+        ([[3.0]], None, "a single view"),
         ([[1.0, float("nan")]], None, "a value is not finite"),
         ([[1.0, float("inf")], [1.0, 2.0]], None, "a value is not finite"),
-        ([[0.1] * 9], (0.1, 0.1), "9 views of one scene give one and the same value, which has no spread"),
-        ([[0.0] * 3], (0.0, 0.0), "3 views of one scene give one and the same value, which has no spread"),
-        ([[20.3 - 20.0, 30.3 - 30.0]], (0.3, 0.3), "2 views of one scene give one and the same value"),
-        ([[0.0, 100.0], [50.0]], (50.0, 50.0), "2 scenes give one and the same value, which has no spread"),
-        ([[1.0, 2.0], [5.0] * 7], (-18.986, 25.486), "the scenes have 2 to 7 views, too unequal for a test"),
+        ([[0.1] * 9], (0.1, 0.1), "9 views"),
+        ([[0.0] * 3], (0.0, 0.0), "3 views"),
+        ([[20.3 - 20.0, 30.3 - 30.0]], (0.3, 0.3), "2 views"),
+        ([[0.0, 100.0], [50.0]], (50.0, 50.0), "2 scenes"),
+        ([[1.0, 2.0], [5.0] * 7], (-18.986, 25.486), "the scenes have 2 to 7 views"),
     ],
 )
-def test_where_nothing_may_be_said_it_says_why(
+def test_a_missing_test_gives_a_reason(
     scenes: list[list[float]], ends: tuple[float, float] | None, reason: str
 ) -> None:
-    found = interval(scenes)
-    assert found.ends == (None if ends is None else pytest.approx(ends, abs=1e-3))
-    assert str(found.reason).startswith(reason)
-    assert found.p is None
-    assert excludes_zero(found) is None
+    estimate = interval(scenes)
+    assert estimate.ends == (None if ends is None else pytest.approx(ends, abs=1e-3))
+    assert str(estimate.reason).startswith(reason)
+    assert estimate.p is None
+    assert excludes_zero(estimate) is None
     assert excludes_zero(None) is None

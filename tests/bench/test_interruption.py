@@ -1,4 +1,4 @@
-"""Runs that are killed, interrupted, doubled or on a cluster: nothing finished is lost or half there."""
+"""Runs that are killed, interrupted or on a cluster: finished work stays, no partial files are left."""
 
 import contextlib
 import json
@@ -33,7 +33,7 @@ def start(whole: ProtocolFile, tmp_path: Path) -> Iterator[Start]:
     """Start a run of the same protocol, with results below `tmp_path`."""
     started: list[subprocess.Popen[bytes]] = []
     (tmp_path / "protocol.toml").write_bytes(whole.text)
-    # Who is started in the background inherits that interrupts are ignored.
+    # A background process inherits that interrupts are ignored, so the handler is set again.
     code = (
         "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from msb.cli import main\nif __name__ == '__main__':\n    main()\n"
@@ -59,14 +59,14 @@ def start(whole: ProtocolFile, tmp_path: Path) -> Iterator[Start]:
 
 
 def wait_for(process: subprocess.Popen[bytes], stage: bytes) -> None:
-    """Wait until a task of the stage is reported."""
+    """Wait until the run reports a finished task of the stage."""
     for line in process.stderr:
         if line.startswith(stage):
             return
     pytest.fail("the run ended first")
 
 
-def test_killed_again_and_again_it_ends_as_if_it_never_had_been(
+def test_results_after_repeated_kills_equal_an_uninterrupted_run(
     whole: ProtocolFile, start: Start, tmp_path: Path
 ) -> None:
     moments = random.Random(5)
@@ -77,23 +77,23 @@ def test_killed_again_and_again_it_ends_as_if_it_never_had_been(
         time.sleep(moments.random())
         process.kill()
         process.wait()
-        # What a killed run leaves are whole records, and never fewer than before.
+        # Every record on disk can be read, and none has disappeared.
         left = set(records(tmp_path / "results"))
         assert done <= left
         done = left
-    found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"))
-    assert found.exit_status == 0
-    # The first kill came after a cell was reported, which is on record by then; perhaps it is to be timed.
-    again = [
-        row.planned.why.keys() & {"quality", "audit"} for row in found.rows if row.planned.job is not None
+    report = run_protocol(replace(whole, path=tmp_path / "protocol.toml"))
+    assert report.exit_status == 0
+    # One cell was reported before the first kill, so at most its timing is computed again.
+    repeated = [
+        row.planned.why.keys() & {"quality", "audit"} for row in report.rows if row.planned.job is not None
     ]
-    assert set() in again
+    assert set() in repeated
     assert differences(records(tmp_path / "results"), records(whole.results)) == []
     assert images(tmp_path / "results") == images(whole.results)
     assert not list((tmp_path / "results").rglob("*.part"))
 
 
-def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: Start, tmp_path: Path) -> None:
+def test_an_interrupt_ends_a_run_without_traceback(whole: ProtocolFile, start: Start, tmp_path: Path) -> None:
     process = start()
     wait_for(process, b"cells")
     process.send_signal(signal.SIGINT)
@@ -101,18 +101,18 @@ def test_an_interrupt_ends_it_at_once_and_silently(whole: ProtocolFile, start: S
     assert process.wait(30) == 130
     *lines, last = rest.splitlines()
     assert all(line.startswith("cells: ") for line in lines), rest
-    assert last.startswith("note: interrupted: ")
-    found = run_protocol(replace(whole, path=tmp_path / "protocol.toml"), dry=True)
-    left = [dict(row.planned.why) for row in found.rows if row.planned.status == "pending"]
-    assert {"timing": "new"} in left, "the images that were done stay"
-    assert {"quality": "new", "timing": "new"} in left
+    assert last.startswith("note: interrupted after ")
+    report = run_protocol(replace(whole, path=tmp_path / "protocol.toml"), dry=True)
+    pending = [dict(row.planned.why) for row in report.rows if row.planned.status == "pending"]
+    assert {"timing": "new"} in pending, "finished images are kept"
+    assert {"quality": "new", "timing": "new"} in pending
 
 
 WORKERS = 2
 
 
 class Cluster:
-    """A scheduler and workers on the loopback device, each a process."""
+    """A Dask scheduler and workers on the loopback device, each in its own process."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -140,26 +140,26 @@ class Cluster:
 
     def kill_worker(self) -> int:
         """Kill a worker and return its status."""
-        worker = next(one for one in self.processes[1:] if one.poll() is None)
+        worker = next(process for process in self.processes[1:] if process.poll() is None)
         worker.kill()
         return worker.wait(10)
 
     def stop(self) -> None:
         for process in self.processes:
-            process.kill()  # asked to end, a worker waits for a scheduler that ends as well
+            process.kill()  # a terminated worker would wait for the scheduler, which ends too
             process.wait()
 
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     pytest.importorskip("distributed", reason="extra distributed is not installed")
-    made = Cluster(tmp_path_factory.mktemp("cluster"))
-    yield made
-    made.stop()
+    started = Cluster(tmp_path_factory.mktemp("cluster"))
+    yield started
+    started.stop()
 
 
-class KillsOne(Notes):
-    """Watches a run, and kills a worker when the first cell is done."""
+class WorkerKiller(Notes):
+    """Kills a worker when the first cell of a run is done."""
 
     def __init__(self, cluster: Cluster) -> None:
         super().__init__()
@@ -173,22 +173,22 @@ class KillsOne(Notes):
         return contextlib.nullcontext(step)
 
 
-def test_a_worker_killed_in_the_middle_costs_nothing(
+def test_a_run_survives_the_death_of_a_cluster_worker(
     cluster: Cluster, whole: ProtocolFile, tmp_path: Path
 ) -> None:
-    there = replace(whole, path=tmp_path / "there" / "protocol.toml")
-    watch = KillsOne(cluster)
-    found = run_protocol(there, scheduler=cluster.address, watch=watch)
-    assert {str(row.reasons) for row in found.rows} == {"{}"}
+    file = replace(whole, path=tmp_path / "protocol.toml")
+    watch = WorkerKiller(cluster)
+    report = run_protocol(file, scheduler=cluster.address, watch=watch)
+    assert {str(row.reasons) for row in report.rows} == {"{}"}
     assert watch.killed
-    assert found.exit_status == 0
-    assert all(row.result is not None and not row.reasons for row in found.rows)
-    assert differences(records(there.results), records(whole.results)) == []
-    assert images(there.results) == images(whole.results)
-    again = run_protocol(there, scheduler=cluster.address)
+    assert report.exit_status == 0
+    assert None not in [row.result for row in report.rows]
+    assert differences(records(file.results), records(whole.results)) == []
+    assert images(file.results) == images(whole.results)
+    again = run_protocol(file, scheduler=cluster.address)
     assert {row.planned.status for row in again.rows} == {"done", "unsupported"}
 
 
-def test_a_worker_that_does_not_see_the_results_says_so(tmp_path: Path) -> None:
+def test_a_worker_without_access_to_the_results_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(MsbError, match="RUN_SCHEDULER"):
         check_run(tmp_path, "0123")

@@ -1,4 +1,4 @@
-"""A dry run names all that is missing, each thing once with what it costs, and ends as the run would."""
+"""A dry run lists every missing input once, with the cells it affects, and has the exit status of the run."""
 
 import json
 import shutil
@@ -10,43 +10,43 @@ from PIL import Image
 
 from msb.adapters.exporter import export
 from msb.asset import write_asset
-from msb.bench.missing import Missing
-from msb.bench.models import method_of
-from msb.bench.protocol import ProtocolFile, example, parse_protocol
+from msb.bench.missing_inputs import Missing
+from msb.bench.models import detect_method
+from msb.bench.protocol import ProtocolFile, parse_protocol, read_example
 from msb.bench.run import Report, run_protocol
 from msb.errors import UsageError
 from msb.scenes import read_scene
 from tests.bench.protocols import PEBBLE, STUBS, protocol
 
 
-def told(report: Report, word: str) -> Missing:
-    """Return the one missing thing that the word is in."""
-    (found,) = [one for one in report.missing if word in one.message]
-    return found
+def find(report: Report, word: str) -> Missing:
+    """Return the only missing input whose message contains the word."""
+    (missing,) = [missing for missing in report.missing if word in missing.message]
+    return missing
 
 
-def test_of_the_paper_in_an_empty_folder_each_dataset_and_method_is_named_once(tmp_path: Path) -> None:
-    report = run_protocol(parse_protocol(example("paper"), tmp_path / "paper.toml"), dry=True)
+def test_the_paper_in_an_empty_folder_lists_each_dataset_and_method_once(tmp_path: Path) -> None:
+    report = run_protocol(parse_protocol(read_example("paper"), tmp_path / "paper.toml"), dry=True)
     assert report.exit_status == 3
     assert list(tmp_path.iterdir()) == []
-    # What is installed here is another matter.
-    assert len([one for one in report.missing if one.code != "EXTRA_MISSING"]) == 17
-    for name, scenes in (("360_v2", 9), ("tandt", 2), ("nerf_synthetic", 8), ("data/dtu", 15)):
-        one = told(report, f"{tmp_path / 'data' / name.split('/')[-1]}: ")
-        assert f"{scenes} scenes: {one.cells} cells" in one.message
+    # Extras depend on this machine and are not counted.
+    assert len([missing for missing in report.missing if missing.code != "EXTRA_MISSING"]) == 17
+    for name, scenes in (("360_v2", 9), ("tandt", 2), ("nerf_synthetic", 8), ("dtu", 15)):
+        missing = find(report, f"{tmp_path / 'data' / name}: ")
+        assert f"{scenes} scenes: {missing.cells} cells" in missing.message
     blocked = [row for row in report.rows if row.planned.status == "failed"]
     assert {row.planned.status for row in report.rows} == {"failed", "unsupported"}
-    photographs = [one.cells for one in report.missing if "photographs" in one.message]
+    photographs = [missing.cells for missing in report.missing if "photographs" in missing.message]
     assert sum(photographs) == len(blocked)
     for method in ("two_dts", "triangle_splatting", "mesh_splatting", "diffsoup", "two_dgs"):
-        place = tmp_path / "output" / method
-        assert any(one.blocks for one in report.missing if one.message.startswith(f"{place}: "))
-        assert told(report, f"renderings of {method} on ").blocks
-    scan = told(report, "data of the Chamfer")
+        model = f"{tmp_path / 'output' / method}: "
+        assert any(missing.blocks for missing in report.missing if missing.message.startswith(model))
+        assert find(report, f"renderings of {method} on ").blocks
+    scan = find(report, "data for the Chamfer")
     assert (scan.cells, scan.blocks) == (60, False)
 
 
-def test_one_missing_thing_hides_no_other(tmp_path: Path) -> None:
+def test_all_missing_inputs_are_listed(tmp_path: Path) -> None:
     shutil.copytree(STUBS / "scenes" / "mipnerf360" / "pebble", tmp_path / "360" / "pebble")
     shutil.copytree(tmp_path / "360" / "pebble", tmp_path / "360" / "bonsai")
     shutil.rmtree(tmp_path / "360" / "pebble" / "images_4")
@@ -62,11 +62,11 @@ non_engine = "reference"
 """
     report = run_protocol(parse_protocol(text.encode(), tmp_path / "p.toml"), dry=True)
     assert report.exit_status == 3
-    folder = told(report, "photographs")
+    folder = find(report, "photographs")
     assert (folder.code, folder.cells, folder.blocks) == ("SCENE_IMAGE_MISSING", 4, True)
-    model = told(report, f"{tmp_path / 'models' / 'pebble'}: ")
+    model = find(report, f"{tmp_path / 'models' / 'pebble'}: ")
     assert (model.code, model.cells) == ("FILE_NOT_FOUND", 4)
-    training = told(report, f"{tmp_path / 't'}: ")
+    training = find(report, f"{tmp_path / 't'}: ")
     assert (training.cells, training.blocks) == (8, False)
     assert {row.planned.cell.scene: row.planned.status for row in report.rows} == {
         "bonsai": "pending",
@@ -74,9 +74,9 @@ non_engine = "reference"
     }
 
 
-def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Path) -> None:
+def test_a_folder_with_a_manifest_is_an_asset_under_any_name(tmp_path: Path) -> None:
     write_asset(export(PEBBLE / "two_dts"), tmp_path / "model", "folder")
-    assert method_of(tmp_path / "model") == "two_dts"
+    assert detect_method(tmp_path / "model") == "two_dts"
     model = json.dumps(str(tmp_path / "model"))
     text = protocol(tmp_path, ("two_dts",)).text.decode()
     text = text.replace(json.dumps(str(PEBBLE / "{method}")), model).replace('"two_dts"', '"auto"')
@@ -85,17 +85,17 @@ def test_a_folder_with_a_manifest_is_an_asset_whatever_it_is_called(tmp_path: Pa
 
 
 def official(tmp_path: Path) -> tuple[ProtocolFile, list[Path]]:
-    """Return a protocol with official renderings and nothing else, and the files of these."""
+    """Return a protocol with official renderings only, and the files of the renderings."""
     folder = tmp_path / "renders"
     folder.mkdir()
     views = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test
     for number, view in enumerate(views):
         Image.new("RGB", (view.width, view.height)).save(folder / f"{number:05d}.png")
-    each = 'non_engine = "renders"\nconditions = ["non_engine", "exported_mesh"]'
-    return protocol(tmp_path, ("two_dts",), each=each), sorted(folder.iterdir())
+    keys = 'non_engine = "renders"\nconditions = ["non_engine", "exported_mesh"]'
+    return protocol(tmp_path, ("two_dts",), keys=keys), sorted(folder.iterdir())
 
 
-def test_a_folder_of_official_renderings_is_looked_into(tmp_path: Path) -> None:
+def test_official_renderings_are_checked(tmp_path: Path) -> None:
     file, pictures = official(tmp_path)
     assert run_protocol(file, dry=True).missing == ()
     Image.new("RGB", (9, 7)).save(pictures[0])
@@ -111,37 +111,35 @@ def test_a_folder_of_official_renderings_is_looked_into(tmp_path: Path) -> None:
     assert report.exit_status == 3
 
 
-def test_extras_without_which_no_run_starts_are_named_with_all_else(
+def test_missing_extras_are_listed_with_everything_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for module in ("torch", "lpips", "av", "skimage"):
         monkeypatch.setitem(sys.modules, module, None)
     tail = '[metrics]\nvgg_weights = "vgg.pth"\n[videos]\n'
-    file = protocol(tmp_path, ("two_dts",), each='training = "t.json"', tail=tail)
+    file = protocol(tmp_path, ("two_dts",), keys='training = "t.json"', tail=tail)
     report = run_protocol(file, dry=True)
     assert report.exit_status == 3
     assert {row.planned.status for row in report.rows} == {"failed"}
     for extra in ("bench", "video", "lpips"):
-        one = told(report, f"meshsplatbench[{extra}]")
-        assert (one.code, one.cells, one.blocks) == ("EXTRA_MISSING", 3, True)
-    assert not told(report, "training records").blocks
-    assert told(report, f"{tmp_path / 'vgg.pth'}: ").code == "FILE_NOT_FOUND"
+        missing = find(report, f"meshsplatbench[{extra}]")
+        assert (missing.code, missing.cells, missing.blocks) == ("EXTRA_MISSING", 3, True)
+    assert not find(report, f"{tmp_path / 't.json'}: ").blocks
+    assert find(report, f"{tmp_path / 'vgg.pth'}: ").code == "FILE_NOT_FOUND"
     assert len(report.missing) == 5
     with pytest.raises(UsageError, match="EXTRA_MISSING"):
         run_protocol(file)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_device_that_is_not_there_blocks_every_cell(tmp_path: Path) -> None:
+def test_a_missing_device_blocks_every_cell(tmp_path: Path) -> None:
     report = run_protocol(protocol(tmp_path, ("two_dts",), head='device = "nowhere:7"'), dry=True)
     (device,) = report.missing
     assert (device.code, device.cells, device.blocks) == ("DEVICE_NOT_FOUND", 3, True)
     assert report.exit_status == 3
 
 
-def test_an_engine_that_is_not_installed_blocks_its_cells_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_engine_blocks_its_own_cells_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("msb.engines.webgpu")
     monkeypatch.setattr("msb.engines.webgpu.WgpuRenderer.missing", lambda: "wgpu-py is not installed")
     report = run_protocol(protocol(tmp_path, head='engines = ["wgpu"]'), dry=True)
@@ -152,7 +150,7 @@ def test_an_engine_that_is_not_installed_blocks_its_cells_alone(
 
 
 @pytest.mark.parametrize("address", ["", "tcp://x", "tcp://x:", "tcp://x:99999", "tcp://:1"])
-def test_what_is_no_address_of_a_scheduler_is_refused_at_once(tmp_path: Path, address: str) -> None:
+def test_invalid_scheduler_addresses_are_rejected_at_once(tmp_path: Path, address: str) -> None:
     for dry in (True, False):
         with pytest.raises(UsageError, match="USAGE"):
             run_protocol(protocol(tmp_path, ("two_dts",)), dry=dry, scheduler=address)

@@ -1,4 +1,4 @@
-"""Worker processes: answers and errors come home, a death costs one task, and none outlives its parent."""
+"""Worker processes: results and errors are returned, a crash costs one task, none outlives its parent."""
 
 import os
 import signal
@@ -15,29 +15,37 @@ from msb.bench import pool
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.errors import MsbError
 from tests.bench.protocols import until
-from tests.bench.workers import double, moody
+from tests.bench.workers import double, obey
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 
 
 @pytest.mark.slow
-def test_answers_errors_and_deaths(tmp_path: Path) -> None:
+def test_results_errors_and_crashes(tmp_path: Path) -> None:
     tasks = ["a", "die", "b", "raise it", f"once {tmp_path / 'seen'}", "c", "d"]
     with LocalWorkers(2) as workers:
-        found = dict(run_all(workers, moody, tasks))
+        answers = dict(run_all(workers, obey, tasks))
         assert list(run_all(workers, double, [1, 2, 3], alone=True)) == [(1, 2), (2, 4), (3, 6)]
-        alone = dict(run_all(workers, moody, [f"once {tmp_path / 'alone'}", "die", "a"], alone=True))
-    assert set(found) == set(tasks)
-    assert [found[name] for name in ("a", "b", "c", "d", tasks[4])] == ["a", "b", "c", "d", tasks[4]]
-    assert isinstance(found["raise it"], ValueError)
-    died = found["die"]
-    assert died.code == "RUN_WORKER_DIED"
-    assert [getattr(one, "code", "done") for one in alone.values()].count("RUN_WORKER_DIED") == 1
+        alone = dict(run_all(workers, obey, [f"once {tmp_path / 'alone'}", "die", "a"], alone=True))
+    assert set(answers) == set(tasks)
+    assert [answers[name] for name in ("a", "b", "c", "d", tasks[4])] == ["a", "b", "c", "d", tasks[4]]
+    assert isinstance(answers["raise it"], ValueError)
+    assert answers["die"].code == "RUN_WORKER_DIED"
+    assert [getattr(answer, "code", "done") for answer in alone.values()].count("RUN_WORKER_DIED") == 1
 
 
-class Refusing(ThreadPoolExecutor):
-    """A pool that a death breaks while tasks are being handed over: it takes one, and no more."""
+def test_an_interrupt_while_a_worker_starts_does_not_reach_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(ROOT)]))
+    with LocalWorkers(1) as workers:
+        assert list(run_all(workers, double, [1])) == [(1, 2)]
+
+
+class BreaksEarly(ThreadPoolExecutor):
+    """A pool that accepts one task and then breaks, as if its worker had died during the submission."""
 
     def submit(self, function: Any, /, *args: Any, **kwargs: Any) -> Any:
         if self._work_queue.qsize() or self._threads:
@@ -45,15 +53,15 @@ class Refusing(ThreadPoolExecutor):
         return super().submit(function, *args, **kwargs)
 
 
-class Breaking:
+class BreakingWorkers:
     jobs = 2
 
     def executor(self) -> Executor:
-        return Refusing(1)
+        return BreaksEarly(1)
 
 
-def test_a_pool_that_breaks_before_all_tasks_are_handed_over_loses_none() -> None:
-    assert sorted(run_all(cast("pool.Workers", Breaking()), double, [1, 2, 3, 4, 5])) == [
+def test_a_pool_that_breaks_during_the_submission_loses_no_task() -> None:
+    assert sorted(run_all(cast("pool.Workers", BreakingWorkers()), double, [1, 2, 3, 4, 5])) == [
         (number, 2 * number) for number in range(1, 6)
     ]
 
@@ -83,12 +91,12 @@ def test_workers_end_with_their_parent(tmp_path: Path, number: int) -> None:
         assert all(psutil.pid_exists(child) for child in children)
         parent.send_signal(number)
         parent.wait(30)
-        until(lambda: not any(_runs(child) for child in children))
+        until(lambda: not any(_is_running(child) for child in children))
     finally:
         parent.kill()
 
 
-def _runs(pid: int) -> bool:
+def _is_running(pid: int) -> bool:
     try:
         return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
     except psutil.Error:
@@ -96,10 +104,9 @@ def _runs(pid: int) -> bool:
 
 
 @pytest.mark.slow
-def test_no_scheduler_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unreachable_scheduler_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="extra distributed is not installed")
     monkeypatch.setattr(pool, "_CONNECT_SECONDS", 1)
-    with pytest.raises(MsbError, match="RUN_SCHEDULER"):
-        DaskWorkers("tcp://127.0.0.1:9")
-    with pytest.raises(MsbError, match="RUN_SCHEDULER"):
-        DaskWorkers("nonsense://x")
+    for address in ("tcp://127.0.0.1:9", "nonsense://x"):
+        with pytest.raises(MsbError, match="RUN_SCHEDULER"):
+            DaskWorkers(address)

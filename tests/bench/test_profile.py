@@ -1,4 +1,4 @@
-"""`msb bench` and the timing of runs: what is counted and how, of a model and of one triangle of it."""
+"""`msb bench` and the timing of runs: percentiles, warm-up, memory, and the cost of a single triangle."""
 
 import json
 import time
@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import msb
-import msb as library
-from msb.bench.floor import one_triangle
-from msb.bench.parts import grouped
+from msb.bench.floor import take_one_triangle
+from msb.bench.parts import group_memory
 from msb.bench.profile import profile
 from msb.render.backend import SETTLED_AT, Drawn
 from msb.scenes import turntable, write_cameras
@@ -20,8 +19,8 @@ from tests.bench.protocols import PEBBLE, STUBS
 from tests.cli.conftest import Here
 
 
-class Fake:
-    """Takes 1, 2, 3, ... ms a frame, and remembers what it was asked."""
+class FakeRenderer:
+    """Reports 1, 2, 3, ... ms for its frames, and remembers the cameras."""
 
     def __init__(self) -> None:
         self.drawn: list[Any] = []
@@ -40,16 +39,16 @@ class Fake:
         return {}
 
     def render(self, *_: Any) -> None:
-        pytest.fail("a timing run reads nothing back")
+        pytest.fail("a timing must not read images back")
 
 
-def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
-    renderer, steps = Fake(), []
-    found = profile(renderer, ["a", "b", "c"], frames=20, seconds=0, step=lambda: steps.append(1))
+def test_percentiles_are_interpolated_without_the_warm_up() -> None:
+    renderer, steps = FakeRenderer(), []
+    result = profile(renderer, ["a", "b", "c"], frames=20, seconds=0, step=lambda: steps.append(1))
     warm = len(renderer.drawn) - 20
     assert warm == 10
     spans = np.arange(warm + 1, warm + 21) + 1.5
-    timing = found.timing
+    timing = result.timing
     assert timing.frames == 20 == len(steps)
     assert (timing.p50_ms, timing.p95_ms) == tuple(np.percentile(spans, (50, 95)))
     assert timing.busy_p50_ms == pytest.approx(timing.p50_ms - 0.5)
@@ -57,52 +56,51 @@ def test_percentiles_are_interpolated_and_warm_up_is_left_out() -> None:
     assert len(timing.round_fps) == 5
     assert min(timing.round_fps) <= timing.fps <= max(timing.round_fps)
     assert timing.stages_ms == {"raster": np.median(spans) - 1.5, "shade": 1.0}
-    assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
-    # 1000 / FPS cannot be less than what the clock saw of each frame.
-    assert 1000 / timing.fps >= 0.5
+    assert result.memory == {"geometry": 100, "scratch": 6, "lists": ord("c")}
+    assert 1000 / timing.fps >= 0.5, "each frame sleeps for half a millisecond"
 
 
-def test_cameras_take_turns_and_time_counts_too() -> None:
-    renderer = Fake()
-    found = profile(renderer, ["a", "b"], frames=1, seconds=0.5)
+def test_cameras_alternate_until_frames_and_seconds_are_reached() -> None:
+    renderer = FakeRenderer()
+    result = profile(renderer, ["a", "b"], frames=1, seconds=0.5)
     timed = renderer.drawn[1:]
     assert timed[:4] == ["a", "b", "a", "b"]
-    assert len(renderer.drawn) == 1 + found.timing.frames
+    assert len(renderer.drawn) == 1 + result.timing.frames
     assert len(timed) > 5
-    with pytest.raises(ValueError, match="no camera"):
+    with pytest.raises(ValueError, match="cameras is empty"):
         profile(renderer, [], frames=1)
 
 
 @pytest.mark.parametrize(("frames", "warm_up"), [(1, 0), (2, 0), (2, 1), (1, 3), (9, 4), (4, None)])
-def test_memory_is_of_every_camera_and_of_a_settled_renderer(frames: int, warm_up: int | None) -> None:
+def test_memory_covers_every_camera_of_a_settled_renderer(frames: int, warm_up: int | None) -> None:
     for cameras in ("a", "abc", "cba", "abcdefgh"):
-        found = profile(Fake(), cameras, frames=frames, seconds=0, warm_up=warm_up)
-        assert found.timing.frames == frames
-        assert found.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
+        result = profile(FakeRenderer(), cameras, frames=frames, seconds=0, warm_up=warm_up)
+        assert result.timing.frames == frames
+        assert result.memory == {"geometry": 100, "scratch": 6, "lists": ord(max(cameras))}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["triangle_splatting", "mesh_splatting"])
-def test_memory_does_not_depend_on_how_many_frames_the_clock_saw(method: str) -> None:
+def test_memory_does_not_depend_on_the_number_of_timed_frames(method: str) -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble")
-    asset, found = msb.export(PEBBLE / method), []
+    asset, memory = msb.export(PEBBLE / method), []
     for warm_up in (0, 1, 10):
         with msb.Renderer(asset, tier="dedicated") as renderer:
             timed = profile(renderer, scene.test, scene.background, frames=1, seconds=0, warm_up=warm_up)
-        found.append(timed.memory)
-    assert found[0] == found[1] == found[2]
+        memory.append(timed.memory)
+    assert memory[0] == memory[1] == memory[2]
 
 
-def test_memory_of_unknown_use_is_scratch() -> None:
-    found = grouped({"vulkan heap": 5, "positions": 7}, {"positions": "geometry"})
-    assert (found.scratch, found.geometry, found.total) == (5, 7, 12)
-    assert found.uses == {"vulkan heap": 5, "positions": 7}
+def test_memory_of_an_unknown_use_is_scratch() -> None:
+    memory = group_memory({"vulkan heap": 5, "positions": 7}, {"positions": "geometry"})
+    assert (memory.scratch, memory.geometry, memory.total) == (5, 7, 12)
+    assert memory.uses == {"vulkan heap": 5, "positions": 7}
 
 
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting", "diffsoup"])
-def test_one_triangle_holds_all_that_the_first_one_has(method: str) -> None:
+def test_one_triangle_keeps_all_buffers_of_the_first_triangle(method: str) -> None:
     whole = msb.export(PEBBLE / method)
-    single = one_triangle(whole)
+    single = take_one_triangle(whole)
     assert (single.manifest.face_count, single.manifest.vertex_count) == (1, 3)
     corners = whole.buffers["indices"][0]
     np.testing.assert_array_equal(single.buffers["positions"], whole.buffers["positions"][corners])
@@ -121,7 +119,9 @@ def cameras(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_bench_records_and_compares(here: Here, demo_asset: Path, cameras: Path, tmp_path: Path) -> None:
+def test_bench_writes_and_compares_records(
+    here: Here, demo_asset: Path, cameras: Path, tmp_path: Path
+) -> None:
     record = tmp_path / "old.json"
     args = ("bench", "--cameras", cameras, "--repeat", "4", "--seconds", "0")
     assert here(*args, "--json", record, demo_asset).status == 0
@@ -130,7 +130,7 @@ def test_bench_records_and_compares(here: Here, demo_asset: Path, cameras: Path,
     assert (data["frames"], data["memory_views"]) == (4, data["views"])
     assert data["machine"]["device"]["platform"]
     assert 0 < data["device_ms"]["p50"] <= data["device_ms"]["p95"]
-    assert sum(data["memory_bytes"].values()) > library.load(demo_asset).buffers["indices"].nbytes
+    assert sum(data["memory_bytes"].values()) > msb.load(demo_asset).buffers["indices"].nbytes
     assert sum(data["stages_ms"].values()) <= 2 * data["device_ms"]["p95"]
     assert here(*args, "--compare", record, demo_asset).status == 0
     fast = {**data, "device_ms": {**data["device_ms"], "p50": data["device_ms"]["p50"] / 1000}, "faces": 1}
@@ -138,7 +138,7 @@ def test_bench_records_and_compares(here: Here, demo_asset: Path, cameras: Path,
     result = here(*args, "--compare", tmp_path / "fast.json", "--fail-slower", "900%", demo_asset)
     note, failure = result.err.splitlines()
     assert result.status == 1
-    assert "34761" in note  # faces differ: not the same is compared
+    assert "34761" in note, "the numbers of faces differ"
     assert failure.startswith("GATE_FAILED: ")
     here(*args, "--compare", record, "--fail-slower", "ten", demo_asset).ends(2, "USAGE: --fail-slower")
     modes = ("--tier", "dedicated", "--order", "none", "--sampling", "engine")
@@ -150,7 +150,7 @@ def test_bench_records_and_compares(here: Here, demo_asset: Path, cameras: Path,
     ("content", "code"),
     [("{}", "FILE_NOT_RECOGNISED"), ("[", "FILE_NOT_RECOGNISED"), (None, "FILE_NOT_FOUND")],
 )
-def test_a_record_that_cannot_be_read_ends_the_command(
+def test_an_invalid_record_to_compare_with_ends_the_command(
     here: Here, demo_asset: Path, tmp_path: Path, content: str | None, code: str
 ) -> None:
     if content is not None:
@@ -158,6 +158,6 @@ def test_a_record_that_cannot_be_read_ends_the_command(
     here("bench", "--compare", tmp_path / "bad.json", demo_asset).ends(3, f"{code}: ")
 
 
-def test_bench_rejects_modes_that_a_tier_does_not_have(here: Here, demo_asset: Path) -> None:
+def test_bench_rejects_unsupported_modes(here: Here, demo_asset: Path) -> None:
     for option, value in (("--order", "tile"), ("--sampling", "engine")):
         here("bench", option, value, demo_asset).ends(4, "UNSUPPORTED_OPTION: ")

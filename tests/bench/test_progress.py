@@ -1,4 +1,4 @@
-"""The time left is told from finished tasks of the same kind, and not told where there are none."""
+"""The remaining time of a run is estimated from finished tasks of the same kind."""
 
 import contextlib
 import io
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from msb.bench.commands.run import stage_lines
+from msb.bench.commands.run import draw_stage
 from msb.bench.progress import Left, Stage
 from msb.bench.run import run_protocol
 from tests.bench.protocols import Notes, protocol
@@ -20,68 +20,67 @@ class Clock:
     now = 100.0
 
     def __call__(self) -> float:
-        """Return its time."""
         return self.now
 
 
-def stage(kinds: str, at_once: int = 1) -> tuple[Stage, Clock]:
-    """Return a stage with a task a letter, which is its kind, and its clock."""
+def make_stage(kinds: str, at_once: int = 1) -> tuple[Stage, Clock]:
+    """Return a stage with one task for each letter, which is the kind of the task, and its clock."""
     clock = Clock()
     names = [f"{kind}{number}" for number, kind in enumerate(kinds)]
     return Stage("cells", names, kinds, at_once=at_once, clock=clock), clock
 
 
-def test_nothing_is_told_before_a_task_of_the_kind_has_ended() -> None:
-    one, clock = stage("abab")
-    assert (one.now, one.done, one.left()) == (("a0",), 0, None)
+def test_there_is_no_estimate_before_a_task_of_the_kind_has_ended() -> None:
+    stage, clock = make_stage("abab")
+    assert (stage.now, stage.done, stage.left()) == (("a0",), 0, None)
     clock.now += 10
-    one.end(0)
-    assert (one.now, one.done) == (("b1",), 1)
-    assert one.left() == Left(10, at_least=True)  # of kind b nothing is known
+    stage.end(0)
+    assert (stage.now, stage.done) == (("b1",), 1)
+    assert stage.left() == Left(10, at_least=True)  # no task of kind b has ended
     clock.now += 2
-    one.end(1)
-    assert one.left() == Left(12, at_least=False)
+    stage.end(1)
+    assert stage.left() == Left(12, at_least=False)
     clock.now += 4
-    assert one.left() == Left(8, at_least=False)
-    one.end(2)
-    one.end(3)
-    assert (one.now, one.done, one.left()) == ((), 4, None)
+    assert stage.left() == Left(8, at_least=False)
+    stage.end(2)
+    stage.end(3)
+    assert (stage.now, stage.done, stage.left()) == ((), 4, None)
 
 
-def test_a_task_that_takes_longer_than_others_did_is_of_unknown_length() -> None:
-    one, clock = stage("aaa")
+def test_a_task_that_takes_longer_than_the_average_is_not_estimated() -> None:
+    stage, clock = make_stage("aaa")
     clock.now += 10
-    one.end(0)
+    stage.end(0)
     clock.now += 15
-    assert one.left() == Left(10, at_least=True)
-    one.end(1)
+    assert stage.left() == Left(10, at_least=True)
+    stage.end(1)
     clock.now += 20
-    assert one.left() is None
+    assert stage.left() is None
 
 
-def test_several_workers_take_the_first_tasks_and_share_the_time() -> None:
-    one, clock = stage("aaaaa", at_once=2)
-    assert one.now == ("a0", "a1")
+def test_several_workers_share_the_remaining_time() -> None:
+    stage, clock = make_stage("aaaaa", at_once=2)
+    assert stage.now == ("a0", "a1")
     clock.now += 10
-    one.end(1)
-    assert one.now == ("a0", "a2")
-    assert one.left() == Left(15, at_least=True)  # a0 takes longer
-    one.end(0, 10.0)
-    assert one.left() == Left(15, at_least=False)
-    one.end(2)
-    one.end(3)
+    stage.end(1)
+    assert stage.now == ("a0", "a2")
+    assert stage.left() == Left(15, at_least=True)  # a0 takes longer than a1 did
+    stage.end(0, 10.0)
+    assert stage.left() == Left(15, at_least=False)
+    stage.end(2)
+    stage.end(3)
     clock.now += 1
-    assert one.now == ("a4",)
-    assert one.left() == Left(pytest.approx(10 * 2 / 4 - 1), at_least=False)
+    assert stage.now == ("a4",)
+    assert stage.left() == Left(pytest.approx(10 * 2 / 4 - 1), at_least=False)
 
 
 @pytest.mark.parametrize("seconds", [0.2, 44, 12_000])
-def test_the_bar_takes_two_lines_of_a_terminal(seconds: float) -> None:
+def test_the_progress_bar_takes_two_lines(seconds: float) -> None:
     name = "tanksandtemples truck triangle_splatting dedicated"
-    one = Stage("cells", [name, "b", "c"], "aab", then=["timing", "videos"], at_once=2, clock=lambda: 0.0)
-    one.end(0, seconds)
+    stage = Stage("cells", [name, "b", "c"], "aab", then=["timing", "videos"], at_once=2, clock=lambda: 0.0)
+    stage.end(0, seconds)
     text = io.StringIO()
-    Console(file=text, width=80, color_system=None, force_terminal=True).print(stage_lines(one))
+    Console(file=text, width=80, color_system=None, force_terminal=True).print(draw_stage(stage))
     bar, second = text.getvalue().splitlines()
     assert bar.split()[:2] == ["cells", "1/3"]
     assert len(bar) == 80
@@ -90,24 +89,24 @@ def test_the_bar_takes_two_lines_of_a_terminal(seconds: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_run_keeps_its_stages_up_to_date(tmp_path: Path, jobs: int) -> None:
-    seen: list[tuple[str, int, tuple[str, ...], tuple[str, ...]]] = []
+def test_a_run_updates_its_stages(tmp_path: Path, jobs: int) -> None:
+    states: list[tuple[str, int, tuple[str, ...], tuple[str, ...]]] = []
 
     class Watch(Notes):
-        """Writes down the state at the beginning and after each task."""
+        """Records the state of each stage at its start and after each task."""
 
         @contextlib.contextmanager
         def stage(self, stage: Stage) -> Iterator[Callable[[str], None]]:
-            def look(_name: str = "") -> None:
-                seen.append((stage.title, stage.done, stage.now, stage.then))
+            def record(_name: str = "") -> None:
+                states.append((stage.title, stage.done, stage.now, stage.then))
 
-            look()
-            yield look
+            record()
+            yield record
             assert stage.done == len(stage.names)
 
     assert run_protocol(protocol(tmp_path, ("two_dts",)), jobs=jobs, watch=Watch()).exit_status == 0
     cells = [f"nerf_synthetic pebble two_dts {name}" for name in ("dedicated", "standard", "exported_mesh")]
-    first = next(one for one in seen if one[0] == "cells")
+    first = next(state for state in states if state[0] == "cells")
     assert first == ("cells", 0, tuple(cells[:jobs]), ("timing",))
-    timing = [one[1:] for one in seen if one[0] == "timing"]
+    timing = [state[1:] for state in states if state[0] == "timing"]
     assert timing == [(0, (cells[0],), ()), (1, (cells[1],), ()), (2, (), ())]

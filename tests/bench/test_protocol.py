@@ -1,11 +1,17 @@
-"""The protocol file: defaults, paths, and a clear line for everything that is wrong with it."""
+"""The protocol file: defaults, paths with placeholders, and one clear error for each mistake."""
 
 import shutil
 from pathlib import Path
 
 import pytest
 
-from msb.bench.protocol import example, overrides, parse_protocol, read_protocol, single_protocol
+from msb.bench.protocol import (
+    get_overrides,
+    make_single_protocol,
+    parse_protocol,
+    read_example,
+    read_protocol,
+)
 from msb.errors import MsbError
 from msb.registry import METHODS
 from msb.scenes.datasets import DATASETS
@@ -24,18 +30,17 @@ model = "out/{method}/{scene}"
 """
 
 
-def test_ten_lines_are_a_protocol() -> None:
+def test_a_minimal_protocol_and_its_defaults() -> None:
     file = parse_protocol(MINIMAL.encode(), "/somewhere/p.toml")
-    assert len(MINIMAL.strip().splitlines()) < 10
-    found = file.protocol
+    protocol = file.protocol
     assert file.results == Path("/somewhere/results")
-    assert found.conditions == ("non_engine", "dedicated", "standard", "exported_mesh")
-    assert (found.timing.frames, found.timing.seconds) == (100, 3.0)
-    assert found.chamfer is None
-    assert found.metrics.vgg_weights is None
+    assert protocol.conditions == ("non_engine", "dedicated", "standard", "exported_mesh")
+    assert (protocol.timing.frames, protocol.timing.seconds) == (100, 3.0)
+    assert protocol.chamfer is None
+    assert protocol.metrics.vgg_weights is None
 
 
-def test_paths_are_relative_to_the_file_and_have_places() -> None:
+def test_paths_are_relative_to_the_file_and_have_placeholders() -> None:
     file = parse_protocol(MINIMAL.encode(), "/a/b/p.toml")
     names = {"dataset": "d", "scene": "s", "method": "m"}
     assert file.resolve("x/{scene}/{method}/{dataset}", **names) == Path("/a/b/x/s/m/d")
@@ -44,7 +49,7 @@ def test_paths_are_relative_to_the_file_and_have_places() -> None:
     assert file.resolve("~/x", **names) == Path.home() / "x"
 
 
-def test_doubled_braces_stand_for_themselves() -> None:
+def test_doubled_braces_are_single_braces() -> None:
     text = MINIMAL.replace("{scene}", "{{x}}/{scene}{{")
     file = parse_protocol(text.encode(), "/a/b/p.toml")
     model = file.protocol.methods[0].model
@@ -55,26 +60,26 @@ def test_doubled_braces_stand_for_themselves() -> None:
 def test_settings_none_switches_off() -> None:
     text = MINIMAL + 'settings = { ste_threshold = "none", gamma = 20 }\n'
     method = parse_protocol(text.encode(), "p.toml").protocol.methods[0]
-    assert overrides(method) == {"ste_threshold": None, "gamma": 20}
+    assert get_overrides(method) == {"ste_threshold": None, "gamma": 20}
 
 
 def test_the_paper_example_has_the_papers_scenes_rows_and_sizes() -> None:
-    found = parse_protocol(example("paper"), "paper.toml").protocol
-    assert {one.name: set(one.scenes) for one in found.datasets} == {
+    protocol = parse_protocol(read_example("paper"), "paper.toml").protocol
+    assert {table.name: set(table.scenes) for table in protocol.datasets} == {
         name: set(dataset.scenes) for name, dataset in DATASETS.items()
     }
-    own = {method.paper_name: name for name, method in METHODS.items() if method.paper_name}
-    assert {method.name for method in found.methods} == set(own.values())
-    assert {one.name: one.resolution for one in found.datasets}["tanksandtemples"] is None
+    methods = {name for name, method in METHODS.items() if method.paper_name}
+    assert {method.name for method in protocol.methods} == methods
+    assert {table.name: table.resolution for table in protocol.datasets}["tanksandtemples"] is None
     diffsoup = {
-        name: (one.image_folder, one.resolution)
-        for one in found.methods
-        if one.name == "diffsoup"
-        for name in one.datasets
+        name: (method.image_folder, method.resolution)
+        for method in protocol.methods
+        if method.name == "diffsoup"
+        for name in method.datasets
     }
     assert diffsoup == {
         "mipnerf360": ("images_4", None),
-        "tanksandtemples": (None, 2),  # whose package is at 2x
+        "tanksandtemples": (None, 2),  # the published images are at 2x downsampling
         **dict.fromkeys(("nerf_synthetic", "dtu"), (None, 4)),
     }
 
@@ -82,13 +87,13 @@ def test_the_paper_example_has_the_papers_scenes_rows_and_sizes() -> None:
 OURS = '[[methods]]\nname = "mesh"\nmodel = "x"\nlabel = "Ours"\n'
 VARIANT = '[[variants]]\nlabel = "{}"\norder = "global"\n'
 WRONG = {
-    "a = ": "it is not TOML",
-    "a = " + "[" * 4000: "it is not TOML",
-    "\xff": "it is not TOML",
+    "a = ": "the file is not valid TOML",
+    "a = " + "[" * 4000: "the file is not valid TOML",
+    "\xff": "the file is not valid TOML",
     "": "/datasets",
     "[timng]\nframes = 3\n" + MINIMAL: "/timng",
     MINIMAL + "nonsense = 1\n": "/methods/0/nonsense",
-    MINIMAL + "resolution = 2020-01-01\n": "it holds",
+    MINIMAL + "resolution = 2020-01-01\n": "the file contains",
     MINIMAL.replace("two_dts", "nerf"): "/methods/0/name",
     MINIMAL.replace("{scene}", "{sceen}"): "/methods/0/model",
     MINIMAL.replace('"two_dts"', '"auto"'): "/methods/0/model",
@@ -101,7 +106,7 @@ WRONG = {
     MINIMAL + 'datasets = ["dtu"]\n': "/methods/0/datasets",
     MINIMAL + "background = [1, 1, 2]\n": "/methods/0/background/2",
     MINIMAL + "[timing]\nframes = -1\n": "/timing/frames",
-    MINIMAL + "[timing]\nseconds = nan\n": "it holds",
+    MINIMAL + "[timing]\nseconds = nan\n": "the file contains",
     MINIMAL + "[chamfer]\n": "/chamfer/data",
     MINIMAL + '[trial]\ntasks = ["uvs"]\n': "/trial/tasks",
     MINIMAL + '[videos]\npath = "spiral"\n': "/videos/path",
@@ -120,11 +125,11 @@ WRONG = {
     MINIMAL + '[[variants]]\nlabel = "a"\nrenderer = "b"\n': "/variants/0/renderer",
     MINIMAL + VARIANT.format("a") + "settings = { gama = 1 }\n": "/variants/0/settings",
 }
-"""Wrong protocol -> how the message begins: with the place, where there is one."""
+"""Invalid protocol -> the beginning of the message, usually the place in the file."""
 
 
-@pytest.mark.parametrize("text", [each for each in WRONG if WHOLE or "[trial]" not in each])
-def test_what_is_wrong_is_named(text: str) -> None:
+@pytest.mark.parametrize("text", [text for text in WRONG if WHOLE or "[trial]" not in text])
+def test_errors_name_their_place(text: str) -> None:
     with pytest.raises(MsbError) as caught:
         parse_protocol(text.encode("latin-1" if text == "\xff" else "utf-8"), "p.toml")
     assert caught.value.code == "PROTOCOL_INVALID"
@@ -132,7 +137,7 @@ def test_what_is_wrong_is_named(text: str) -> None:
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_a_file_that_is_not_there_or_too_long(tmp_path: Path) -> None:
+def test_missing_and_too_long_files(tmp_path: Path) -> None:
     with pytest.raises(MsbError, match="FILE_NOT_FOUND"):
         read_protocol(tmp_path / "p.toml")
     (tmp_path / "p.toml").write_bytes(b"#" * (2 << 20))
@@ -140,21 +145,23 @@ def test_a_file_that_is_not_there_or_too_long(tmp_path: Path) -> None:
         read_protocol(tmp_path / "p.toml")
 
 
-def test_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_protocol_of_one_model_on_one_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    file = single_protocol(PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference")
+    file = make_single_protocol(
+        PEBBLE / "two_dts", STUBS / "scenes" / "dtu" / "scan1", non_engine="reference"
+    )
     assert file.results == tmp_path / "two_dts-scan1-results"
     assert file.protocol.datasets[0].name == "dtu"
     assert file.protocol.methods[0].non_engine == "reference"
     assert parse_protocol(file.text, file.path) == file
     with pytest.raises(MsbError, match="SCENE_LAYOUT"):
-        single_protocol(PEBBLE / "two_dts", tmp_path)
+        make_single_protocol(PEBBLE / "two_dts", tmp_path)
 
 
-def test_places_in_names_of_files_are_no_places(tmp_path: Path) -> None:
+def test_braces_in_file_names_are_kept(tmp_path: Path) -> None:
     folder = tmp_path / "{x}{scene}}"
     shutil.copytree(STUBS / "scenes" / "dtu" / "scan1", folder / "scan1")
-    file = single_protocol(folder / "model", folder / "scan1", non_engine=str(folder / "renders"))
+    file = make_single_protocol(folder / "model", folder / "scan1", non_engine=str(folder / "renders"))
     dataset, method = file.protocol.datasets[0], file.protocol.methods[0]
     for given, name in ((dataset.path, "scan1"), (method.model, "model"), (method.non_engine, "renders")):
         assert file.resolve(given, scene="s", dataset="d", method="m") == folder / name

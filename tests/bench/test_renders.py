@@ -1,4 +1,4 @@
-"""Official renderings: matched by name or number, hashed, and refused where they do not fit."""
+"""Official renderings: matched by name or number, hashed, and rejected if they are invalid."""
 
 import hashlib
 import shutil
@@ -21,13 +21,13 @@ pytestmark = pytest.mark.slow
 
 
 def upstream(file: ProtocolFile, folder: Path) -> ProtocolFile:
-    """Return the protocol with the renderings in `folder` as the official ones of two_dts, alone."""
+    """Return a protocol of two_dts alone, with official renderings in `folder` and no model."""
     return changed(file, method={"non_engine": str(folder), "model": None}, alone=True)
 
 
 @pytest.fixture
 def official(again: ProtocolFile, tmp_path: Path) -> Path:
-    """Official renderings: those of our reference, under the photographs' names."""
+    """Official renderings: images of our reference renderer, named like the photographs."""
     folder = tmp_path / "official"
     shutil.copytree(again.results / "cells/nerf_synthetic/pebble/two_dts/non_engine/images", folder)
     return folder
@@ -35,26 +35,26 @@ def official(again: ProtocolFile, tmp_path: Path) -> Path:
 
 def test_official_renderings_are_imported_by_name(again: ProtocolFile, official: Path) -> None:
     quality = cell(again, "two_dts/non_engine").quality
-    found = run_protocol(upstream(again, official))
-    assert list(planned(found)) == ["two_dts/non_engine"]
-    one = cell(again, "two_dts/non_engine")
-    assert one.quality == quality
-    assert (one.renderer.kind, one.renderer.settings) == ("upstream", {"matched_by": "name"})
-    assert one.renders.path == str(official)
+    report = run_protocol(upstream(again, official))
+    assert list(planned(report)) == ["two_dts/non_engine"]
+    record = cell(again, "two_dts/non_engine")
+    assert record.quality == quality
+    assert (record.renderer.kind, record.renderer.settings) == ("upstream", {"matched_by": "name"})
+    assert record.renders.path == str(official)
     lines = sorted(
         (path.relative_to(official).as_posix(), hashlib.sha256(path.read_bytes()).hexdigest())
         for path in official.rglob("*.png")
     )
     text = "".join(f"{sha256}  {name}\n" for name, sha256 in lines)
-    assert one.renders.sha256 == hashlib.sha256(text.encode()).hexdigest()
+    assert record.renders.sha256 == hashlib.sha256(text.encode()).hexdigest()
     sums = "\n".join(f"{sha256} *./{name}" for name, sha256 in lines)
     (official / "SHA256SUMS").write_text(sums)
     assert planned(run_protocol(upstream(again, official))) == {"two_dts/non_engine": "done"}
     (official / "SHA256SUMS").unlink()
-    first = next(iter(sorted(official.rglob("*.png"))))
-    first.write_bytes(sorted(official.rglob("*.png"))[1].read_bytes())
-    told = planned(run_protocol(upstream(again, official)))
-    assert told == {"two_dts/non_engine": {"quality": "renders changed"}}
+    first, second, *_ = sorted(official.rglob("*.png"))
+    first.write_bytes(second.read_bytes())
+    outcome = planned(run_protocol(upstream(again, official)))
+    assert outcome == {"two_dts/non_engine": {"quality": "renders changed"}}
 
 
 def test_official_renderings_by_number(again: ProtocolFile, official: Path, tmp_path: Path) -> None:
@@ -64,9 +64,9 @@ def test_official_renderings_by_number(again: ProtocolFile, official: Path, tmp_
     for index, image in enumerate(quality.images):
         shutil.copy(official / Path(str(image.file)).relative_to("images"), numbered / f"{index:05d}.png")
     run_protocol(upstream(again, numbered))
-    one = cell(again, "two_dts/non_engine")
-    assert one.renderer.settings == {"matched_by": "number"}
-    assert one.quality == quality
+    record = cell(again, "two_dts/non_engine")
+    assert record.renderer.settings == {"matched_by": "number"}
+    assert record.quality == quality
 
 
 def shrink(first: Path) -> None:
@@ -90,20 +90,20 @@ WRONG: dict[str, tuple[str, Callable[[Path, Path], object]]] = {
 
 
 @pytest.mark.parametrize(("code", "spoil"), WRONG.values(), ids=WRONG)
-def test_official_renderings_that_do_not_fit_are_refused(
+def test_invalid_official_renderings_are_rejected(
     again: ProtocolFile, official: Path, code: str, spoil: Callable[[Path, Path], object]
 ) -> None:
     spoil(official, sorted(official.rglob("*.png"))[0])
     assert run_protocol(upstream(again, official)).exit_status == 3
-    one = cell(again, "two_dts/non_engine")
-    assert (one.status, one.reason.code, one.quality) == ("failed", code, None)
+    record = cell(again, "two_dts/non_engine")
+    assert (record.status, record.reason.code, record.quality) == ("failed", code, None)
 
 
-def test_renderings_are_found_by_names_that_are_spelled_otherwise(tmp_path: Path) -> None:
+def test_names_of_renderings_are_compared_in_unicode_normal_form(tmp_path: Path) -> None:
     composed, decomposed = (unicodedata.normalize(form, "caf\u00e9") for form in ("NFC", "NFD"))
     camera = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble").test[0]
     file = tmp_path / f"{decomposed}.png"
     Image.new("RGB", (camera.width, camera.height)).save(file)
     (tmp_path / "SHA256SUMS").write_text(f"{file_sha256(file)}  {composed}.png\n", "utf-8")
-    (found,) = find_renders(tmp_path, [replace(camera, name=f"{composed}.png")]).files
-    assert found.samefile(file)
+    (rendering,) = find_renders(tmp_path, [replace(camera, name=f"{composed}.png")]).files
+    assert rendering.samefile(file)

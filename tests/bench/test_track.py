@@ -1,4 +1,4 @@
-"""What a command costs, its status, signals and arguments; and how fast a method's own renderer is."""
+"""`msb track`: time, memory, exit status and signals of a command, and renderer timings from elsewhere."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from msb.bench.gaps import slowdown
-from msb.bench.nvml import Gpus, driver_memory
+from msb.bench.nvml import Gpus, read_driver_memory
 from msb.bench.records import RendererTiming, read_renderer_timing
 from msb.bench.run import run_protocol
 from msb.bench.track import WHOLE_COMMAND, read_track, track
@@ -26,143 +26,116 @@ from tests.cli.forks import run_msb
 from tests.conftest import ROOT
 from tests.report.factory import result
 
+posix = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 TAKE = "held = bytearray(200 << 20); held[::4096] = b'x' * len(held[::4096])"
-HOLD = f"import time; {TAKE}; time.sleep(1)"
 
 
 @pytest.mark.slow
-def test_time_memory_and_status() -> None:
-    found = track([sys.executable, "-c", f"{HOLD}; raise SystemExit(7)"], interval=0.02)
-    assert found.exit_status == 7
-    assert 0.5 <= found.seconds < 30
-    assert 200 << 20 <= found.peak_host_memory_bytes < 400 << 20
-    assert found.command[0] == sys.executable
-    assert found.started <= found.ended
-
-
-@pytest.mark.slow
-def test_memory_of_children_counts() -> None:
+def test_time_status_and_memory_of_all_child_processes() -> None:
     child = f"{TAKE}; print(flush=True); input()"
     code = (
         "import sys, time\nfrom subprocess import PIPE, Popen\n"
         f"children = [Popen([sys.executable, '-c', {child!r}], stdin=PIPE, stdout=PIPE) for _ in '12']\n"
         "for child in children: child.stdout.readline()\n"
         "time.sleep(1)\n"
-        "for child in children: child.communicate(b'\\n')"
+        "for child in children: child.communicate(b'\\n')\n"
+        "sys.exit(7)"
     )
-    found = track([sys.executable, "-c", code], interval=0.02)
-    assert found.peak_host_memory_bytes > 400 << 20
+    record = track([sys.executable, "-c", code], interval=0.02)
+    assert record.exit_status == 7
+    assert 1 <= record.seconds < 60
+    assert 400 << 20 < record.peak_host_memory_bytes < 700 << 20
+    assert record.command[0] == sys.executable
+    assert record.started <= record.ended
 
 
-def test_the_record_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    found = track([sys.executable, "-c", "pass"])
-    (tmp_path / "t.json").write_bytes(found.to_json())
-    assert read_track(tmp_path / "t.json") == found
-    (tmp_path / "t.json").write_bytes(found.to_json().replace(b"msb.track/1", b"msb.track/9"))
-    with pytest.raises(MsbError, match="RECORD_INVALID"):
-        read_track(tmp_path / "t.json")
+def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
+    record = track([sys.executable, "-c", "pass"])
+    (tmp_path / "t.json").write_bytes(record.to_json())
+    assert read_track(tmp_path / "t.json") == record
 
 
-def test_a_program_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(MsbError, match="FILE_NOT_FOUND"):
-        track([str(tmp_path / "nothing")])
+def test_missing_programs_and_files_that_are_no_programs(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("x")
-    with pytest.raises(MsbError, match="FILE_UNREADABLE"):
-        track([str(tmp_path / "data")])
+    for name, code in (("nothing", "FILE_NOT_FOUND"), ("data", "FILE_UNREADABLE")):
+        with pytest.raises(MsbError, match=code):
+            track([str(tmp_path / name)])
 
 
-STRANGER = 2**22 + 12345  # no number a process of ours can have
+FOREIGN = 2**22 + 12345  # above the largest process number of Linux
 
 
 @pytest.mark.parametrize(
-    ("looks", "wanted"),
+    ("states", "expected"),
     [
-        # (what processes hold, what the device holds), from before the command on
+        # (bytes per process, bytes in use on the device): before the command, then while it runs
         ([({}, 100), ({ME: 300, 1: 50}, 450), ({ME: 200}, 300)], (300, "processes", None)),
-        ([({1: 50}, 100), ({1: 60}, 700)], (0, "processes", None)),  # all that is told belongs to others
-        ([({}, 100), ({}, 400), ({}, 350)], (300, "device", None)),  # in a container: none is told
-        ([({}, 100), ({STRANGER: 200}, 300)], (200, "device", None)),  # or the host's numbers are
-        ([({}, 100), ({ME: None}, 180)], (80, "device", None)),  # Windows: listed, but not how much
+        ([({1: 50}, 100), ({1: 60}, 700)], (0, "processes", None)),  # only other programs use the GPU
+        ([({}, 100), ({}, 400), ({}, 350)], (300, "device", None)),  # in a container no process is listed
+        ([({}, 100), ({FOREIGN: 200}, 300)], (200, "device", None)),  # or with the host's process numbers
+        ([({}, 100), ({ME: None}, 180)], (80, "device", None)),  # Windows lists processes without memory
         ([({}, 100), ({}, 100)], (0, "processes", None)),
     ],
 )
-def test_gpu_memory_is_of_processes_or_else_of_the_device(
-    monkeypatch: pytest.MonkeyPatch, looks: list[tuple[dict[int, int | None], int]], wanted: tuple[Any, ...]
+def test_gpu_memory_is_measured_per_process_or_for_the_device(
+    monkeypatch: pytest.MonkeyPatch,
+    states: list[tuple[dict[int, int | None], int]],
+    expected: tuple[Any, ...],
 ) -> None:
-    driver = nvml(*looks[0])
+    driver = nvml(*states[0])
     monkeypatch.setitem(sys.modules, "pynvml", driver)
     gpus = Gpus()
-    for driver.held, driver.used in looks[1:]:
+    for driver.held, driver.used in states[1:]:
         gpus.look({ME})
-    assert gpus.result() == wanted
-    (only,) = gpus.devices()
-    assert (only.name, only.uuid, only.peak_bytes) == ("A GPU", "GPU-1", wanted[0])
+    assert gpus.result() == expected
+    (gpu,) = gpus.devices()
+    assert (gpu.name, gpu.uuid, gpu.peak_bytes) == ("A GPU", "GPU-1", expected[0])
 
 
-def test_where_processes_are_not_listed_no_memory_is_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_: Any) -> Any:
-        raise RuntimeError("no permission")
+@pytest.mark.parametrize("count", [1, 2])
+def test_gpu_memory_if_the_first_gpu_denies_access(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
+    """The driver denies the list of processes of GPU 0, then also its memory in use."""
+    driver = nvml({ME: 7}, 100, count)
 
-    driver = nvml({}, 100)
-    driver.nvmlDeviceGetComputeRunningProcesses = refuse
-    monkeypatch.setitem(sys.modules, "pynvml", driver)
-    gpus = Gpus()
-    driver.used = 400
-    gpus.look({ME})
-    assert gpus.result() == (300, "device", None)
-    assert gpus.devices()[0].peak_bytes == 300
-    driver.used = 100
-    gpus = Gpus()
-    driver.nvmlDeviceGetMemoryInfo = refuse
-    gpus.look({ME})
-    assert gpus.result() == (None, None, "NVML: no permission")
-    driver.nvmlDeviceGetMemoryInfo = nvml({}, 100).nvmlDeviceGetMemoryInfo
-    assert gpus.devices()[0].peak_bytes is None
+    def deny_first(name: str) -> None:
+        call = getattr(driver, name)
 
-
-def test_the_sum_is_of_all_gpus_or_there_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first of two GPUs refuses its list of processes, then also to say what it holds."""
-    driver = nvml({ME: 7}, 100, 2)
-    listed, memory = driver.nvmlDeviceGetComputeRunningProcesses, driver.nvmlDeviceGetMemoryInfo
-
-    def but_of_the_first(call: Any) -> Any:
         def ask(index: int) -> Any:
             if index == 0:
                 raise RuntimeError("no permission")
             return call(index)
 
-        return ask
+        setattr(driver, name, ask)
 
-    driver.nvmlDeviceGetComputeRunningProcesses = but_of_the_first(listed)
+    deny_first("nvmlDeviceGetComputeRunningProcesses")
     monkeypatch.setitem(sys.modules, "pynvml", driver)
-    gpus = Gpus()
+    first, second = Gpus(), Gpus()
     driver.used = 400
-    gpus.look({ME})
-    assert gpus.result() == (600, "device", None)
-    assert [gpu.peak_bytes for gpu in gpus.devices()] == [300, 300]
-    driver.used = 100
-    gpus = Gpus()
-    driver.used = 400
-    driver.nvmlDeviceGetMemoryInfo = but_of_the_first(memory)
-    gpus.look({ME})
-    assert gpus.result() == (None, None, "NVML: no permission")
+    first.look({ME})
+    assert first.result() == (300 * count, "device", None)
+    assert [gpu.peak_bytes for gpu in first.devices()] == [300] * count
+    memory = driver.nvmlDeviceGetMemoryInfo
+    deny_first("nvmlDeviceGetMemoryInfo")
+    second.look({ME})
+    assert second.result() == (None, None, "NVML: no permission")
+    driver.nvmlDeviceGetMemoryInfo = memory
+    assert second.devices()[0].peak_bytes is None
 
 
 @pytest.mark.parametrize(
-    ("held", "wanted"),
-    [({ME: 300, 1: 50}, 300), ({1: 50}, None), ({}, None), ({ME: None}, None)],
+    ("held", "expected"), [({ME: 300, 1: 50}, 300), ({1: 50}, None), ({}, None), ({ME: None}, None)]
 )
-def test_the_driver_is_asked_for_this_process_alone(
-    monkeypatch: pytest.MonkeyPatch, held: dict[int, int | None], wanted: int | None
+def test_driver_memory_is_that_of_this_process(
+    monkeypatch: pytest.MonkeyPatch, held: dict[int, int | None], expected: int | None
 ) -> None:
     monkeypatch.setitem(sys.modules, "pynvml", nvml(held, 700))
-    found = driver_memory({"kind": "gpu", "name": "A GPU"})
-    assert found[0] == wanted
-    assert (found[1] is None) == (wanted is not None)
-    assert driver_memory({"kind": "cpu"})[0] is None
+    size, reason = read_driver_memory({"kind": "gpu", "name": "A GPU"})
+    assert size == expected
+    assert (reason is None) == (expected is not None)
+    assert read_driver_memory({"kind": "cpu"})[0] is None
 
 
-def test_without_library_or_gpu_there_is_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_library_or_driver_is_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pynvml", None)
     peak, source, reason = Gpus().result()
     assert (peak, source) == (None, None)
@@ -173,10 +146,8 @@ def test_without_library_or_gpu_there_is_a_reason(monkeypatch: pytest.MonkeyPatc
     assert Gpus().result() == (None, None, "NVML: no driver")
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-def test_a_signal_that_comes_before_we_know_of_the_command_reaches_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+@posix
+def test_a_signal_during_the_start_reaches_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
     start = subprocess.Popen
 
     def early(command: list[str]) -> subprocess.Popen[bytes]:
@@ -188,8 +159,8 @@ def test_a_signal_that_comes_before_we_know_of_the_command_reaches_it(
     assert track(["sleep", "60"]).exit_status == 128 + signal.SIGTERM
 
 
-@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
-def test_a_signal_that_is_ignored_here_is_ignored_by_the_command() -> None:
+@posix
+def test_an_ignored_signal_stays_ignored_in_the_command() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         assert track(["sh", "-c", "kill -HUP $$"]).exit_status == 0
@@ -199,7 +170,7 @@ def test_a_signal_that_is_ignored_here_is_ignored_by_the_command() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
+@posix
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGUSR1])
 def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:
     child = (
@@ -227,34 +198,29 @@ def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:
 ECHO = "import sys; print(sys.argv[1:]); sys.exit(3)"
 
 
-def test_arguments_and_status_go_through(msb: Msb, tmp_path: Path) -> None:
+def test_arguments_and_exit_status_are_passed_through(msb: Msb, tmp_path: Path) -> None:
+    path = tmp_path / "t.json"
     args = ["--debug", "-q", "--", "--json", "a b", ""]
-    result = msb("track", "-o", tmp_path / "t.json", "--", sys.executable, "-c", ECHO, *args, status=3)
-    assert result.out == f"{args}\n"
-    record = json.loads((tmp_path / "t.json").read_text())
-    assert record["schema"] == "msb.track/1"
+    output = msb("track", "-o", path, "--", sys.executable, "-c", ECHO, *args, status=3)
+    assert output.out == f"{args}\n"
+    assert str(path) in output.err
+    record = json.loads(path.read_text())
+    assert (record["schema"], record["exit_status"]) == ("msb.track/1", 3)
     assert record["command"] == [sys.executable, "-c", ECHO, *args]
-    assert record["exit_status"] == 3
     assert (record["peak_gpu_memory_bytes"] is None) is (record["gpu_reason"] is not None)
-    assert str(tmp_path / "t.json") in result.err
-
-
-def test_a_signal_that_ends_it_is_128_and_more(msb: Msb, tmp_path: Path) -> None:
-    code = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    msb("track", "-o", tmp_path / "t.json", sys.executable, "-c", code, status=137)
-    msb("track", "-o", tmp_path / "u.json", tmp_path / "nothing", status=3)
-    assert not (tmp_path / "u.json").exists()
+    killed = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+    msb("track", "-f", "-o", path, sys.executable, "-c", killed, status=128 + 9)
 
 
 @pytest.mark.slow
-def test_a_record_that_exists_is_kept_before_and_after_the_command(msb: Msb, tmp_path: Path) -> None:
+def test_an_existing_record_is_kept_before_and_after_the_command(msb: Msb, tmp_path: Path) -> None:
     target, ran = tmp_path / "t.json", tmp_path / "ran"
     write = [sys.executable, "-c", f"open({str(target)!r}, 'w').write('precious'); open({str(ran)!r}, 'w')"]
     assert "\nOUTPUT_EXISTS: " in msb("track", "-o", target, "--", *write, status=2).err
     assert (target.read_text(), ran.exists()) == ("precious", True)
     ran.unlink()
     msb("track", "-o", target, "--", *write).ends(2, "OUTPUT_EXISTS: ")
-    assert not ran.exists(), "nothing runs"
+    assert not ran.exists(), "the command was not started"
     msb("track", "-f", "-o", target, "--", *write, status=0)
     assert json.loads(target.read_text())["schema"] == "msb.track/1"
     msb("track", "-o", "-", "--", *write, cwd=tmp_path).ends(2, "USAGE: --out")
@@ -274,13 +240,11 @@ def write(path: Path, **changes: Any) -> Path:
     return path
 
 
-def test_it_is_read_with_its_rate(tmp_path: Path) -> None:
-    found = read_renderer_timing(write(tmp_path / "t.json", peak_gpu_memory_bytes=1 << 30))
-    assert found.fps == 120
-    assert found.peak_gpu_memory_bytes == 1 << 30
-    assert not found.whole_command
-    (tmp_path / "again.json").write_bytes(found.to_json())
-    assert read_renderer_timing(tmp_path / "again.json") == found
+def test_a_renderer_timing_is_read_with_its_frame_rate(tmp_path: Path) -> None:
+    timing = read_renderer_timing(write(tmp_path / "t.json", peak_gpu_memory_bytes=1 << 30))
+    assert (timing.fps, timing.peak_gpu_memory_bytes, timing.whole_command) == (120, 1 << 30, False)
+    (tmp_path / "again.json").write_bytes(timing.to_json())
+    assert read_renderer_timing(tmp_path / "again.json") == timing
 
 
 @pytest.mark.parametrize(
@@ -292,22 +256,22 @@ def test_it_is_read_with_its_rate(tmp_path: Path) -> None:
         ("Some CPU", True, "whole_command"),
     ],
 )
-def test_rates_are_held_against_it_on_the_same_device_only(
+def test_frame_rates_are_compared_on_the_same_device_only(
     device: str, whole: bool, reason: str | None
 ) -> None:
-    elsewhere = RendererTiming(frames=10, seconds=1.0, device=device, timed="x", whole_command=whole)
+    timing = RendererTiming(frames=10, seconds=1.0, device=device, timed="x", whole_command=whole)
     about = {"device": {"platform": "p", "name": "Some CPU", "driver": "1", "kind": "cpu"}}
-    own = result("non_engine", renderer_timing=elsewhere, device=None, timing=None)
-    records = {"garden": {"non_engine": own, "dedicated": result("dedicated", device=about)}}
-    found = slowdown(records, ["garden"], "dedicated", "non_engine")
-    assert found.reason == reason
-    assert (found.value is None) == (reason is not None)
+    native = result("non_engine", renderer_timing=timing, device=None, timing=None)
+    records = {"garden": {"non_engine": native, "dedicated": result("dedicated", device=about)}}
+    ratio = slowdown(records, ["garden"], "dedicated", "non_engine")
+    assert ratio.reason == reason
+    assert (ratio.value is None) == (reason is not None)
 
 
 @pytest.mark.slow
-def test_a_run_takes_it_and_the_report_says_where_it_is_from(tmp_path: Path) -> None:
+def test_a_run_records_a_renderer_timing_and_the_report_names_its_source(tmp_path: Path) -> None:
     write(tmp_path / "own.json")
-    file = protocol(tmp_path, ("two_dts",), each='non_engine = "reference"\nnon_engine_timing = "own.json"')
+    file = protocol(tmp_path, ("two_dts",), keys='non_engine = "reference"\nnon_engine_timing = "own.json"')
     assert run_protocol(file, only=["non_engine"]).exit_status == 0
     assert cell(file, "two_dts/non_engine").renderer_timing.fps == 120
     fps = Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")
@@ -328,11 +292,11 @@ def test_a_run_takes_it_and_the_report_says_where_it_is_from(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_track_writes_one_for_a_whole_command(tmp_path: Path) -> None:
+def test_track_writes_a_renderer_timing_of_a_whole_command(tmp_path: Path) -> None:
     for status, name in ((0, "own.json"), (3, "no.json")):
         command = ["track", "--frames", "8", "-o", name, "--", sys.executable, "-c", f"exit({status})"]
         done = run_msb(command, tmp_path, {})
         assert done.returncode == status, done.stderr
-    found = read_renderer_timing(tmp_path / "own.json")
-    assert (found.frames, found.whole_command, found.timed) == (8, True, WHOLE_COMMAND)
+    timing = read_renderer_timing(tmp_path / "own.json")
+    assert (timing.frames, timing.whole_command, timing.timed) == (8, True, WHOLE_COMMAND)
     assert not (tmp_path / "no.json").exists()

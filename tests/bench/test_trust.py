@@ -1,16 +1,15 @@
-"""Nothing in the results folder is taken on trust: copies, renderings, records are as they were written."""
+"""Ground truth, renderings and records in the results folder are verified before they are used."""
 
 import json
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
 
-from msb.bench.folder import exclusive
-from msb.bench.photographs import HASHES, PhotographTask, views_of, write_photographs
+from msb.bench.folder import lock_results
+from msb.bench.photographs import HASHES, PhotographTask, describe_views, write_photographs
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import InputError, MsbError
@@ -23,53 +22,50 @@ CELLS = "cells/nerf_synthetic/pebble"
 
 
 def invert(path: Path) -> None:
-    """Make another picture of the same size of it."""
+    """Replace an image by its negative."""
     with Image.open(path) as picture:
-        other = picture.convert("RGB").point(lambda value: 255 - value)
-    other.save(path)
+        negative = picture.convert("RGB").point(lambda value: 255 - value)
+    negative.save(path)
 
 
-def edit(path: Path, **changes: Any) -> None:
-    """Replace keys of a JSON file; a__b is b in a."""
+def edit(path: Path, *keys: str, value: object) -> None:
+    """Replace the value at nested keys of a JSON file."""
     data = json.loads(path.read_text())
-    for key, value in changes.items():
-        *above, last = key.split("__")
-        place = data
-        for name in above:
-            place = place[name]
-        place[last] = value
+    *outer, last = keys
+    place = data
+    for name in outer:
+        place = place[name]
+    place[last] = value
     path.write_text(json.dumps(data))
 
 
 @pytest.fixture
 def task(tmp_path: Path) -> Iterator[PhotographTask]:
-    """Ground truth that has been written."""
+    """The task of a scene whose ground truth has been written."""
     path = STUBS / "scenes" / "nerf_synthetic" / "pebble"
     at = SceneAt("nerf_synthetic", "pebble", path, None, None, (1.0, 1.0, 1.0), "gs_fov")
-    with exclusive(tmp_path) as run:
-        made = PhotographTask(tmp_path, run, at, views_of(at.read()))
-        assert write_photographs(made) is None
-        yield made
+    with lock_results(tmp_path) as run:
+        order = PhotographTask(tmp_path, run, at, describe_views(at.read()))
+        assert write_photographs(order) is None
+        yield order
 
 
 DAMAGE: dict[str, Callable[[Path], object]] = {
     "edited": lambda at: invert(at / "test/r_0.png"),
     "truncated": lambda at: (at / "test/r_1.png").write_bytes(b"\x89PNG"),
     "a folder": lambda at: [(at / "test/r_1.png").unlink(), (at / "test/r_1.png").mkdir()],
-    "one too many": lambda at: shutil.copy(at / "test/r_0.png", at / "x.png"),
-    "list gone": lambda at: (at / HASHES).unlink(),
-    "list damaged": lambda at: (at / HASHES).write_bytes(b"{"),
-    "list of others": lambda at: edit(at / HASHES, photographs="0" * 16),
-    "list of fewer": lambda at: [(at / "test/r_0.png").unlink(), edit(at / HASHES, files={})],
-    "all gone": lambda at: shutil.rmtree(at / "test"),
+    "additional file": lambda at: shutil.copy(at / "test/r_0.png", at / "x.png"),
+    "no list": lambda at: (at / HASHES).unlink(),
+    "damaged list": lambda at: (at / HASHES).write_bytes(b"{"),
+    "list of other photographs": lambda at: edit(at / HASHES, "photographs", value="0" * 16),
+    "shorter list": lambda at: [(at / "test/r_0.png").unlink(), edit(at / HASHES, "files", value={})],
+    "no images": lambda at: shutil.rmtree(at / "test"),
 }
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_ground_truth_that_is_not_as_it_was_written_is_written_again(
-    task: PhotographTask, damage: str
-) -> None:
+def test_damaged_ground_truth_is_written_again(task: PhotographTask, damage: str) -> None:
     before = {path: path.read_bytes() for path in task.folder.rglob("*") if path.is_file()}
     assert len(before) == 5
     DAMAGE[damage](task.folder)
@@ -77,26 +73,25 @@ def test_ground_truth_that_is_not_as_it_was_written_is_written_again(
     assert {path: path.read_bytes() for path in task.folder.rglob("*") if path.is_file()} == before
     times = {path: path.stat().st_mtime_ns for path in before}
     assert write_photographs(task) is None
-    assert {path: path.stat().st_mtime_ns for path in before} == times, "what holds is left alone"
+    assert {path: path.stat().st_mtime_ns for path in before} == times, "valid files are not written again"
 
 
 @pytest.mark.slow
-def test_no_number_stands_on_an_edited_photograph(again: ProtocolFile) -> None:
+def test_edited_photographs_do_not_change_results(again: ProtocolFile) -> None:
     before = cell(again, "two_dts/standard").quality
     for path in (again.results / "ground_truth").rglob("*.png"):
         invert(path)
-    found = run_protocol(again, only=["two_dts/standard"], redo=True)
-    assert planned(found) == {"two_dts/standard": {"quality": "asked for", "timing": "asked for"}}
+    run_protocol(again, only=["two_dts/standard"], redo=True)
     assert cell(again, "two_dts/standard").quality == before
     (path, *_) = (again.results / "ground_truth").rglob("*.png")
-    right = path.read_bytes()
-    path.write_bytes(right[:-100])
+    content = path.read_bytes()
+    path.write_bytes(content[:-100])
     assert set(planned(run_protocol(again, only=["two_dts/dedicated"])).values()) == {"done"}
-    assert path.read_bytes() == right, "also where all cells are done"
+    assert path.read_bytes() == content, "verified even if all cells are done"
 
 
 @pytest.mark.slow
-def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_again(
+def test_invalid_records_and_renderings_are_computed_again(
     again: ProtocolFile,
 ) -> None:
     here = again.results / CELLS
@@ -106,31 +101,29 @@ def test_what_is_wrong_with_a_record_or_a_rendering_is_said_and_the_cell_done_ag
     invert(here / "two_dts/non_engine/images/test/r_1.png")
     (here / "two_dts/dedicated/images/test/r_2.png").unlink()
     shutil.rmtree(here / "two_dts/standard/images")
-    edit(here / "diffsoup/dedicated/result.json", cell__method="two_dts")
-    edit(here / "diffsoup/non_engine/result.json", quality__psnr=-3.0)
-    wrong = {
+    edit(here / "diffsoup/dedicated/result.json", "cell", "method", value="two_dts")
+    edit(here / "diffsoup/non_engine/result.json", "quality", "psnr", value=-3.0)
+    expected = {
         "two_dts/non_engine": {"quality"},
         "two_dts/dedicated": {"quality"},
         "two_dts/standard": {"quality"},
         "diffsoup/dedicated": {"quality", "timing"},
     }
     watch = Notes()
-    told = planned(run_protocol(again, jobs=2, watch=watch))
-    assert {name: set(told[name]) for name in wrong} == wrong
-    assert [text.split(": ")[1] for text in watch.said if "result.json" in text] == [
-        "RECORD_INVALID",
-        "RECORD_INVALID",
-    ]
-    assert told["two_dts/exported_mesh"] == "done"
+    plan = planned(run_protocol(again, jobs=2, watch=watch))
+    assert {name: set(plan[name]) for name in expected} == expected
+    codes = [line.split(": ")[1] for line in watch.lines if "result.json" in line]
+    assert codes == ["RECORD_INVALID", "RECORD_INVALID"]
+    assert plan["two_dts/exported_mesh"] == "done"
     for name, record in before.items():
         now = cell(again, name)
         assert (now.cell, now.quality, now.setup) == (record.cell, record.quality, record.setup)
     assert set(planned(run_protocol(again, dry=True)).values()) == {"done", "unsupported"}
 
 
-def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) -> None:
+def test_a_report_rejects_a_record_in_the_wrong_folder(again: ProtocolFile) -> None:
     path = again.results / CELLS / "two_dts/dedicated/result.json"
-    edit(path, cell__method="mesh_splatting")
+    edit(path, "cell", "method", value="mesh_splatting")
     with pytest.raises(InputError, match="RECORD_INVALID") as caught:
         read_results(again.results)
     assert caught.value.file == str(path)
@@ -140,17 +133,17 @@ def test_a_report_refuses_a_record_in_the_place_of_another(again: ProtocolFile) 
 
 
 @pytest.mark.slow
-def test_a_report_names_renderings_it_cannot_show(again: ProtocolFile) -> None:
+def test_a_report_names_missing_and_changed_renderings(again: ProtocolFile) -> None:
     here = again.results / CELLS / "two_dts"
     gone = here / "dedicated/images/test/r_0.png"
     for path in gone.parent.iterdir():
         path.unlink()
     for path in (here / "standard/images/test").iterdir():
         invert(path)
-    made = build_report(read_results(again.results))
-    assert any(str(gone) in note for note in made.notes)
-    assert any(str(here / "standard/images/test") in note for note in made.notes)
-    (section,) = [section for section in made.sections if section.name == "looks"]
+    report = build_report(read_results(again.results))
+    assert any(str(gone) in note for note in report.notes)
+    assert any(str(here / "standard/images/test") in note for note in report.notes)
+    (section,) = [section for section in report.sections if section.name == "looks"]
     shots = {shot.heading: shot for shot in section.views[0].shots["two_dts"]}
     assert {name: shot.picture is None for name, shot in shots.items()} == {
         "Non-Engine": False,

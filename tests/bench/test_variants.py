@@ -1,4 +1,4 @@
-"""Variants of the dedicated tier and labels of models are cells of their own, from protocol to report."""
+"""Variants of the dedicated tier and labels of models: separate cells, from the protocol to the report."""
 
 import json
 from dataclasses import replace
@@ -42,35 +42,35 @@ settings = {{ gamma = 2.0 }}
 
 @pytest.fixture(scope="module")
 def varied(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
-    """A run of two methods, one of them twice, with two variants."""
-    file = protocol(tmp_path_factory.mktemp("varied"), each='non_engine = "reference"', tail=TAIL)
+    """A run of two methods with two variants; one method has two models."""
+    file = protocol(tmp_path_factory.mktemp("varied"), keys='non_engine = "reference"', tail=TAIL)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 
 
-def test_a_variant_is_a_cell_that_says_what_it_is(varied: ProtocolFile) -> None:
-    found = cell(varied, "two_dts/engine")
-    assert found.schema_ == "msb.result/2"
-    assert (found.cell.condition, found.cell.variant, found.cell.renderer) == ("dedicated", "engine", None)
-    assert found.cell.condition_key == "dedicated/engine"
-    assert found.renderer.settings["order"] == "global"
-    assert found.renderer.settings["sampling"] == "engine"
-    assert found.timing is not None
+def test_a_variant_is_a_cell_with_its_settings(varied: ProtocolFile) -> None:
+    record = cell(varied, "two_dts/engine")
+    where = record.cell
+    assert (where.condition, where.variant, where.renderer) == ("dedicated", "engine", None)
+    assert where.condition_key == "dedicated/engine"
+    assert record.renderer.settings["order"] == "global"
+    assert record.renderer.settings["sampling"] == "engine"
+    assert record.timing is not None
     camera = read_scene(SCENE, dataset="nerf_synthetic").test[0]
     asset = msb.open(PEBBLE / "two_dts")
     with msb.Renderer(asset, "dedicated", "pocl", order="global", sampling="engine") as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     place = varied.results / "cells" / "nerf_synthetic" / "pebble" / "two_dts" / "engine"
-    image = metrics.read_image(place / str(found.quality.images[0].file))
+    image = metrics.read_image(place / str(record.quality.images[0].file))
     np.testing.assert_array_equal(image, to_bytes(frame.image))
 
 
-def test_a_method_without_the_setting_of_a_variant_is_not_supported(varied: ProtocolFile) -> None:
-    found = cell(varied, "diffsoup/soft")
-    assert (found.status, found.reason.code) == ("unsupported", "UNSUPPORTED_OPTION")
+def test_a_variant_of_a_setting_that_a_method_lacks_is_unsupported(varied: ProtocolFile) -> None:
+    record = cell(varied, "diffsoup/soft")
+    assert (record.status, record.reason.code) == ("unsupported", "UNSUPPORTED_OPTION")
 
 
-def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: ProtocolFile) -> None:
+def test_a_changed_variant_is_rendered_again_and_nothing_else(varied: ProtocolFile) -> None:
     assert set(planned(run_protocol(varied, dry=True)).values()) == {"done", "unsupported"}
     text = varied.text.replace(b"gamma = 2.0", b"gamma = 3.0")
     changed = replace(parse_protocol(text, varied.path), results_instead=varied.results)
@@ -79,11 +79,11 @@ def test_a_variant_that_changes_is_drawn_again_and_nothing_else(varied: Protocol
         "two_dts/soft": {"settings changed"},
         "ours/soft": {"settings changed"},
     }
-    one = run_protocol(varied, dry=True, only=["ours/engine"])
-    assert [row.planned.cell.names[2:] for row in one.rows] == [("ours", "engine")]
+    selected = run_protocol(varied, dry=True, only=["ours/engine"])
+    assert [row.planned.cell.names[2:] for row in selected.rows] == [("ours", "engine")]
 
 
-def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile) -> None:
+def test_labels_distinguish_two_models_of_one_method(varied: ProtocolFile) -> None:
     first, second = (cell(varied, f"{name}/dedicated") for name in ("two_dts", "ours"))
     assert second.cell.method == "two_dts"
     assert first.quality.values["psnr"] != second.quality.values["psnr"]
@@ -93,14 +93,14 @@ def test_labels_keep_two_models_of_one_method_apart(varied: ProtocolFile) -> Non
 
 def test_the_adaptation_gap_of_a_variant_is_measured(varied: ProtocolFile) -> None:
     numbers = collect(read_results(varied.results))
-    own, variant = (
+    official, variant = (
         numbers.gaps[GapKey("nerf_synthetic", MEAN, "two_dts", "psnr", dedicated=name)]
         for name in ("dedicated", "dedicated/engine")
     )
     assert REFERENCE in numbers.number(Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "psnr")).notes
-    assert own.adapt.value == pytest.approx(0, abs=1e-3)
+    assert official.adapt.value == pytest.approx(0, abs=1e-3)
     assert variant.adapt.value > 0.1
-    assert variant.deploy.value == own.deploy.value
+    assert variant.deploy.value == official.deploy.value
     keys = [
         Key("nerf_synthetic", MEAN, "two_dts", name, "psnr") for name in ("non_engine", "dedicated/engine")
     ]

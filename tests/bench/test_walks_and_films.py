@@ -1,4 +1,4 @@
-"""Walks, trials and films of a protocol: on record, in the report, and made once."""
+"""Walks, trials and films of a protocol: recorded, shown in the report, and computed once."""
 
 from pathlib import Path
 
@@ -19,33 +19,33 @@ from tests.bench.protocols import changed, planned, protocol
 
 pytestmark = pytest.mark.slow
 
-EACH = 'conditions = ["dedicated", "standard"]'
+KEYS = 'conditions = ["dedicated", "standard"]'
 TAIL = '[walk]\nframes = 6\nsize = 64\n[[variants]]\nlabel = "engine"\nsampling = "engine"'
 
 
-def test_a_walk_is_on_record_and_in_the_report_and_is_made_once(tmp_path: Path) -> None:
-    file = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=TAIL)
+def test_a_walk_is_recorded_reported_and_measured_once(tmp_path: Path) -> None:
+    file = protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL)
     assert run_protocol(file).exit_status == 0
     paths = Results(file.results).records()
     assert [path.parent.name for path in paths] == ["dedicated", "engine", "standard"]
     for path in paths:
         record = read_result(path).walk
         assert (record.frames, max(record.width, record.height), record.film) == (6, 64, "walk.mp4")
-        assert 0 < record.flicker == pytest.approx(record.flicker_worst), "all of it is within a second"
+        assert 0 < record.flicker == pytest.approx(record.flicker_worst), "the walk is shorter than a second"
         assert 0 <= record.holes < 0.02
         assert (path.parent / "walk.mp4").stat().st_size > 1000
     assert {row.planned.status for row in run_protocol(file).rows} == {"done"}
-    longer = protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=TAIL.replace("6", "7", 1))
+    longer = protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL.replace("6", "7", 1))
     for row in run_protocol(longer).rows:
         assert row.planned.why == {"walk": "flight changed"}
     chosen = TAIL.replace("6", "8", 1).replace("size", 'conditions = ["engine"]\nsize', 1)
-    rows = run_protocol(protocol(tmp_path, ("mesh_splatting",), each=EACH, tail=chosen), dry=True).rows
+    rows = run_protocol(protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=chosen), dry=True).rows
     assert [row.planned.cell.variant for row in rows if row.planned.why] == ["engine"]
 
     report = build_report(read_results(file.results))
     (table,) = next(section for section in report.sections if section.name == "walk").tables
     assert [row.labels[0] for row in table.rows] == ["Dedicated", "Dedicated, engine", "Standard"]
-    assert any(one.kind == "walk" for one in report.findings)
+    assert any(finding.kind == "walk" for finding in report.findings)
     (page,) = [data.decode() for name, data in report_files(report).items() if name.startswith("verdict-")]
     assert page.partition("Off the path")[2].count("data:video/mp4") == 3
 
@@ -53,24 +53,24 @@ def test_a_walk_is_on_record_and_in_the_report_and_is_made_once(tmp_path: Path) 
 MESHES = 'conditions = ["exported_mesh"]'
 
 
-def test_trials_are_on_record_and_on_the_page_and_are_made_once(tmp_path: Path) -> None:
+def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     tail = '[trial]\ntasks = ["self_intersections"]\ncompare = true'
-    file = protocol(tmp_path, ("mesh_splatting",), each=MESHES, tail=tail)
+    file = protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=tail)
     first = run_protocol(file)
     assert first.exit_status == 0
     (path,) = Results(file.results).records()
     record = read_result(path)
-    (one,) = record.trial.trials
-    assert (one.task, one.picture) == ("self_intersections", "self_intersections.png")
+    (trial,) = record.trial.trials
+    assert (trial.task, trial.picture) == ("self_intersections", "self_intersections.png")
     assert record.trial.cameras["from"] == "given"
-    assert (path.parent / "trial" / one.picture).read_bytes().startswith(b"\x89PNG")
-    stored, repaired = record.repairs.made[:2]
+    assert (path.parent / "trial" / trial.picture).read_bytes().startswith(b"\x89PNG")
+    stored, repaired = record.repairs.succeeded[:2]
     assert (stored.strategy, repaired.trials) == ("as stored", {"self_intersections": "works"})
     assert (path.parent / "repairs" / str(repaired.picture)).read_bytes().startswith(b"\x89PNG")
     (again,) = run_protocol(file).rows
     assert again.planned.status == "done"
     (changed,) = run_protocol(
-        protocol(tmp_path, ("mesh_splatting",), each=MESHES, tail=f"{tail}\nseconds = 50")
+        protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=f"{tail}\nseconds = 50")
     ).rows
     assert changed.planned.why == {"trial": "limits changed", "repairs": "limits changed"}
     report = build_report(read_results(file.results))
@@ -88,7 +88,7 @@ def frames(path: Path) -> list[NDArray[np.uint8]]:
 
 
 @pytest.mark.parametrize("path", ["flight", "test"])
-def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
+def test_a_film_shows_conditions_side_by_side(again: ProtocolFile, path: str) -> None:
     options = VideosTable(path=path, frames=8, fps=8)
     file = changed(again, videos=options)
     only = ["two_dts/dedicated", "two_dts/standard"]
@@ -99,7 +99,7 @@ def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
     columns = 2 if path == "flight" else 3
     height, width = shown[0].shape[:2]
     assert height >= 240
-    if path == "test":  # the photograph, then Dedicated, then Standard, each enlarged by whole pixels
+    if path == "test":  # photograph, Dedicated and Standard, with whole repeated pixels
         folder = next((file.results / "ground_truth").rglob("*.png")).parent
         photograph = metrics.read_image(sorted(folder.glob("*.png"))[0])
         assert width == columns * photograph.shape[1] * (height // photograph.shape[0])
@@ -116,21 +116,21 @@ def test_conditions_stand_side_by_side(again: ProtocolFile, path: str) -> None:
     assert not film.parent.with_suffix(".mp4").exists(), "one method needs no grid"
     written = film.stat().st_mtime_ns
     run_protocol(file, only=only)
-    assert film.stat().st_mtime_ns == written, "a film that holds is not made again"
+    assert film.stat().st_mtime_ns == written, "a valid film is not written again"
 
 
-def test_the_methods_of_a_scene_stand_below_each_other(again: ProtocolFile) -> None:
+def test_a_grid_shows_methods_below_each_other(again: ProtocolFile) -> None:
     file = changed(again, videos=VideosTable(frames=4, fps=4))
     only = ["two_dts/dedicated", "two_dts/standard", "diffsoup/dedicated"]
     run_protocol(file, only=only)
     grid = file.results / "videos" / "nerf_synthetic" / "pebble.mp4"
-    shown, own = frames(grid), frames(grid.with_suffix("") / "two_dts.mp4")
-    assert len(shown) == 4
-    height, width = own[0].shape[:2]
-    assert shown[0].shape[:2] == (2 * height, width)
-    two_dts, diffsoup = shown[0][:height].astype(float), shown[0][height:].astype(float)
-    part = height * 3 // 4  # above the method's title
-    assert np.abs(two_dts[:part] - own[0][:part]).mean() < 4
+    both, single = frames(grid), frames(grid.with_suffix("") / "two_dts.mp4")
+    assert len(both) == 4
+    height, width = single[0].shape[:2]
+    assert both[0].shape[:2] == (2 * height, width)
+    two_dts, diffsoup = both[0][:height].astype(float), both[0][height:].astype(float)
+    part = height * 3 // 4  # the title of the method is below
+    assert np.abs(two_dts[:part] - single[0][:part]).mean() < 4
     assert diffsoup[:, : width // 2].std() > 5
     assert diffsoup[:, width // 2 + 8 :].max() < 20, "DiffSoup has no standard tier"
     written = grid.stat().st_mtime_ns

@@ -1,4 +1,4 @@
-"""Tasks for worker processes: they must be importable, so they cannot stand in a test."""
+"""Functions for tests of worker processes, which import them and therefore cannot find them in a test."""
 
 import os
 import signal
@@ -10,8 +10,8 @@ def double(number: int) -> int:
     return 2 * number
 
 
-def moody(task: str) -> str:
-    """Do what the task says: return, raise, die, or die only the first time (a file remembers)."""
+def obey(task: str) -> str:
+    """Return, raise or die, as the task says; "once FILE" dies the first time only and creates the file."""
     kind, _, rest = task.partition(" ")
     if kind == "raise":
         raise ValueError(rest)
@@ -24,6 +24,6 @@ def moody(task: str) -> str:
 
 
 def linger(folder: str) -> None:
-    """Write our process number, then go on for longer than any test waits."""
+    """Create a file named by the process number, then wait for longer than any test does."""
     Path(folder, str(os.getpid())).touch()
     time.sleep(600)

@@ -1,4 +1,4 @@
-"""Benchmarks measure all capabilities together."""
+"""Benchmarks need all capabilities and are skipped if one was removed."""
 
 from tests.conftest import WHOLE
 

@@ -1,4 +1,4 @@
-"""The file of an official checkpoint on somebody's machine: what it holds, what not, and how it goes on."""
+"""`benchmarks.official`: the file of measurements of an official checkpoint on a user's machine."""
 
 import json
 import platform
@@ -29,15 +29,15 @@ PRIVATE = "MySecret"
 
 @pytest.fixture
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the command about a checkpoint with official renderings and a capture, all of secret names.
+    """Return the arguments for a checkpoint with official renderings and a capture, all with private names.
 
-    Stages run in this process, and no longer than they must.
+    Stages run in this process with the shortest timings.
     """
 
-    def at_once(work: Any, word: str, *_: Any) -> Reply:
+    def run_here(work: Any, word: str, *_: Any) -> Reply:
         return Reply(json.loads(json.dumps(work(word, {})[0], allow_nan=False)))
 
-    monkeypatch.setattr(official, "run_apart", at_once)
+    monkeypatch.setattr(official, "run_apart", run_here)
     monkeypatch.setattr(official_stages, "_TIMED", 10)
     short = partial(official_stages.profile, seconds=0, warm_up=0)
     monkeypatch.setattr(official_stages, "profile", short)
@@ -58,12 +58,12 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 @pytest.mark.slow
-def test_the_file_holds_what_was_measured_and_nothing_of_the_user(
+def test_the_file_has_the_measurements_and_nothing_private(
     mine: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model, out = Path(mine[0]), Path(mine[-1])
     monkeypatch.setattr(platform, "node", lambda: PRIVATE)
-    for name in ("USER", "LOGNAME", "USERNAME"):  # which getpass.getuser asks
+    for name in ("USER", "LOGNAME", "USERNAME"):  # read by getpass.getuser
         monkeypatch.setenv(name, PRIVATE)
     assert official.main(mine) == 0
     printed = capsys.readouterr().out
@@ -73,19 +73,19 @@ def test_the_file_holds_what_was_measured_and_nothing_of_the_user(
         assert word not in text
     stages = json.loads(text)["stages"]
     assert not [name for name, found in stages.items() if "failed" in found]
-    # The renderings are our own, so they are as near to the photographs as what we draw.
-    near = stages["dedicated"]["psnr"]
-    assert near["photographs"] == stages["official"]["psnr"] > 15
-    assert near["official"] == 100
+    # The official renderings are images of our renderer, so both have the same PSNR to the photographs.
+    psnr = stages["dedicated"]["psnr"]
+    assert psnr["photographs"] == stages["official"]["psnr"] > 15
+    assert psnr["official"] == 100
     assert stages["standard"]["psnr"]["official"] < 30
-    costs = [one["db"] for one in stages["why"]["costs"] if not one["equal"]]
+    costs = [cost["db"] for cost in stages["why"]["costs"] if not cost["equal"]]
     assert costs == sorted(costs)
     assert stages["bake"]["geometry"] == "kept"
 
-    # What is done is not done again; what failed is, and its words, which name files, are not kept.
+    # Finished stages are kept and failed ones are repeated. Error messages name files and are not stored.
     did: list[str] = []
-    own = official._stage
-    monkeypatch.setattr(official, "_stage", lambda name, given: did.append(name) or own(name, given))
+    run_stage = official._stage
+    monkeypatch.setattr(official, "_stage", lambda name, given: did.append(name) or run_stage(name, given))
     del stages["audit"]
     out.write_text(json.dumps({**json.loads(text), "stages": stages | {"official": {"failed": "time"}}}))
     next((model / "test").rglob("*.png")).unlink()
@@ -97,7 +97,7 @@ def test_the_file_holds_what_was_measured_and_nothing_of_the_user(
         "official": {"failed": "METRIC_IMAGE_NAMES"}
     }
 
-    # Another model's file is left as it is.
+    # The file of another model is not changed.
     shutil.copytree(MODELS / "pebble" / "triangle_splatting", model, dirs_exist_ok=True)
     shutil.rmtree(model / "ckpt")
     before = out.read_bytes()
@@ -107,9 +107,7 @@ def test_the_file_holds_what_was_measured_and_nothing_of_the_user(
 
 
 @pytest.mark.slow
-def test_memory_of_a_graphics_card_that_is_pretended(
-    mine: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_gpu_memory_with_a_fake_driver(mine: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     given = Given(mine[0], mine[2])
     monkeypatch.setitem(sys.modules, "pynvml", nvml({ME: 300}, 700))
     gpu = dict.fromkeys(official_stages._OF_DEVICE, "A GPU") | {"kind": "gpu"}
@@ -121,15 +119,15 @@ def test_memory_of_a_graphics_card_that_is_pretended(
 
 
 @pytest.mark.slow
-def test_a_stage_runs_in_a_process_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
-    found = official._stage("export", Given(str(MODELS / "pebble" / "two_dts")))
-    assert (found["method"], found["faces"]) == ("two_dts", 500)
-    gone = official._stage("export", Given(str(ROOT / PRIVATE)))
-    assert gone == {"failed": "FILE_NOT_FOUND"}
+def test_a_stage_runs_in_its_own_process(capsys: pytest.CaptureFixture[str]) -> None:
+    stage = official._stage("export", Given(str(MODELS / "pebble" / "two_dts")))
+    assert (stage["method"], stage["faces"]) == ("two_dts", 500)
+    missing = official._stage("export", Given(str(ROOT / PRIVATE)))
+    assert missing == {"failed": "FILE_NOT_FOUND"}
     assert PRIVATE in capsys.readouterr().out
 
 
-def test_the_page_shows_what_is_held_and_the_tables_of_the_kept_file() -> None:
+def test_the_page_lists_the_contents_of_the_stored_file() -> None:
     page = (ROOT / "docs" / "official.md").read_text()
     assert official.HELD in page
     rows = official.tables([official.read(KEPT)]).splitlines()
@@ -137,7 +135,7 @@ def test_the_page_shows_what_is_held_and_the_tables_of_the_kept_file() -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"schema": "msb.bench/1"}, {"schema": official.SCHEMA, "stages": {}}])
-def test_a_file_of_something_else_is_refused(
+def test_other_files_are_rejected(
     wrong: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "a.json").write_text(json.dumps(wrong))

@@ -1,4 +1,4 @@
-"""Every benchmark runs, on very little: what it measures, and holds against a peer, changes under it."""
+"""Every benchmark runs with very small inputs, so that changes of the measured code do not break it."""
 
 import json
 import subprocess
@@ -23,11 +23,11 @@ SMALL = {
     "sizes": "--faces 2000 --command info",
     "standard": "--scenes large --tools msb --rounds 1",
 }
-"""Benchmark -> options with which it takes seconds."""
+"""Benchmark -> options for a run of a few seconds."""
 
 
 def run(*words: str) -> str:
-    """Run a benchmark to its end, and return what it prints."""
+    """Run a Python module and return its standard output."""
     command = [sys.executable, "-m", *words]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
@@ -36,9 +36,9 @@ def run(*words: str) -> str:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SMALL)
-def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) -> None:
+def test_a_benchmark_runs_and_writes_its_results(name: str, tmp_path: Path) -> None:
     if name == "before" and not (ROOT / ".git").exists():
-        pytest.skip("this copy has no commits to compare with")
+        pytest.skip("this copy of the code has no git history")
     kept = tmp_path / "results" / f"{name}.json"
     printed = run(f"benchmarks.{name}", *SMALL[name].split(), "--json", str(kept))
     assert "not run" not in printed
@@ -46,13 +46,13 @@ def test_a_benchmark_runs_and_keeps_what_it_measured(name: str, tmp_path: Path) 
 
 
 @pytest.mark.slow
-def test_endurance_is_tried() -> None:
+def test_the_endurance_benchmark_runs() -> None:
     run("benchmarks.endurance", "renders", "--share", "0.01")
 
 
-def test_pages_are_what_the_results_say() -> None:
-    """Else: python -m benchmarks.pages."""
-    made = pages.pages()
-    assert made == {path.name: path.read_text(encoding="utf-8") for path in pages.PAGES.glob("*.md")}
-    assert pages.readme(made) == pages.README.read_text(encoding="utf-8")
+def test_pages_are_generated_from_the_results() -> None:
+    """If this fails, run python -m benchmarks.pages."""
+    texts = pages.pages()
+    assert texts == {path.name: path.read_text(encoding="utf-8") for path in pages.PAGES.glob("*.md")}
+    assert pages.readme(texts) == pages.README.read_text(encoding="utf-8")
     assert {path.suffix for path in pages.RESULTS.iterdir()} == {".json"}

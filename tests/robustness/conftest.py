@@ -1,4 +1,4 @@
-"""A disk that is full, a folder that may not be written into, and somebody whom permissions bind."""
+"""Fixtures: a full disk, a read-only folder, and a process without root's privileges on files."""
 
 import os
 import shutil
@@ -17,22 +17,22 @@ from tests.conftest import ROOT
 __all__ = ["here"]
 
 Bound = Callable[..., tuple[int, str, str]]
-_LIKE_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner")
-"""For root, whom the system refuses nothing otherwise."""
+_DROP_PRIVILEGES = ("setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner")
+"""Root ignores file permissions; a process started by this command respects them."""
 
 
 @dataclass(frozen=True)
 class Disk:
-    """A file system of its own."""
+    """A small file system in memory."""
 
     folder: Path
 
     def resize(self, size: str) -> None:
-        """Give it another size, say "8m"."""
+        """Change its size, for example to "8m"."""
         subprocess.run(["mount", "-o", f"remount,size={size}", self.folder], check=True)
 
     def fill(self) -> None:
-        """Leave no room."""
+        """Write a file until the disk is full."""
         with (self.folder / "filling").open("wb", buffering=0) as file:
             try:
                 while True:
@@ -43,7 +43,7 @@ class Disk:
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Disk]:
-    """A disk of 64 KiB; skips where mounting one is not allowed."""
+    """A disk of 64 KiB; the test is skipped if mounting is not allowed."""
     folder = tmp_path / "disk"
     folder.mkdir()
     try:
@@ -51,16 +51,16 @@ def disk(tmp_path: Path) -> Iterator[Disk]:
             ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", folder], capture_output=True, check=False
         )
     except FileNotFoundError:
-        pytest.skip("there is no mount here")
+        pytest.skip("mount is not installed")
     if done.returncode:
-        pytest.skip(f"mounting a small disk is not allowed here: {done.stderr.decode().strip()}")
+        pytest.skip(f"mounting a small disk is not allowed: {done.stderr.decode().strip()}")
     yield Disk(folder)
     subprocess.run(["umount", folder], check=True)
 
 
 @pytest.fixture
 def read_only(tmp_path: Path) -> Iterator[Path]:
-    """A folder into which nobody may write."""
+    """A folder without write permission."""
     folder = tmp_path / "read_only"
     folder.mkdir()
     folder.chmod(stat.S_IRUSR | stat.S_IXUSR)
@@ -70,14 +70,14 @@ def read_only(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.fixture
 def bound() -> Bound:
-    """Return a function that runs Python as somebody whom permissions bind: status and both streams."""
+    """Return a function that runs Python without root's privileges: exit status, stdout and stderr."""
     if os.name == "nt":
         pytest.skip("permissions are POSIX")
     before: tuple[str, ...] = ()
     if os.geteuid() == 0:
         if shutil.which("setpriv") is None:
-            pytest.skip("root is refused nothing, and there is no setpriv to change that")
-        before = _LIKE_ANYBODY
+            pytest.skip("root ignores permissions, and setpriv is not installed")
+        before = _DROP_PRIVILEGES
 
     def run(*args: object, **variables: str) -> tuple[int, str, str]:
         line = [*before, sys.executable, *map(str, args)]

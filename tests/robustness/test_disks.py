@@ -1,6 +1,6 @@
-"""Full disks, and places and inputs that may not be used, met by commands: one line, what was there stays.
+"""Commands on full disks, read-only folders and unreadable inputs: one error line, existing files are kept.
 
-What writes files is tested in tests/base/test_atomic.py.
+The functions that write files are tested in tests/base/test_atomic.py.
 """
 
 import shutil
@@ -28,8 +28,8 @@ TURN = ("render", "--turntable", "2", "--size", "64x48", "-f")
 
 
 def python(*line: object, **streams: Any) -> subprocess.CompletedProcess[str]:
-    """Run Python."""
-    # Python 3.11 keeps the compiled modules it could write half of, for every later process, hence -B.
+    """Run Python and return its output."""
+    # On a full disk Python 3.11 leaves damaged compiled modules that break later processes, hence -B.
     return subprocess.run(
         [sys.executable, "-B", *map(str, line)],
         **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **streams},
@@ -46,7 +46,7 @@ def python(*line: object, **streams: Any) -> subprocess.CompletedProcess[str]:
         ("a.mp4", lambda out: [*TURN, "--film", out, CHECKPOINT]),
     ],
 )
-def test_what_was_there_stays(
+def test_an_existing_output_is_kept_on_a_full_disk(
     disk: Disk, here: Here, name: str, line: Callable[[Path], list[object]]
 ) -> None:
     target = disk.folder / name
@@ -61,8 +61,8 @@ def test_what_was_there_stays(
     assert sorted(disk.folder.rglob("*")) == before
 
 
-def test_a_cache_of_kernels_that_is_full_is_not_used(disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
-    """PoCL's compiler would end the process there."""
+def test_a_kernel_cache_on_a_full_disk_is_not_used(disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PoCL's compiler would abort the process."""
     disk.fill()
     monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(disk.folder))
@@ -71,7 +71,7 @@ def test_a_cache_of_kernels_that_is_full_is_not_used(disk: Disk, monkeypatch: py
     assert str(disk.folder) in done.stdout + done.stderr
 
 
-def test_a_run_keeps_what_it_finished_and_goes_on(disk: Disk) -> None:
+def test_a_run_continues_after_a_full_disk(disk: Disk) -> None:
     disk.resize("132k")
     file = protocol(disk.folder, ("two_dts",))
     full = run_protocol(file)
@@ -81,11 +81,13 @@ def test_a_run_keeps_what_it_finished_and_goes_on(disk: Disk) -> None:
     assert assets
     disk.resize("8m")
     assert run_protocol(file, only=["exported_mesh"]).exit_status == 0
-    assert {path: path.stat().st_mtime_ns for path in assets} == assets, "what was finished is not done again"
+    assert {path: path.stat().st_mtime_ns for path in assets} == assets, (
+        "finished assets are not written again"
+    )
 
 
-@pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full here")
-def test_standard_streams_that_are_full() -> None:
+@pytest.mark.skipif(not FULL.exists(), reason="this system has no /dev/full")
+def test_full_standard_streams() -> None:
     with FULL.open("wb") as full:
         done = python("-m", "msb", "methods", stdout=full)
         assert (done.returncode, done.stderr.partition(":")[0]) == (3, "OUTPUT_UNWRITABLE")
@@ -95,14 +97,14 @@ def test_standard_streams_that_are_full() -> None:
 ASSET = ROOT / "data_stubs" / "splat_like.triasset"
 
 
-def test_a_folder_that_is_read_only_is_noticed_first(bound: Bound, read_only: Path) -> None:
+def test_a_read_only_folder_is_detected_first(bound: Bound, read_only: Path) -> None:
     out = read_only / "a.triasset"
     status, _, err = bound("-m", "msb", "export", ROOT / "data_stubs" / "checkpoint", out)
     assert (status, err.count("\n")) == (3, 1)
     assert err.startswith(f"OUTPUT_UNWRITABLE: {out}: ")
 
 
-def test_one_input_that_may_not_be_read_does_not_stop_the_others(bound: Bound, tmp_path: Path) -> None:
+def test_an_unreadable_input_does_not_stop_the_others(bound: Bound, tmp_path: Path) -> None:
     locked = tmp_path / "locked"
     locked.mkdir()
     for folder in (locked, tmp_path):

@@ -1,4 +1,4 @@
-"""Signals that end a command: no traceback, no temporary file, the shell's status for them."""
+"""Signals that end a command: no traceback, no temporary file, and exit status 128 + signal."""
 
 import os
 import signal
@@ -13,9 +13,10 @@ from msb.base.atomic import is_leftover, remove_leftovers
 from tests.conftest import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
-# Who is started in the background inherits that interrupts are ignored, under nohup hang-ups, too. Writing
-# is made slow, and says when it is in the middle, so that the signal comes there: not a moment earlier, when
-# zipfile has made half an archive, of which Python complains by itself.
+# A background process inherits that interrupts are ignored, and nohup ignores hang-ups, so both get their
+# default handlers. Writing is slowed down and creates a file after the first piece, so that the signal
+# arrives while data is written. An earlier signal would leave a half-open zipfile, and Python would print
+# an error about it.
 SLOW = (
     "import pathlib, signal, sys, time\n"
     "begun = pathlib.Path(sys.argv.pop())\n"
@@ -39,7 +40,7 @@ CHECKPOINT = ROOT / "data_stubs" / "checkpoint"
         ("folder", signal.SIGKILL),
     ],
 )
-def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str) -> None:
+def test_an_interrupted_export_leaves_no_file(tmp_path: Path, number: signal.Signals, form: str) -> None:
     folder, begun = tmp_path / "out", tmp_path / "begun"
     folder.mkdir()
     line = ["export", "--form", form, CHECKPOINT, folder / "a.triasset", begun]
@@ -54,7 +55,7 @@ def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str
             _, err = process.communicate(timeout=300)
         finally:
             process.kill()
-    if number == signal.SIGKILL:  # nothing stands under its final name, and what is left can be removed
+    if number == signal.SIGKILL:  # only temporary files are left, and they can be removed
         assert all(is_leftover(path.name) for path in folder.iterdir())
         remove_leftovers(folder)
     else:
@@ -62,7 +63,7 @@ def test_writing_is_broken_off(tmp_path: Path, number: signal.Signals, form: str
     assert not list(folder.iterdir())
 
 
-def test_a_signal_that_is_ignored_stays_so() -> None:
+def test_an_ignored_signal_stays_ignored() -> None:
     code = (
         "import os, signal, sys\nsignal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
         "import msb.asset\nload = msb.asset.load\n"

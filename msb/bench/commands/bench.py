@@ -1,11 +1,12 @@
-"""`msb bench`: how fast an asset is drawn on a tier, and what it takes in memory."""
+"""`msb bench`: measure frame rate, device time and memory of an asset on a tier."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from msb.base.option import Option
 from msb.bench.timing import Timing
@@ -14,12 +15,10 @@ from msb.cli.output import JsonOutput, Output
 from msb.errors import GateFailed, InputError, UsageError, shorten
 from msb.render.options import NO_CAMERAS, Drawing, Source, Tier, Views
 
-if TYPE_CHECKING:
-    from msb.bench.profile import Profile
-
 SCHEMA = "msb.bench/1"
-_TURNTABLE = 8
-# Keys that must be equal before two records are compared.
+# Number of views around the asset without --cameras.
+_VIEWS = 8
+# Keys that should be equal in two compared records; a difference gives a note.
 _SAME = (
     "method", "faces", "tier", "renderer", "order", "sampling", "views", "sizes", "machine.device.name",
     "machine.device.driver",
@@ -28,26 +27,29 @@ _SAME = (
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """What is timed, and what it is compared with."""
+    """The tier to time, and an earlier record to compare with."""
 
-    tier: Annotated[Tier, Option("How to draw; msb methods says what each tier keeps.")] = "standard"
-    compare: Annotated[Path | None, Option("Show ratios to an earlier --json.", metavar="OLD.json")] = None
+    tier: Annotated[Tier, Option("The tier to time; msb methods describes the tiers.")] = "standard"
+    compare: Annotated[
+        Path | None, Option("Compare with a record that --json wrote earlier.", metavar="OLD.json")
+    ] = None
     fail_slower: Annotated[
         str | None,
         Option(
-            "With --compare: fail if P50 is more than this above that of OLD.json, e.g. 10%.",
+            "With --compare: fail if the median device time exceeds that of OLD.json by more than PERCENT, "
+            "for example 10%.",
             metavar="PERCENT",
         ),
     ] = None
 
     @property
     def limit(self) -> float | None:
-        """0.1 for "10%" or "10"."""
+        """The limit of --fail-slower as a fraction, such as 0.1 for "10%" or "10"."""
         if self.fail_slower is None:
             return None
         match = re.fullmatch(r"(\d{1,6}(?:\.\d{1,6})?)\s*%?", self.fail_slower.strip())
         if match is None:
-            text = f'--fail-slower is "{shorten(self.fail_slower, 40)}"; it must look like 10%'
+            text = f'--fail-slower is "{shorten(self.fail_slower, 40)}", but it must have the form 10%'
             raise UsageError("USAGE", text)
         return float(match[1]) / 100
 
@@ -66,17 +68,19 @@ def bench(
     output: JsonOutput,
     typed: Typed,
 ) -> None:
-    """Time how an asset is drawn: P50 and P95 of the device, frames per second, stages, memory.
+    """Measure how fast an asset is rendered, and how much memory the renderer needs.
 
-    Nothing is written and no pixel is read back while the clock runs. The memory is what all views need;
-    views that were not timed are drawn afterwards. Without --cameras eight views around the asset are used.
+    The output lists frames per second, the median (P50) and the 95th percentile (P95) of the device time, the
+    stages of the renderer, and its memory. Images are not written or read back during the timing. Memory
+    covers all views, including those not reached by the timing. Without --cameras, eight views around the
+    asset are used.
     """
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
     if options.compare is None:
         typed.reject(["fail_slower"], "needs --compare OLD.json")
     from msb.api.command_files import open_asset
-    from msb.bench.nvml import driver_memory
+    from msb.bench.nvml import read_driver_memory
     from msb.bench.profile import profile
     from msb.render import Renderer
     from msb.render.backend import lean_options
@@ -89,15 +93,15 @@ def bench(
     if views.cameras is not None:
         cameras = views.read(output.note)
     else:
-        cameras = around(asset, _TURNTABLE, *views.pixels(960, 720))
+        cameras = around(asset, _VIEWS, *views.pixels(960, 720))
     color = views.color(asset)
     lean = lean_options(options.tier, drawing.renderer) | drawing.modes
     settings = drawing.settings(asset)
     with Renderer(asset, options.tier, drawing.device, settings, name=drawing.renderer, **lean) as renderer:
         with output.counted("timing", timing.frames) as step:
-            found = profile(renderer, cameras, color, **asdict(timing), step=step)
+            timed = profile(renderer, cameras, color, **asdict(timing), step=step)
         about = machine(drawing.device, engine=renderer.device_info)
-        driver, reason = driver_memory(about["device"])
+        driver, reason = read_driver_memory(about["device"])
     record: dict[str, Any] = {
         "schema": SCHEMA,
         "path": str(path),
@@ -109,35 +113,40 @@ def bench(
         "views": len(cameras),
         "sizes": sorted({f"{view.width}x{view.height}" for view in cameras}),
         "machine": about,
-        **found.to_dict(),
+        **timed.to_dict(),
         "memory_views": len(cameras),
         "driver_memory_bytes": driver,
         "driver_memory_reason": reason,
     }
     if output.prints_text:
-        _print(record, found, old, output)
+        _print(record, old, output)
     output.write_json(record)
     if old is not None:
         for key in _SAME:
-            if _part(old, key) != _part(record, key):
-                text = f"{key} was {_part(old, key)}, is {_part(record, key)}: not the same is compared"
+            if _get(old, key) != _get(record, key):
+                text = (
+                    f"{key} was {_get(old, key)} and is now {_get(record, key)}, so times are not comparable"
+                )
                 output.note(f"{options.compare}: {text}")
         if limit is not None:
-            _check_slower(found.timing.p50_ms, old, limit, path)
+            _check_slower(timed.timing.p50_ms, old, limit, path)
 
 
 def _check_slower(now: float, old: dict[str, Any], limit: float, path: Path) -> None:
-    """Raise GateFailed `GATE_FAILED` if the median frame takes longer than it did by more than `limit`."""
-    was = old["device_ms"].get("p50")
-    if not was:
-        raise UsageError("USAGE", "--fail-slower: the older record has no device P50")
-    if now > was * (1 + limit):
-        text = f"device P50 is {now:.3g} ms, was {was:.3g} ms: {now / was - 1:+.0%}, allowed {limit:+.0%}"
+    """Raise GATE_FAILED if the median device time has grown by more than the fraction `limit`."""
+    before = old["device_ms"].get("p50")
+    if not before:
+        raise UsageError("USAGE", "--fail-slower: OLD.json has no median device time (device_ms.p50)")
+    if now > before * (1 + limit):
+        text = (
+            f"the median device time is {now:.3g} ms and was {before:.3g} ms: {now / before - 1:+.0%}, "
+            f"but at most {limit:+.0%} is allowed"
+        )
         raise GateFailed("GATE_FAILED", text, file=path)
 
 
-def _part(record: dict[str, Any], key: str) -> Any:
-    """Return the value at a dotted key, or None."""
+def _get(record: dict[str, Any], key: str) -> Any:
+    """Return the value at a dotted key such as "machine.device.name", or None."""
     value: Any = record
     for name in key.split("."):
         value = value.get(name) if isinstance(value, dict) else None
@@ -145,19 +154,20 @@ def _part(record: dict[str, Any], key: str) -> Any:
 
 
 def _read_old(path: Path) -> dict[str, Any]:
-    """Return an earlier record."""
+    """Return an earlier record of `msb bench --json`."""
     from msb.asset.strict_json import MAX_BYTES, parse_strict_json
     from msb.base.files import read_file
 
     about: dict[str, Any] = {"name": "the record", "error": InputError, "code": "FILE_NOT_RECOGNISED"}
     data = parse_strict_json(read_file(path, MAX_BYTES), file=path, **about)
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not _is_record(data):
-        text = f"it is no record of msb bench --json (schema {SCHEMA})"
+        text = f"the file is not a record of msb bench --json (schema {SCHEMA})"
         raise InputError("FILE_NOT_RECOGNISED", text, file=path)
     return data
 
 
 def _is_record(data: dict[str, Any]) -> bool:
+    """Return whether the tables of a record contain numbers only."""
     tables = [data.get(key) for key in ("device_ms", "busy_ms", "stages_ms", "memory_bytes")]
     values = [value for table in tables if isinstance(table, dict) for value in table.values()]
     numbers = (*values, data.get("fps"), data.get("driver_memory_bytes") or 0)
@@ -166,43 +176,50 @@ def _is_record(data: dict[str, Any]) -> bool:
     )
 
 
-def _print(record: dict[str, Any], found: Profile, old: dict[str, Any] | None, output: Output) -> None:
+def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -> None:
+    """Print the record as a table, with a column for an older one."""
     device = record["machine"]["device"]
     modes = [f"{name} {record[name]}, " for name in ("order", "sampling") if name in record]
     output.line(
         f"{record['path']}: {record['faces']:,} faces, tier {record['tier']}, {''.join(modes)}"
-        f"{record['views']} views of {', '.join(record['sizes'])}, {found.timing.frames} frames"
+        f"{record['views']} views of {', '.join(record['sizes'])}, {record['frames']} frames"
     )
     output.line(f"{record['renderer']} on {device['platform']}: {device['name']}")
     rows = []
-    for label, unit, value, before in _rows(found, record["driver_memory_bytes"], output.verbose > 0):
+    for label, unit, get in _rows(record, output.verbose > 0):
+        value = get(record)
         cells = [label, _number(value, unit)]
         if old:
-            was = before(old)
-            cells += [_number(was, unit), f"{value / was:.2f}"] if was else ["-", "-"]
+            before = get(old)
+            cells += [_number(before, unit), f"{value / before:.2f}"] if before else ["-", "-"]
         rows.append(cells)
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
     output.table(headers, rows[:3] if output.quiet else rows, right=range(1, len(headers)))
 
 
-def _rows(found: Profile, driver: int | None, everything: bool) -> Any:
-    """Yield label, unit, value, and how to find the value in an older record."""
-    yield "frames per second", "", found.timing.fps, lambda old: old["fps"]
-    yield "device P50", "ms", found.timing.p50_ms, lambda old: old["device_ms"].get("p50")
-    yield "device P95", "ms", found.timing.p95_ms, lambda old: old["device_ms"].get("p95")
-    yield "busy P50", "ms", found.timing.busy_p50_ms, lambda old: old["busy_ms"].get("p50")
-    for name, value in found.timing.stages_ms.items():
-        yield f"  {name}", "ms", value, lambda old, name=name: old["stages_ms"].get(name)
-    total = sum(found.memory.values())
-    yield "memory, all views", "B", total, lambda old: sum(old["memory_bytes"].values())
-    for use, size in sorted(found.memory.items(), key=lambda item: -item[1]):
+def _rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, Any]]:
+    """Yield label, unit, and a function that reads the value from this record or an older one.
+
+    Without `everything`, buffers with less than 1 % of the memory are left out.
+    """
+    yield "frames per second", "", lambda data: data["fps"]
+    yield "device time, median (P50)", "ms", lambda data: data["device_ms"].get("p50")
+    yield "device time, P95", "ms", lambda data: data["device_ms"].get("p95")
+    yield "sum of stages, median", "ms", lambda data: data["busy_ms"].get("p50")
+    for name in record["stages_ms"]:
+        yield f"  {name}", "ms", lambda data, name=name: data["stages_ms"].get(name)
+    memory = record["memory_bytes"]
+    total = sum(memory.values())
+    yield "memory of buffers, all views", "B", lambda data: sum(data["memory_bytes"].values())
+    for use, size in sorted(memory.items(), key=lambda item: -item[1]):
         if everything or size >= total / 100:
-            yield f"  {use}", "B", size, lambda old, use=use: old["memory_bytes"].get(use, 0)
-    if driver is not None:
-        yield "process, by the driver", "B", driver, lambda old: old.get("driver_memory_bytes")
+            yield f"  {use}", "B", lambda data, use=use: data["memory_bytes"].get(use, 0)
+    if record["driver_memory_bytes"] is not None:
+        yield "GPU memory of the process", "B", lambda data: data.get("driver_memory_bytes")
 
 
 def _number(value: float, unit: str) -> str:
+    """Return a value with its unit: bytes as MiB, and short times in microseconds."""
     if unit == "B":
         return f"{value / 2**20:,.2f} MiB"
     if unit == "ms":

@@ -1,4 +1,4 @@
-"""`msb eval`: the image metrics of renderings against the ground truth."""
+"""`msb eval`: compare images with their ground truth by image metrics."""
 
 from __future__ import annotations
 
@@ -20,24 +20,27 @@ if TYPE_CHECKING:
     from msb.metrics import ImagePair
     from msb.scenes.colors import Color
 
-NOTHING_SHOWN = "every rendering is of one colour: none shows anything, so there is nothing to compare"
+NOTHING_SHOWN = "every image in PRED is uniform and shows nothing, so no metric is computed"
 NO_WEIGHTS = "no VGG weights (--vgg-weights FILE)"
 _COLUMNS = ("name", "pred", "gt", "width", "height")
 
 
 @dataclass(frozen=True)
 class EvalOptions:
-    """How images are compared."""
+    """Options for the comparison of images."""
 
     vgg_weights: Annotated[
         Path | None,
-        Option("torchvision's vgg16-397923af.pth; without it LPIPS is --.", metavar="FILE"),
+        Option("Weights for LPIPS: vgg16-397923af.pth of torchvision.", metavar="FILE"),
     ] = None
     background: Annotated[
         str | None,
-        Option("What alpha is laid over: black, white, #rrggbb or r,g,b in 0..1.", metavar="COLOR"),
+        Option(
+            "Blend images that have alpha over this colour: black, white, #rrggbb or r,g,b in 0..1.",
+            metavar="COLOR",
+        ),
     ] = None
-    subset: Annotated[bool, Option("GT may hold more images than PRED.")] = False
+    subset: Annotated[bool, Option("Allow images in GT that are not in PRED.")] = False
 
 
 @command(
@@ -49,26 +52,26 @@ class EvalOptions:
 )
 def evaluate(
     pred: Annotated[Path, Argument("Folder of images, or one image.", metavar="PRED")],
-    gt: Annotated[Path, Argument("The ground truth: the same, with equal names.", metavar="GT")],
+    gt: Annotated[Path, Argument("The ground truth, with the same file names.", metavar="GT")],
     options: EvalOptions,
     output: Annotated[Output, ("json_file", "csv_file", "fail_fast", "force", "quiet", "verbose")],
     typed: Typed,
 ) -> int:
-    """Compare images with their ground truth: PSNR, SSIM, LPIPS, ... of each image, and their means.
+    """Compare images with their ground truth by PSNR, SSIM, LPIPS and other metrics.
 
-    Images are paired by their path below the folder without its suffix (png, jpg, npy, exr). Their sizes must
-    be equal; nothing is resized. All images are clamped and rounded to 8 bits. A bad image gets a line on
-    standard error and status 3; the others are still compared.
+    Images are paired by their path within the folders without file extension (png, jpg, npy, exr). They must
+    have equal sizes, because nothing is resized. All values are clamped and rounded to 8 bits. An invalid
+    image is reported as one line on standard error, and the exit status is 3; the other images are compared.
     """
     color = None if options.background is None else parsed_color(options.background)
     from msb.metrics import pair_images
 
     pairs = pair_images(pred, gt, subset=options.subset)
-    return _Task(output, pred, gt, options.vgg_weights, color).run(pairs)
+    return _Comparison(output, pred, gt, options.vgg_weights, color).run(pairs)
 
 
-class _Task:
-    """Pairs of images, and what is said about them."""
+class _Comparison:
+    """Compares pairs of images, prints the results and writes files."""
 
     def __init__(
         self, output: Output, pred: Path, gt: Path, vgg_weights: Path | None, color: Color | None
@@ -80,19 +83,20 @@ class _Task:
         self.metrics = IMAGE_METRICS
         with nullcontext() if vgg_weights is None else output.progress(f"reading {vgg_weights.name}"):
             self.measures = Measures(vgg_weights)
-        self.plain: list[tuple[bool, bool]] = []
-        """Whether rendering and ground truth of a pair are each of one colour."""
-        self.notes = [one.to_line(vgg_weights) for one in self.measures.warnings]
+        # Whether the image, and the ground truth, of each pair are uniform.
+        self.uniform: list[tuple[bool, bool]] = []
+        self.notes = [warning.to_line(vgg_weights) for warning in self.measures.warnings]
 
     def run(self, pairs: list[ImagePair]) -> int:
-        """Compare all pairs, print and write; return the exit status."""
+        """Compare all pairs, print and write the results, and return the exit status."""
         from msb.metrics.registry import modules_needed
 
         rows: list[dict[str, Any]] = []
         failed: list[dict[str, Any]] = []
         status = 0
-        alike: Counter[str] = Counter()
-        # Once, not for every pair.
+        # Message of an error -> the number of pairs with it.
+        counts: Counter[str] = Counter()
+        # Missing libraries are one error, not one for each pair.
         read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
         need_extra("bench", *modules_needed(), *read, what="msb eval")
         for note in self.notes:
@@ -102,37 +106,38 @@ class _Task:
                 try:
                     rows.append(self.compare(pair))
                 except MsbError as error:
-                    # What is wrong with all images alike is said of the first.
-                    said = error.code == "METRIC_SIZES_DIFFER" and alike[error.message] > 0
-                    status = max(status, EXIT_STATUS[type(error)] if said else report_error(error))
-                    alike[error.message] += 1
+                    # Equal errors about sizes are printed for the first image only.
+                    repeated = error.code == "METRIC_SIZES_DIFFER" and counts[error.message] > 0
+                    status = max(status, EXIT_STATUS[type(error)] if repeated else report_error(error))
+                    counts[error.message] += 1
                     failed.append({"name": pair.name, "code": error.code, "message": str(error)})
                     if self.output.fail_fast:
                         break
                 step()
         for failed_metric in self.measures.failed.values():
-            self.notes.append(f"warning: {failed_metric}; it has no mean")
+            self.notes.append(f"warning: {failed_metric}; no average of this metric is computed")
             self.output.note(self.notes[-1])
-        for message, count in alike.items():
+        for message, count in counts.items():
             if count > 1:
-                self.output.note(f"{count} of {len(pairs)} fail alike: {message}")
-        nothing = bool(rows) and all(a for a, _ in self.plain) and not all(b for _, b in self.plain)
-        if nothing:
+                self.output.note(f"{count} of {len(pairs)} images have the same error: {message}")
+        # Uniform images of a scene that is not uniform show nothing, and their metrics would mislead.
+        is_empty = bool(rows) and all(a for a, _ in self.uniform) and not all(b for _, b in self.uniform)
+        if is_empty:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]
-        data = self.summary(rows, failed) | ({"reason": NOTHING_SHOWN} if nothing else {})
+        data = self.make_document(rows, failed) | ({"reason": NOTHING_SHOWN} if is_empty else {})
         if self.output.prints_text and rows:
-            self.show(rows, data)
+            self.print_table(rows, data)
         self.output.write_json(data)
         self.output.write_csv((*_COLUMNS, *self.metrics), rows)
         return status
 
     def compare(self, pair: ImagePair) -> dict[str, Any]:
-        """Return the row of one pair."""
+        """Return the row of a pair: names, size and metrics."""
         from msb import metrics
         from msb.metrics.images import is_plain
 
         pred, gt = (metrics.read_image(path, background=self.background) for path in (pair.pred, pair.gt))
-        self.plain.append((is_plain(pred), is_plain(gt)))
+        self.uniform.append((is_plain(pred), is_plain(gt)))
         with about(pair.pred):
             return {
                 "name": pair.name,
@@ -143,8 +148,8 @@ class _Task:
                 **self.measures(pred, gt),
             }
 
-    def summary(self, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return the JSON document. A mean is over the images that could be compared."""
+    def make_document(self, rows: list[dict[str, Any]], failed: list[dict[str, Any]]) -> dict[str, Any]:
+        """Return the JSON document; its averages are over the images that could be compared."""
         from msb.errors import json_safe
         from msb.metrics.registry import mean_of
 
@@ -161,34 +166,37 @@ class _Task:
             "warnings": self.notes,
             "images": [{**row, "psnr": json_safe(row["psnr"])} for row in rows],
             "failed": failed,
-            "metrics": [each.to_dict() for each in self.measures.identities],
+            "metrics": [identity.to_dict() for identity in self.measures.identities],
         }
 
-    def show(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
-        """Print the table; with --quiet its last line alone."""
+    def print_table(self, rows: list[dict[str, Any]], data: dict[str, Any]) -> None:
+        """Print the table of metrics; with --quiet only the averages."""
         from msb.metrics.images import PSNR_CAP
         from msb.metrics.vgg import weights_source
 
         quiet = self.output.quiet
         titles = [metric.title for metric in self.metrics.values()]
-        of = f"{len(rows)} of {len(rows) + len(data['failed'])}" if data["failed"] else str(len(rows))
+        count = f"{len(rows)} of {len(rows) + len(data['failed'])}" if data["failed"] else str(len(rows))
         plural = "" if len(rows) == 1 and not data["failed"] else "s"
         cells: list[tuple[Cell, ...]] = [
             (shorten(row["name"], 200), f"{row['width']}x{row['height']}", *self._cells(row))
             for row in (() if quiet else rows)
         ]
-        cells.append(((f"mean of {of} image{plural}", "bold"), "", *self._cells(data["mean"])))
+        cells.append(((f"average of {count} image{plural}", "bold"), "", *self._cells(data["mean"])))
         self.output.table(("Image", "Size", *titles), cells, right=range(1, 2 + len(titles)))
         if "reason" in data:
             self.output.note(f"warning: {data['reason']}")
         if quiet:
             return
         if data["psnr_inf_count"]:
-            equal = f"{data['psnr_inf_count']} equal to the ground truth"
-            self.output.line(f"{equal}: inf counts {PSNR_CAP:g} dB in the mean")
-        without = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
-        reason = f"{without} --: {self.reason}; " if self.reason else f"{without}: "
-        used = next((one.weights for one in self.measures.identities if one.name == "lpips_vgg"), None)
+            number = data["psnr_inf_count"]
+            equal = "1 image is equal" if number == 1 else f"{number} images are equal"
+            text = f"{equal} to the ground truth; infinite PSNR counts as {PSNR_CAP:g} dB in the average"
+            self.output.line(text)
+        loaded = ", ".join(metric.title for metric in self.metrics.values() if metric.load is not None)
+        reason = f"{loaded} --: {self.reason}; " if self.reason else f"{loaded}: "
+        identities = self.measures.identities
+        used = next((metric.weights for metric in identities if metric.name == "lpips_vgg"), None)
         self.output.console().print(f"{reason}{weights_source(used)}", markup=False)
 
     def _cells(self, row: dict[str, Any]) -> list[str]:

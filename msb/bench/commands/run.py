@@ -1,4 +1,4 @@
-"""`msb run`: a protocol of methods, scenes and conditions, evaluated; or one asset on one scene."""
+"""`msb run`: evaluate the methods, scenes and conditions of a protocol, or one asset on one scene."""
 
 from __future__ import annotations
 
@@ -24,29 +24,39 @@ if TYPE_CHECKING:
     from msb.bench.progress import Left, Stage
     from msb.bench.protocol import ProtocolFile
     from msb.bench.records import Reason
-    from msb.bench.run import Report, Row
+    from msb.bench.run import CellOutcome, Report
 
 _SCHEMA = "msb.run/1"
-# How the JSON of every run begins.
+# The beginning of every JSON file that msb run writes.
 _START = re.compile(rb'\s*\{\s*"schema"\s*:\s*"%s"' % re.escape(_SCHEMA).encode())
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What is evaluated, where its results go, and by whom it is computed."""
+    """The protocol and cells to evaluate, the results folder, and the workers."""
 
-    scene: Annotated[Path | None, Option("Evaluate the asset PROTOCOL on this scene.", metavar="DIR")] = None
+    scene: Annotated[
+        Path | None, Option("Evaluate a single asset, given as PROTOCOL, on this scene.", metavar="DIR")
+    ] = None
     non_engine: Annotated[
         Path | None,
-        Option("With --scene: official renderings, or our NumPy renderer.", metavar="DIR|reference"),
+        Option(
+            "With --scene: compare with official renderings in DIR, or with our reference renderer.",
+            metavar="DIR|reference",
+        ),
     ] = None
     image_folder: ImageFolder = None
     out: Annotated[
         Path | None,
-        Option("Results folder, instead of the protocol's.", ("--out", "-o"), metavar="DIR", output="folder"),
+        Option(
+            "Write results to DIR instead of the protocol's folder.",
+            ("--out", "-o"),
+            metavar="DIR",
+            output="folder",
+        ),
     ] = None
     jobs: Annotated[
-        int, Option("Processes on this machine.", ("--jobs", "-j"), metavar="N", least=1, most=1024)
+        int, Option("Use N processes on this machine.", ("--jobs", "-j"), metavar="N", least=1, most=1024)
     ] = 1
     scheduler: Annotated[
         str | None,
@@ -55,29 +65,34 @@ class RunOptions:
     only: Annotated[
         tuple[str, ...],
         Option(
-            "Only cells whose dataset, scene, method or condition match. May be given again.",
+            "Evaluate only cells whose dataset, scene, method or condition is WORD. Repeatable.",
             metavar="WORD[/WORD]",
         ),
     ] = ()
     redo: Annotated[bool, Option("Compute finished cells again.")] = False
     dry_run: Annotated[
         bool,
-        Option("Only show what is done, what is not, and all that is missing for it.", ("--dry-run", "-n")),
+        Option(
+            "Show finished and pending cells and missing inputs without running anything.",
+            ("--dry-run", "-n"),
+        ),
     ] = False
     example: Annotated[
         Literal["paper", "demo"] | None,
-        Option("Print a protocol to begin with, and nothing else: the paper's, or that of msb demo-data."),
+        Option("Print an example protocol and exit: for the paper, or for msb demo-data."),
     ] = None
 
-    def protocol(self, path: Path) -> ProtocolFile:
-        """Return the protocol at `path`, or the one that evaluates the asset there on the scene."""
-        from msb.bench.protocol import read_protocol, single_protocol
+    def read_protocol(self, path: Path) -> ProtocolFile:
+        """Return the protocol at `path`; with --scene, a protocol for the asset at `path` on that scene."""
+        from msb.bench.protocol import make_single_protocol, read_protocol
 
         if self.scene is not None:
             non_engine = None if self.non_engine is None else str(self.non_engine)
-            file = single_protocol(path, self.scene, non_engine=non_engine, image_folder=self.image_folder)
+            file = make_single_protocol(
+                path, self.scene, non_engine=non_engine, image_folder=self.image_folder
+            )
         elif path.suffix.lower() != ".toml" and path.exists():
-            text = f'"{path.name}" is no .toml; to evaluate an asset, say on which scene: --scene DIR'
+            text = f'"{path.name}" is not a .toml file; pass --scene DIR to evaluate an asset on a scene'
             raise UsageError("USAGE", text)
         else:
             file = read_protocol(path)
@@ -86,18 +101,18 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class RunOutput(Output):
-    """Output whose JSON may replace that of a run, for a run is started again and again; no other file."""
+    """Output that replaces the JSON file of an earlier run without --force, because runs are repeated."""
 
-    _remedy: ClassVar[str] = "msb run replaces only what its --json wrote; name another file"
+    _remedy: ClassVar[str] = "msb run replaces only JSON files of earlier runs; use another file name"
 
     def may_replace(self, path: Path) -> bool:
-        """Return whether what is at `path` is the JSON of a run."""
-        if is_stream(path):  # it is written through; to read it would wait for a writer
+        """Return whether the file at `path` is the JSON of a run."""
+        if is_stream(path):  # reading a pipe would wait for a writer
             return True
         try:
             with path.open("rb") as file:
                 return _START.match(file.read(100)) is not None
-        except OSError:  # it has come to be no file, or cannot be read
+        except OSError:  # the file disappeared or cannot be read
             return False
 
 
@@ -110,7 +125,7 @@ class RunOutput(Output):
 )
 def run(
     path: Annotated[
-        Path | None, Argument("A protocol.toml; or an asset, with --scene.", metavar="PROTOCOL")
+        Path | None, Argument("A protocol (.toml), or with --scene an asset.", metavar="PROTOCOL")
     ] = None,
     *,
     options: RunOptions,
@@ -118,33 +133,33 @@ def run(
     output: Annotated[RunOutput, ("json_file", "quiet", "verbose")],
     typed: Typed,
 ) -> int:
-    """Evaluate methods on scenes in all conditions: images, gaps, speed, memory, audit.
+    """Evaluate methods on scenes in all conditions: image quality, gaps, speed, memory and audits.
 
-    Every cell (dataset, scene, method, condition) is one record. A finished cell is not computed again, so
-    the command can be started again after an interruption or when models were added. A failed cell does not
-    stop the others; the exit status is the highest of theirs. msb report makes the tables.
+    Each cell (dataset, scene, method, condition) has one record. Finished cells are not computed again, so
+    the same command continues after an interruption and evaluates models that were added. A failed cell does
+    not stop the others, and the exit status is the highest status of all failures. msb report writes tables.
     """
     if options.example is not None:
         others = typed.keys() - {"example", "quiet", "verbose", "color", "log_file", "debug"}
-        typed.reject(others, "does not go with --example, which stands alone")
-    require(path or options.example, "Missing PROTOCOL. msb run --example paper prints one to begin with")
+        typed.reject(others, "cannot be combined with --example")
+    require(path or options.example, "Missing PROTOCOL. Print an example with: msb run --example paper")
     if options.scene is None:
         typed.reject(["non_engine", "image_folder"], "needs --scene; a protocol has a key of that name")
     if options.example is not None:
-        from msb.bench.protocol import example
+        from msb.bench.protocol import read_example
 
-        echo(example(options.example).decode().removesuffix("\n"))
+        echo(read_example(options.example).decode().removesuffix("\n"))
         return 0
     assert path is not None
-    from msb.bench.models import method_of
+    from msb.bench.models import detect_method
     from msb.bench.run import run_protocol
 
-    file = options.protocol(path)
+    file = options.read_protocol(path)
     if drawing.device is not None:
         file = replace(file, protocol=file.protocol.model_copy(update={"device": drawing.device}))
     dry = options.dry_run
     if options.scene is not None and not dry:
-        method_of(path)  # before anything is written: what is no model spoils no results that are there
+        detect_method(path)  # an invalid model raises its error here, before results are changed
     watch = _Watch(output)
     try:
         report = run_protocol(
@@ -158,7 +173,8 @@ def run(
         )
     except KeyboardInterrupt:
         if not dry:
-            output.note(f"interrupted: {watch.cells} cells were done now; the same command goes on")
+            count = "1 cell" if watch.cells == 1 else f"{watch.cells} cells"
+            output.note(f"interrupted after {count}; start the same command again to continue")
         raise
     output.write_json(_document(file, report))
     for name, reason in report.models.items():
@@ -171,27 +187,27 @@ def run(
         _print(file, report, output, dry=dry)
     qualities = [row.result.quality for row in report.rows if row.result is not None and row.result.quality]
     for text in dict.fromkeys(text for quality in qualities for text in quality.missing.values()):
-        output.note(f"warning: {text}; it has no mean where it failed")
+        output.note(f"warning: {text}; the cells with this failure have no average")
     for missing in report.missing:
         say(f"{missing.code}: {missing.message}")
     return report.exit_status
 
 
 def _failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Return every reason for which something is not there -> the cells, or their parts, that it costs."""
+    """Return each reason of a failure -> the cells, or parts of cells, that failed."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
-        if dry and row.planned.status == "failed":  # said once for all cells, after the table
+        if dry and row.planned.status == "failed":  # listed among the missing inputs
             continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
-                what = _name(row) if part == "cell" else f"{_name(row)}, {part}"
-                failures.setdefault(reason, []).append(what)
+                name = _name(row) if part == "cell" else f"{_name(row)}, {part}"
+                failures.setdefault(reason, []).append(name)
     return failures
 
 
 class _Watch:
-    """A bar for each stage on a terminal; a line for each task with -v."""
+    """Shows a progress bar for each stage on a terminal, and with -v a line for each task."""
 
     def __init__(self, output: Output) -> None:
         self.output = output
@@ -199,7 +215,7 @@ class _Watch:
 
     @contextlib.contextmanager
     def stage(self, stage: Stage) -> Iterator[Callable[[str], None]]:
-        with stage_bar(stage, self.output):
+        with show_stage(stage, self.output):
 
             def step(name: str) -> None:
                 self.cells += stage.title == "cells"
@@ -211,11 +227,12 @@ class _Watch:
         self.output.note(text)
 
 
-def _name(row: Row) -> str:
+def _name(row: CellOutcome) -> str:
     return " ".join(row.planned.cell.names)
 
 
-def _numbers(row: Row) -> dict[str, float | None]:
+def _numbers(row: CellOutcome) -> dict[str, float | None]:
+    """Return the image metrics and the frame rate of a cell."""
     from msb.bench.aggregate import METRICS
     from msb.metrics import IMAGE_METRICS
 
@@ -224,6 +241,7 @@ def _numbers(row: Row) -> dict[str, float | None]:
 
 
 def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
+    """Return the JSON document of a run."""
     rows = [
         {
             **row.planned.cell.model_dump(),
@@ -241,26 +259,27 @@ def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
         "protocol": str(file.path),
         "results": str(file.results),
         "seconds": report.seconds,
-        "missing": [vars(one) for one in report.missing],
+        "missing": [vars(missing) for missing in report.missing],
         "models": {name: reason.model_dump() for name, reason in report.models.items()},
         "cells": rows,
     }
 
 
 def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> None:
+    """Print a table for each dataset, the number of cells in each state, and the results folder."""
     from msb.metrics import IMAGE_METRICS
 
     headers = [metric.title for metric in IMAGE_METRICS.values()] + ["FPS"]
     states = [_state(row, dry=dry) for row in report.rows]
     rows = zip(report.rows, states, strict=True)
-    for dataset, group in groupby(rows, lambda one: one[0].planned.cell.dataset):
+    for dataset, group in groupby(rows, lambda pair: pair[0].planned.cell.dataset):
         if output.quiet:
             break
         cells: list[tuple[str, ...]] = []
-        # A scene has a line of its own: beside its methods a long name would break the lines of a terminal.
-        for scene, own in groupby(group, lambda one: one[0].planned.cell.scene):
+        # The scene is on a separate line, because a column for long names would not fit a terminal.
+        for scene, members in groupby(group, lambda pair: pair[0].planned.cell.scene):
             cells.append((scene, *[""] * (len(headers) + 2)))
-            cells += [(*_cells(row), state) for row, state in own]
+            cells += [(*_cells(row), state) for row, state in members]
         output.line((dataset, "bold"))
         columns = ("Scene, method", "Condition", *headers)
         output.table((*columns, ""), cells, right=range(2, len(columns)), unbroken=range(len(columns)))
@@ -273,8 +292,8 @@ def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> 
         echo(f"next: msb report {shell_word(file.results)}")
 
 
-def _cells(row: Row) -> list[str]:
-    """Return method, condition and numbers of a row of the table."""
+def _cells(row: CellOutcome) -> list[str]:
+    """Return method, condition and numbers as one line of the table."""
     from msb.metrics import IMAGE_METRICS
 
     decimals = {**{key: metric.decimals for key, metric in IMAGE_METRICS.items()}, "fps": 0}
@@ -285,24 +304,24 @@ def _cells(row: Row) -> list[str]:
     return [f"  {method}", condition, *numbers]
 
 
-def _state(row: Row, *, dry: bool) -> str:
-    """Return in a word or two what became of a cell, or would become of it if the run is dry."""
+def _state(row: CellOutcome, *, dry: bool) -> str:
+    """Return the state of a cell in the table, such as "computed" or, in a dry run, "pending"."""
     planned = row.planned
     if planned.status == "unsupported":
         return "N/A"
     failed = row.reasons.get("cell") or planned.reason
     if failed is not None and not (dry and planned.status == "pending"):
-        return "blocked" if dry else f"failed: {failed.code}"  # by what is said below, once for all
+        return "blocked" if dry else f"failed: {failed.code}"  # the list of missing inputs has the reason
     if planned.status == "done":
-        return "as before"
+        return "unchanged"
     why = dict.fromkeys(planned.why.values())
     reasons = "" if list(why) == ["new"] else f": {'; '.join(why)}"
-    return f"{'to do' if dry else 'done now'}{reasons}"
+    return f"{'pending' if dry else 'computed'}{reasons}"
 
 
 @contextlib.contextmanager
-def stage_bar(stage: Stage, output: Output) -> Iterator[None]:
-    """Draw the state of `stage` while the block runs, on a terminal only."""
+def show_stage(stage: Stage, output: Output) -> Iterator[None]:
+    """Show the progress of `stage` during the block, if the output is a terminal."""
     if not output.shows_progress:
         yield
         return
@@ -310,12 +329,12 @@ def stage_bar(stage: Stage, output: Output) -> Iterator[None]:
     from rich.live import Live
 
     console = Console(stderr=True)
-    with Live(get_renderable=lambda: stage_lines(stage), console=console, transient=True):
+    with Live(get_renderable=lambda: draw_stage(stage), console=console, transient=True):
         yield
 
 
-def stage_lines(stage: Stage) -> Group:
-    """Return two lines: the stage, its bar and the time left; and the first task being computed."""
+def draw_stage(stage: Stage) -> Group:
+    """Return two lines: the stage with its bar and remaining time, and its first present task."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table
@@ -325,21 +344,22 @@ def stage_lines(stage: Stage) -> Group:
     for ratio in (None, None, 1, None):
         line.add_column(no_wrap=True, ratio=ratio)
     bar = ProgressBar(total=len(stage.names), completed=stage.done)
-    line.add_row(Text(stage.title), Text(f"{stage.done}/{len(stage.names)}"), bar, Text(_told(stage)))
+    line.add_row(Text(stage.title), Text(f"{stage.done}/{len(stage.names)}"), bar, Text(_describe(stage)))
     names = stage.now
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return Group(line, Text(f"  {names[0]}{more}" if names else "", no_wrap=True, overflow="ellipsis"))
 
 
-def _told(stage: Stage) -> str:
-    """Return the time left and what follows; without an estimate there is no number."""
+def _describe(stage: Stage) -> str:
+    """Return the estimated remaining time, if any, and the following stages."""
     left = stage.left()
-    told = [] if left is None else [_left(left)]
-    told += [f"then {' and '.join(stage.then)}"] if stage.then else []
-    return ", ".join(told)
+    parts = [] if left is None else [_format_time(left)]
+    parts += [f"then {' and '.join(stage.then)}"] if stage.then else []
+    return ", ".join(parts)
 
 
-def _left(left: Left) -> str:
+def _format_time(left: Left) -> str:
+    """Return an estimate in seconds, minutes or hours."""
     seconds = round(left.seconds)
     minutes = round(left.seconds / 60)
     if seconds < 90:

@@ -1,4 +1,4 @@
-"""`msb track`: what a training costs, measured while it runs."""
+"""`msb track`: measure time and memory of a training while it runs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     'msb track -- python -c "print(sum(range(10**6)))"',
     "msb track -o out/track.json -- python --version",
     "msb track --frames 8 -o out/own.json -- python --version",
-    # Options after the name of the command to run belong to that command.
+    # All options after the command are passed to it.
     ignore_unknown_options=True,
     allow_interspersed_args=False,
 )
@@ -27,44 +27,47 @@ def track(
     command: Annotated[
         tuple[str, ...], Argument("The command to run, passed on unchanged.", metavar="COMMAND...")
     ],
-    out: Annotated[Path, file_option("Where the record goes.", "--out", "-o")] = Path("track.json"),
+    out: Annotated[Path, file_option("Write the record to FILE.", "--out", "-o")] = Path("track.json"),
     frames: Annotated[
         int | None,
-        Option("Write how fast a renderer is that draws N images.", metavar="N", least=1),
+        Option("Write the timing of a renderer that draws N images instead.", metavar="N", least=1),
     ] = None,
     *,
     output: PlainOutput,
 ) -> int:
-    """Run a training and record wall time, peak GPU memory and peak RAM, of it and of all it starts.
+    """Run a training and record its time, peak GPU memory and peak RAM, including child processes.
 
-    The exit status is the command's, or 128 + n if signal n ended it. A protocol's key training takes the
-    record. With --frames the command is a method's own renderer, and a protocol's key
-    non_engine_timing takes the record: it says that loading and writing are included. GPU memory is
-    measured by NVML (NVIDIA, extra gpu); if that is missing the record says why.
+    The exit status is that of the command, or 128 + n if signal n ended the command. The key training of a
+    protocol names the record. With --frames, the command is a method's own renderer, and the key
+    non_engine_timing names the record, which states that loading and writing are included. GPU memory is
+    measured by NVML (NVIDIA only, extra gpu). If it cannot be measured, the record gives the reason.
     """
     from msb.base.atomic import new_file
-    from msb.bench.track import timing_of_command
+    from msb.bench.track import make_renderer_timing
     from msb.bench.track import track as run
 
     if is_stdout(out):
-        raise UsageError("USAGE", "--out: standard output is that of COMMAND; name a file")
+        text = "--out must be a file, because standard output belongs to COMMAND"
+        raise UsageError("USAGE", text)
     record = run(list(command))
     try:
         if frames is not None and record.exit_status != 0:
-            output.note(f"{out}: not written, the command ended with status {record.exit_status}")
+            output.note(f"{out} was not written, because the command failed with status {record.exit_status}")
             return record.exit_status
-        written: Track | RendererTiming = record if frames is None else timing_of_command(record, frames)
+        written: Track | RendererTiming = record if frames is None else make_renderer_timing(record, frames)
         with new_file(out, overwrite=output.force) as file:
             file.write(written.to_json())
-    finally:  # it is said even if it cannot be kept: a training is not run twice for this
-        output.note(_summary(record, out))
+    finally:  # printed even if writing fails, because repeating a training takes hours
+        output.note(_summarize(record, out))
     return record.exit_status
 
 
-def _summary(record: Track, out: Path) -> str:
+def _summarize(record: Track, out: Path) -> str:
+    """Return time and memory of a command as one line."""
     gpu = record.peak_gpu_memory_bytes
     parts = [f"{record.seconds / 60:.1f} min" if record.seconds >= 60 else f"{record.seconds:.1f} s"]
-    parts.append(f"GPU not measured ({record.gpu_reason})" if gpu is None else f"GPU {gpu / 2**20:,.0f} MiB")
+    reason = f"no GPU memory: {record.gpu_reason}"
+    parts.append(reason if gpu is None else f"peak GPU memory {gpu / 2**20:,.0f} MiB")
     if record.peak_host_memory_bytes is not None:
-        parts.append(f"RAM {record.peak_host_memory_bytes / 2**20:,.0f} MiB")
+        parts.append(f"peak RAM {record.peak_host_memory_bytes / 2**20:,.0f} MiB")
     return f"{out}: {', '.join(parts)}"
