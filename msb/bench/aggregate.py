@@ -29,21 +29,21 @@ class Metric(NamedTuple):
     # None if neither direction is better.
     better: Better | None
     get: Callable[[Result], float | None]
-    # The printed unit divided by the unit of the records.
+    # The printed unit in the unit of the records: 60 if seconds are printed as minutes.
     scale: float = 1.0
 
     @property
     def last_digit(self) -> float:
-        """The value of the last printed digit in the unit of the records, the smallest visible difference."""
+        """The smallest difference that a table shows, in the unit of the records."""
         return float(10.0**-self.decimals * self.scale)
 
 
-def _quality(name: str) -> Callable[[Result], float | None]:
+def _read_metric(name: str) -> Callable[[Result], float | None]:
     """Return a function that reads an image metric from a record."""
     return lambda result: None if result.quality is None else result.quality.values[name]
 
 
-def _at(place: str) -> Callable[[Result], float | None]:
+def _read_key(place: str) -> Callable[[Result], float | None]:
     """Return a function that reads a dotted name such as "walk.flicker" from a record."""
 
     def get(result: Result) -> float | None:
@@ -55,35 +55,35 @@ def _at(place: str) -> Callable[[Result], float | None]:
     return get
 
 
-def _of_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
+def _read_timing(get: Callable[[Timing], float | None]) -> Callable[[Result], float | None]:
     """Return a function that computes a number from the timing of a record."""
     return lambda result: None if result.timing is None else get(result.timing)
 
 
-def _unsteadiness(timing: Timing) -> float | None:
-    """Return the range of the frame rates of the rounds, divided by the frame rate of all frames."""
+def _compute_rate_range(timing: Timing) -> float | None:
+    """Return the difference between the fastest and the slowest round, relative to the overall frame rate."""
     rates = timing.round_fps
     return (max(rates) - min(rates)) / timing.fps if len(rates) > 1 else None
 
 
-def _memory(result: Result) -> float | None:
-    """Return the bytes of our buffers, or the memory of the method's own renderer as measured by the user."""
+def _get_memory(result: Result) -> float | None:
+    """Return the bytes of our renderer's buffers, or the user's measurement of the method's own renderer."""
     if result.memory is not None:
         return result.memory.total
     return None if result.renderer_timing is None else result.renderer_timing.peak_gpu_memory_bytes
 
 
-def _fps(result: Result) -> float | None:
+def _get_fps(result: Result) -> float | None:
     return getattr(result.timing or result.renderer_timing, "fps", None)
 
 
-def _faces(result: Result) -> float | None:
+def _count_faces(result: Result) -> float | None:
     if result.bake is not None:
         return result.bake.faces
     return None if result.audit is None else result.audit.counts.faces
 
 
-def _tasks(result: Result) -> float | None:
+def _count_working_tasks(result: Result) -> float | None:
     """Return the number of tasks that work, with or without limitations."""
     trials = [] if result.trial is None else result.trial.trials
     return sum(trial.outcome in ("works", "care") for trial in trials) if trials else None
@@ -102,46 +102,51 @@ _STRUCTURE: dict[str, tuple[str, Better | None]] = {
 # The metrics of an audit.
 AUDITED = tuple(_STRUCTURE)
 _OTHERS: dict[str, Metric] = {
-    "fps": Metric("FPS", "1/s", 0, "higher", _fps),
-    "p50_ms": Metric("P50", "ms", 1, "lower", _at("timing.p50_ms")),
-    "p95_ms": Metric("P95", "ms", 1, "lower", _at("timing.p95_ms")),
-    "spread_ms": Metric("P95 - P50", "ms", 1, "lower", _of_timing(lambda times: times.p95_ms - times.p50_ms)),
-    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _at("timing.busy_p50_ms")),
-    "host_ms": Metric("Host", "ms", 1, "lower", _of_timing(lambda times: 1000 / times.fps - times.p50_ms)),
-    "unsteady": Metric("Rounds apart (%)", "%", 0, "lower", _of_timing(_unsteadiness), 0.01),
-    "memory": Metric("Memory", "MiB", 0, "lower", _memory, _MIB),
-    "driver_memory": Metric("By the driver", "MiB", 0, "lower", _at("memory.driver_bytes"), _MIB),
-    "asset_size": Metric("Asset", "MiB", 0, "lower", _at("asset.bytes"), _MIB),
-    "flicker": Metric("Flicker (levels)", "levels", 2, "lower", _at("walk.flicker")),
-    "flicker_worst": Metric("Worst second (levels)", "levels", 2, "lower", _at("walk.flicker_worst")),
-    "holes": Metric("Holes (%)", "%", 2, "lower", _at("walk.holes"), 0.01),
-    "train_seconds": Metric("Train time (min)", "min", 1, "lower", _at("training.seconds"), 60.0),
-    "train_memory": Metric("Peak mem. (MiB)", "MiB", 0, "lower", _at("training.peak_memory_bytes"), _MIB),
-    "psnr_16": Metric("PSNR, 16 samples", "dB", 2, "higher", _at("bake.psnr.photographs.after_16")),
-    "faces": Metric("Triangles", "1", 0, None, _faces),
-    "tasks": Metric("Tasks", "1", 0, "higher", _tasks),
-    "bake_seconds": Metric("Seconds", "s", 0, "lower", _at("bake.seconds")),
-    "chamfer": Metric("CD", "mm", 2, "lower", _at("chamfer.overall")),
+    "fps": Metric("FPS", "1/s", 0, "higher", _get_fps),
+    "p50_ms": Metric("P50", "ms", 1, "lower", _read_key("timing.p50_ms")),
+    "p95_ms": Metric("P95", "ms", 1, "lower", _read_key("timing.p95_ms")),
+    "spread_ms": Metric(
+        "P95 - P50", "ms", 1, "lower", _read_timing(lambda times: times.p95_ms - times.p50_ms)
+    ),
+    "busy_p50_ms": Metric("Busy P50", "ms", 1, "lower", _read_key("timing.busy_p50_ms")),
+    "host_ms": Metric("Host", "ms", 1, "lower", _read_timing(lambda times: 1000 / times.fps - times.p50_ms)),
+    "unsteady": Metric("Rounds apart (%)", "%", 0, "lower", _read_timing(_compute_rate_range), 0.01),
+    "memory": Metric("Memory", "MiB", 0, "lower", _get_memory, _MIB),
+    "driver_memory": Metric("By the driver", "MiB", 0, "lower", _read_key("memory.driver_bytes"), _MIB),
+    "asset_size": Metric("Asset", "MiB", 0, "lower", _read_key("asset.bytes"), _MIB),
+    "flicker": Metric("Flicker (levels)", "levels", 2, "lower", _read_key("walk.flicker")),
+    "flicker_worst": Metric("Worst second (levels)", "levels", 2, "lower", _read_key("walk.flicker_worst")),
+    "holes": Metric("Holes (%)", "%", 2, "lower", _read_key("walk.holes"), 0.01),
+    "train_seconds": Metric("Train time (min)", "min", 1, "lower", _read_key("training.seconds"), 60.0),
+    "train_memory": Metric(
+        "Peak mem. (MiB)", "MiB", 0, "lower", _read_key("training.peak_memory_bytes"), _MIB
+    ),
+    "psnr_16": Metric("PSNR, 16 samples", "dB", 2, "higher", _read_key("bake.psnr.photographs.after_16")),
+    "faces": Metric("Triangles", "1", 0, None, _count_faces),
+    "tasks": Metric("Tasks", "1", 0, "higher", _count_working_tasks),
+    "bake_seconds": Metric("Seconds", "s", 0, "lower", _read_key("bake.seconds")),
+    "chamfer": Metric("CD", "mm", 2, "lower", _read_key("chamfer.overall")),
     **{
-        key: Metric(title, "1", DECIMALS, better, _at(f"audit.metrics.{key}"))
+        key: Metric(title, "1", DECIMALS, better, _read_key(f"audit.metrics.{key}"))
         for key, (title, better) in _STRUCTURE.items()
     },
 }
 
 
 @cache
-def _metrics() -> Mapping[str, Metric]:
+def _list_metrics() -> Mapping[str, Metric]:
     images = {
-        key: Metric(metric.title, metric.unit, metric.decimals, metric.better, _quality(key))
+        key: Metric(metric.title, metric.unit, metric.decimals, metric.better, _read_metric(key))
         for key, metric in IMAGE_METRICS.items()
     }
     return images | _OTHERS
 
 
 # All numbers of the tables. Memory and sizes are in bytes. `spread_ms` is P95 - P50, and `host_ms` is the
-# wall-clock time of a frame minus its device time. `unsteady` is the range of the frame rates of the rounds
-# divided by the frame rate. `flicker` and `holes` are measured on the walk, and `chamfer` is DTU's "overall".
-METRICS: Mapping[str, Metric] = Lazy(_metrics)
+# wall-clock time of a frame minus its device time. `unsteady` is the difference between the frame rates of
+# the fastest and the slowest round, divided by the overall frame rate. `flicker` and `holes` are measured on
+# the walk, and `chamfer` is DTU's "overall".
+METRICS: Mapping[str, Metric] = Lazy(_list_metrics)
 
 # Dataset -> the scenes of its average.
 SCENES: dict[str, tuple[str, ...]] = {name: tuple(dataset.scenes) for name, dataset in DATASETS.items()}
@@ -167,7 +172,7 @@ class Mean:
 
     @property
     def partial(self) -> bool:
-        """Whether a scene is missing."""
+        """Whether the value of a scene is missing."""
         return self.present < self.expected
 
 
@@ -182,7 +187,7 @@ def expected_scenes(dataset: str, present: Iterable[str]) -> tuple[str, ...]:
 
 
 def scene_groups(dataset: str) -> dict[str, tuple[str, ...]]:
-    """Return name of a partial average of `dataset` ("indoor_mean", "outdoor_mean") -> its scenes."""
+    """Return the averages over a part of `dataset`: name ("indoor_mean", "outdoor_mean") -> scenes."""
     groups: dict[str, list[str]] = {}
     for scene, group in DATASETS[dataset].scenes.items() if dataset in DATASETS else ():
         if group:

@@ -1,6 +1,6 @@
 """The bakes of a run: computed once per model and scene, and again only if an input changes.
 
-A bake is in the results folder, beside a JSON file with its inputs and report.
+A bake is stored in the results folder. A JSON file beside it holds the hash of its inputs and its report.
 """
 
 from collections.abc import Mapping
@@ -44,7 +44,7 @@ class BakeTask:
     # Values that replace settings of the model in its native rendering.
     settings: Mapping[str, Any]
     scene: SceneAt
-    # The state of the test views when the run was planned.
+    # Hashes of the test views when the run was planned.
     views: ViewState
     # The hash of all inputs of the bake.
     key: str
@@ -61,7 +61,7 @@ class BakeTask:
         return Results(self.root).bake(*self.names, self.label)
 
     @property
-    def facts(self) -> Path:
+    def description_path(self) -> Path:
         """The path of the JSON file that describes the bake."""
         return self.path.with_suffix(".json")
 
@@ -103,21 +103,24 @@ def find_known_bake(task: BakeTask, run: str | None = None) -> ModelAsset | None
     With `run`, only a bake of that run is returned.
     """
     try:
-        path = task.facts
-        facts = validate(_BakeFacts, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
-        if facts.key != task.key or run not in (None, facts.run):
+        path = task.description_path
+        description = validate(
+            _BakeDescription, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID"
+        )
+        if description.key != task.key or run not in (None, description.run):
             return None
-        # In a copy of the results only the time stamp differs, so the content decides.
-        same = stamp(task.path) == facts.stamp or file_sha256(task.path) == facts.asset.sha256
+        # Copying the results changes the time of the file, so its content is compared if the stamp differs.
+        same = stamp(task.path) == description.stamp or file_sha256(task.path) == description.asset.sha256
     except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
         return None
-    return _make_model(task, facts) if same else None
+    return _make_model(task, description) if same else None
 
 
 def make_bake(task: BakeTask) -> ModelAsset:
     """Bake the model of a task from the training views of the scene, and write the file that describes it.
 
-    A bake that this run has finished is returned, because a cluster repeats the task of a dead worker.
+    If this run has already finished the bake, it is returned. This happens on a cluster, which may repeat the
+    tasks of a lost worker.
     """
     from msb.bake import bake
 
@@ -131,13 +134,15 @@ def make_bake(task: BakeTask) -> ModelAsset:
     report = baked.save(task.path, overwrite=True)
     asset = describe_file(task.path).model_copy(update={"bytes": measure_size(task.path)})
     document = BakeDocument.of(report.to_dict())
-    facts = _BakeFacts(key=task.key, run=task.run, stamp=stamp(task.path), asset=asset, bake=document)
-    with new_file(task.facts) as file:
-        file.write(facts.to_json())
-    return _make_model(task, facts)
+    description = _BakeDescription(
+        key=task.key, run=task.run, stamp=stamp(task.path), asset=asset, bake=document
+    )
+    with new_file(task.description_path) as file:
+        file.write(description.to_json())
+    return _make_model(task, description)
 
 
-class _BakeFacts(Record):
+class _BakeDescription(Record):
     """The content of the JSON file that describes a bake."""
 
     key: str
@@ -147,7 +152,9 @@ class _BakeFacts(Record):
     bake: BakeDocument
 
 
-def _make_model(task: BakeTask, facts: _BakeFacts) -> ModelAsset:
+def _make_model(task: BakeTask, description: _BakeDescription) -> ModelAsset:
     """Return the model of a task with the bake as its asset."""
-    asset = facts.asset.model_copy(update={"path": str(task.path)})
-    return task.model.model_copy(update={"asset": asset, "source": task.model.asset, "bake": facts.bake})
+    asset = description.asset.model_copy(update={"path": str(task.path)})
+    return task.model.model_copy(
+        update={"asset": asset, "source": task.model.asset, "bake": description.bake}
+    )

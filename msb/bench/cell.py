@@ -1,4 +1,4 @@
-"""Compute the parts of one cell and write its record; a part may fail without the others."""
+"""Compute the parts of one cell and write its record; a failed part does not stop the others."""
 
 import contextlib
 import time
@@ -38,7 +38,7 @@ MEASURES: dict[PartName, Callable[[Job], dict[str, Any]]] = {
     "renderer_timing": read_native_timing,
     "timing": measure_timing,
 }
-# Part -> the keys of `Result` that it fills, if they are not just its name.
+# Part -> the keys of `Result` that it fills. Any other part fills the key of its own name.
 _KEYS: dict[PartName, tuple[str, ...]] = {
     "quality": ("quality", "setup", "renders", "renderer", "device"),
     "timing": ("timing", "memory", "floor", "device"),
@@ -50,7 +50,10 @@ _NOT_RENDERING = frozenset(
 
 
 def compute(job: Job) -> JobOutcome:
-    """Compute the parts of a job and write the record of its cell; other parts are kept if still valid."""
+    """Compute the parts of a job, and write the record of its cell.
+
+    Parts of the earlier record are kept while they are valid.
+    """
     check_run(job.root, job.run)
     start = time.perf_counter()
     record = _keep_valid_parts(job, _read_old(job))
@@ -65,7 +68,7 @@ def compute(job: Job) -> JobOutcome:
                 del filled["device"]  # the record keeps the device of the timing
             record |= filled
             record["inputs"][part] = dict(inputs)
-        except Exception as error:  # an unexpected error, too, costs only one part of one cell
+        except Exception as error:  # even an unexpected error must not stop the other parts
             if isinstance(error, MsbError) and error.code == "RUN_SCHEDULER":
                 raise
             record["reasons"][part] = make_reason(error)
@@ -132,12 +135,13 @@ def _keep_valid_parts(job: Job, old: Result | None) -> dict[str, Any]:
 
 
 def _is_valid(part: PartName, job: Job, old: Result) -> bool:
-    """Return whether a recorded part has the present inputs of the cell."""
+    """Return whether a recorded part was computed from the current inputs of the cell."""
     recorded, requested = old.inputs[part], job.requested.get(part)
     if requested is not None:
         return recorded == requested
-    # The protocol no longer requests the part, so its present inputs are unknown. It is valid if the inputs
-    # that it shares with images or audit are equal, and if the images have the same rendering options.
+    # The protocol no longer requests the part, so its current inputs are unknown. It is valid if the
+    # inputs that it shares with images or audit are unchanged. For timing and walk, moreover, no rendering
+    # option of the images may have been added or removed.
     present = {name: value for main in MAIN for name, value in job.requested.get(main, {}).items()}
     images = job.requested.get("quality", {}).keys()
     same_options = (
@@ -160,7 +164,7 @@ def write_result(folder: Path, result: Result) -> None:
 
 
 def make_reason(error: Exception) -> Reason:
-    """Return an error as a reason; an unexpected exception gets the code INTERNAL and its source line."""
+    """Return an error as a reason; if it is unexpected (INTERNAL), the message names its source line."""
     if isinstance(error, MsbError):
         return Reason(code=error.code, message=shorten(str(error).removeprefix(f"{error.code}: "), 500))
     frames = traceback.extract_tb(error.__traceback__)

@@ -1,7 +1,7 @@
 """The parts of a record that other commands write: audit, bake, trials, repairs and Chamfer distance.
 
-Such a part is stored as the `to_dict` of its writer. The models below declare only the keys that tables and
-reports read; all other keys are kept unchanged, so a writer may add keys.
+Such a part is stored as the other command writes it. The models below declare only the keys that tables and
+reports read. All other keys are kept unchanged, so the other command may add keys.
 """
 
 from dataclasses import asdict
@@ -28,7 +28,7 @@ Outcome = Literal["works", "care", "fails", "not_run"]
 
 
 class Document(Record):
-    """A document of another command, with additional keys."""
+    """A document of another command; undeclared keys are kept."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -79,7 +79,10 @@ class TrialDocument(Document):
 
 
 class Psnr(Document):
-    """PSNR between renderings and photographs before and after a bake, and with 16 samples per pixel."""
+    """PSNR in dB between renderings and photographs.
+
+    It is measured before the bake, after it, and after it with 16 samples per pixel.
+    """
 
     before: Decibels | None
     after: Decibels

@@ -23,7 +23,7 @@ TRIAL_FOLDER, REPAIRS_FOLDER = "trial", "repairs"
 # The film beside a record: the second of its walk with the most flicker.
 WALK_FILM = "walk.mp4"
 _LOCK = ".lock"
-# The file that names the present run, and its maximum size in bytes.
+# The file that names the current run, and its maximum size in bytes.
 _RUN = ".run.json"
 _MAX_RUN = 1 << 16
 
@@ -58,7 +58,9 @@ class Results:
         place = self.record(result.cell)
         # File systems and archives may store a name in another Unicode form.
         if unicodedata.normalize("NFC", str(place)) != unicodedata.normalize("NFC", str(path)):
-            text = f"this is the record of {'/'.join(result.cell.names)}, but it is in another folder"
+            text = (
+                f"this record of {'/'.join(result.cell.names)} is in the folder of another cell; move it back"
+            )
             raise InputError("RECORD_INVALID", text, file=path)
 
     def ground_truth(self, dataset: str, scene: str, key: str) -> Path:
@@ -100,7 +102,7 @@ def lock_results(root: Path) -> Iterator[str]:
     except (OSError, NotImplementedError) as error:
         reason = f"the folder cannot be locked: {getattr(error, 'strerror', None) or error}"
         if isinstance(error, FileExistsError | NotADirectoryError):
-            reason = "the path is a file or below a file; results need a folder"
+            reason = "the path is a file, or is below a file; choose a folder for the results"
         raise OutputError("OUTPUT_UNWRITABLE", reason, file=root) from error
     try:
         remove_leftovers(root)
@@ -145,7 +147,7 @@ def _holder(root: Path) -> str:
 
 
 def _read_run(root: Path) -> dict[str, object]:
-    """Return the content of the file of the present run; empty if no run is active."""
+    """Return the content of the file of the current run; empty if no run is active."""
     try:
         about = read_json(root / _RUN, _MAX_RUN)
     except MsbError:

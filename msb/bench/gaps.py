@@ -41,7 +41,7 @@ _DEVICE_METRICS = frozenset({"fps", "p50_ms", "p95_ms", "memory", "driver_memory
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap in the unit of its metric, averaged over `scenes` of `expected` scenes."""
+    """A gap in the unit of its metric: an average over `scenes` of the `expected` scenes."""
 
     # The absolute gap; None if there is a `reason`.
     value: float | None
@@ -49,14 +49,15 @@ class Gap:
     signed: float | None = None
     # The reason of `incomparable`.
     reason: str | None = None
-    # For a dataset, the average of the absolute gaps of the scenes; at least `value`.
+    # The average of the absolute gaps of single scenes. It is at least `value`, in which gains cancel losses.
     mean_abs_scene_gap: float | None = None
     scenes: int = 1
     expected: int = 1
     # The averages of the two conditions over exactly these scenes. They differ from the averages in other
     # tables if scenes are missing in one condition.
     ends: tuple[float, float] | None = None
-    # The 95 % interval of `signed` from the losses of the views; None for a gap between two numbers.
+    # The 95 % interval of `signed`, computed from the losses in single views. None if only two numbers are
+    # known.
     interval: Interval | None = None
 
     @property
@@ -105,7 +106,9 @@ def value_gaps(
 ) -> Gaps:
     """Return the gaps between three values of `metric`, a key of `msb.bench.aggregate.METRICS`."""
     values = {"non_engine": non_engine, "dedicated": dedicated, "standard": standard}
-    return _combine(metric, {name: _gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()})
+    return _combine(
+        metric, {name: _compute_gap(metric, values[a], values[b]) for name, (a, b) in PAIRS.items()}
+    )
 
 
 def scene_gaps(metric: str, results: Conditions) -> Gaps:
@@ -140,14 +143,14 @@ def gap_between(
 
     The names are two conditions of a method, or two methods if `one_asset` is false.
     """
-    values, reasons = _comparable(metric, results, scenes, first, second, one_asset=one_asset)
+    values, reasons = _select_comparable(metric, results, scenes, first, second, one_asset=one_asset)
     if not values:
-        return Gap(None, reason=_commonest(reasons), scenes=0, expected=len(scenes)), ()
+        return Gap(None, reason=_find_commonest(reasons), scenes=0, expected=len(scenes)), ()
     averages = (math.fsum(pair[side] for pair in values.values()) / len(values) for side in (0, 1))
     absolute = [abs(before - after) for before, after in values.values()]
-    losses = [_view_losses(metric, results[scene][first], results[scene][second]) for scene in values]
+    losses = [_compute_view_losses(metric, results[scene][first], results[scene][second]) for scene in values]
     gap = replace(
-        _gap(metric, *averages),
+        _compute_gap(metric, *averages),
         mean_abs_scene_gap=math.fsum(absolute) / len(absolute),
         scenes=len(values),
         expected=len(scenes),
@@ -168,9 +171,9 @@ def slowdown(
     "dedicated" to "non_engine" compares an engine with the method's own renderer.
     """
     expected = tuple(scenes)
-    values, reasons = _comparable("fps", results, expected, numerator, denominator)
+    values, reasons = _select_comparable("fps", results, expected, numerator, denominator)
     if not values:
-        return Ratio(None, _commonest(reasons), {}, len(expected))
+        return Ratio(None, _find_commonest(reasons), {}, len(expected))
     above, below = (
         mean_over({scene: pair[side] for scene, pair in values.items()}, values).value for side in (0, 1)
     )
@@ -181,16 +184,16 @@ def slowdown(
 def incomparable(
     metric: str, first: Result | None, second: Result | None, *, one_asset: bool = True
 ) -> str | None:
-    """Return why the values of `metric` in two records are not comparable, or None if they are.
+    """Return why the values of `metric` in two records are not comparable, or None if they are comparable.
 
     The reasons are "unsupported", "failed", "missing" (no record), "not_measured" (no value in the record),
-    "camera_mismatch" (different images or sizes), "setup_mismatch" (different background or ground truth),
-    "metric_mismatch", "asset_mismatch", "device_mismatch" and "whole_command" (loading is included).
+    "camera_mismatch" (different views or image sizes), "setup_mismatch" (different background or ground
+    truth), "metric_mismatch", "asset_mismatch", "device_mismatch" and "whole_command" (loading is included).
 
     The records must have equal images, sizes, ground truth, background and definition of the metric. If both
-    have an asset, it must be equal, or a bake of the same asset. Speed and memory must be of the same device.
-    Versions of libraries may differ. Two methods (`one_asset` false) may differ in background and camera
-    convention, because these belong to the method.
+    have an asset, it must be the same; a bake counts as the asset that was baked. Speed and memory must be of
+    the same device. Versions of libraries may differ. Two methods (`one_asset` false) may differ in
+    background and camera convention, because these belong to the method.
     """
     for result in (first, second):
         if result is None:
@@ -211,18 +214,18 @@ def incomparable(
     if first.quality.views != second.quality.views:
         return "camera_mismatch"
     if not one_asset:
-        if _photographs(first) != _photographs(second):
+        if _get_photograph_setup(first) != _get_photograph_setup(second):
             return "setup_mismatch"
     elif first.setup != second.setup:
         other = first.setup and second.setup
         convention = other and first.setup.camera_convention != second.setup.camera_convention  # type: ignore[union-attr]
         return "camera_mismatch" if convention else "setup_mismatch"
-    if metric in IMAGE_METRICS and _definition(first, metric) != _definition(second, metric):
+    if metric in IMAGE_METRICS and _find_definition(first, metric) != _find_definition(second, metric):
         return "metric_mismatch"
     return None
 
 
-def _comparable(
+def _select_comparable(
     metric: str,
     results: Mapping[str, Conditions],
     scenes: tuple[str, ...],
@@ -231,7 +234,7 @@ def _comparable(
     *,
     one_asset: bool = True,
 ) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Return scene -> the values of both conditions, and the reasons of scenes that are not comparable."""
+    """Return scene -> the values of both conditions, and the reasons why other scenes are not comparable."""
     get = METRICS[metric].get
     values: dict[str, tuple[float, float]] = {}
     reasons = []
@@ -247,14 +250,14 @@ def _comparable(
     return values, reasons
 
 
-def _view_losses(metric: str, first: Result, second: Result) -> list[float]:
+def _compute_view_losses(metric: str, first: Result, second: Result) -> list[float]:
     """Return the signed loss in each view of both records."""
     sign = 1 if METRICS[metric].better == "higher" else -1
     before, after = (view_values(record, metric) for record in (first, second))
     return [sign * (before[view] - after[view]) for view in before if view in after]
 
 
-def _gap(metric: str, first: float | None, second: float | None) -> Gap:
+def _compute_gap(metric: str, first: float | None, second: float | None) -> Gap:
     """Return the gap between two values of a metric."""
     better = METRICS[metric].better
     if better is None:
@@ -274,22 +277,22 @@ def _combine(metric: str, gaps: Mapping[GapName, Gap], *, same_scenes: bool = Tr
         digits = IMAGE_METRICS[metric].decimals if metric in IMAGE_METRICS else None
         rounded = [loss if digits is None else round(loss, digits) for loss in (adapt.signed, port.signed)]
         monotone = rounded[0] * rounded[1] >= 0
-        # The excess of a monotone triple is exactly 0, without rounding errors.
+        # If the values are monotone, the excess is 0; computing it would add rounding errors.
         excess = 0.0 if monotone else abs(adapt.signed) + abs(port.signed) - deploy.value
     return Gaps(metric, adapt, port, deploy, monotone, excess)
 
 
-def _commonest(reasons: list[str]) -> str:
+def _find_commonest(reasons: list[str]) -> str:
     """Return the most frequent reason."""
     return max(dict.fromkeys(reasons), key=reasons.count) if reasons else "missing"
 
 
-def _photographs(result: Result) -> tuple[str, bool] | None:
+def _get_photograph_setup(result: Result) -> tuple[str, bool] | None:
     """Return folder and resizing of the photographs of a record."""
     return None if result.setup is None else (result.setup.image_folder, result.setup.gt_resized)
 
 
-def _definition(result: Result, metric: str) -> dict[str, object] | None:
+def _find_definition(result: Result, metric: str) -> dict[str, object] | None:
     assert result.quality is not None
     name = IMAGE_METRICS[metric].name
     identities = (identity for identity in result.quality.metrics if identity.get("name") == name)
@@ -297,13 +300,13 @@ def _definition(result: Result, metric: str) -> dict[str, object] | None:
 
 
 def _compare_devices(first: Result, second: Result) -> str | None:
-    """Return why times and memory of two records are not comparable, or None if they are."""
+    """Return why times and memory of two records are not comparable, or None if they are comparable."""
     native = [record.renderer_timing for record in (first, second) if record.renderer_timing is not None]
     if any(timing.whole_command for timing in native):
         return "whole_command"
-    # A timing by the user has only the name of the device.
+    # A timing by the user states only the name of its device, so only names are compared.
     if native:
-        return None if _device_name(first) == _device_name(second) else "device_mismatch"
+        return None if _get_device_name(first) == _get_device_name(second) else "device_mismatch"
     devices = [
         {key: value for key, value in record.drawn_on.items() if key not in _NOT_IDENTIFYING}
         for record in (first, second)
@@ -311,7 +314,7 @@ def _compare_devices(first: Result, second: Result) -> str | None:
     return None if devices[0] == devices[1] else "device_mismatch"
 
 
-def _device_name(result: Result) -> str:
+def _get_device_name(result: Result) -> str:
     if result.renderer_timing is not None:
         return result.renderer_timing.device.casefold()
     return str(result.drawn_on.get("name")).casefold()

@@ -29,12 +29,13 @@ from msb.scenes.datasets import Scene, SceneAt, scaled_note, trained_otherwise
 
 # Hexadecimal digits of a hash in a record: 64 bits, enough to detect a changed input.
 _SHORT_DIGITS = 16
-# DTU's official evaluation data below its folder: point cloud, observation mask and ground plane of a scan.
+# Paths in the folder of DTU's official evaluation data: point cloud, observation mask and ground plane of a
+# scan.
 _CLOUD, _GRID, _PLANE = "Points/stl/stl{:03d}_total.ply", "ObsMask/ObsMask{}_10.mat", "ObsMask/Plane{}.mat"
 
 
-class KnownFacts:
-    """Scenes, hashes and versions that are read once for a whole plan, and the warnings about them."""
+class InputReader:
+    """Reads scenes, hashes and versions once for a whole plan, and collects warnings about them."""
 
     def __init__(self, device: Mapping[str, Any] | None = None) -> None:
         # The record of the OpenCL device, if any.
@@ -42,17 +43,17 @@ class KnownFacts:
         # The keys are warnings about scenes and invalid records, in order and without repetition.
         self.warnings: dict[str, None] = {}
         self._scenes: dict[Path, Scene] = {}
-        self.views = cache(self._views)
-        self.renders = cache(lambda folder, at: find_renders(folder, at.read().test))
-        self.hash = cache(_hash)
-        self.metrics = cache(hash_metrics)
-        self.renderer = cache(_describe_renderer)
-        self.flight = cache(_hash_walk)
+        self.describe_views = cache(self._views)
+        self.find_renders = cache(lambda folder, at: find_renders(folder, at.read().test))
+        self.hash_file = cache(_hash)
+        self.hash_metrics = cache(hash_metrics)
+        self.describe_renderer = cache(_describe_renderer)
+        self.hash_walk = cache(_hash_walk)
 
     def _views(self, at: SceneAt) -> ViewState:
-        return describe_views(self.scene(at))
+        return describe_views(self.read_scene(at))
 
-    def scene(self, at: SceneAt) -> Scene:
+    def read_scene(self, at: SceneAt) -> Scene:
         """Return a scene, and add its warnings."""
         scene = at.read()
         lines = (warning.to_line(warning.file or scene.root) for warning in scene.warnings)
@@ -60,66 +61,73 @@ class KnownFacts:
         self._scenes[scene.root] = scene
         return scene
 
-    def trained(self, model: ModelAsset, at: SceneAt, place: Path | None) -> Iterator[str]:
-        """Yield the differences of a model's training from the evaluation, and add them as warnings.
+    def find_training_differences(self, model: ModelAsset, at: SceneAt, place: Path | None) -> Iterator[str]:
+        """Yield each difference between a model's training and the evaluation, and add it as a warning.
 
         `place` is the path of the model.
         """
-        for note in trained_otherwise(model.training, model.background, self.scene(at)):
+        for note in trained_otherwise(model.training, model.background, self.read_scene(at)):
             self.warnings[note.to_line(place)] = None
             yield note.message
 
-    def notes(self) -> list[str]:
+    def list_notes(self) -> list[str]:
         """Return the warnings, and a note on scenes whose images were resized."""
         note = scaled_note(self._scenes.values())
         return [*self.warnings, *([] if note is None else [note])]
 
 
 def _hash(path: Path) -> str:
-    """Return a short hash of a file, or an error code; the part that reads the file reports the error."""
+    """Return a short hash of a file, or an error code if it cannot be read.
+
+    The part that needs the file reports the error when it is computed.
+    """
     try:
         return file_sha256(path)[:_SHORT_DIGITS]
     except MsbError as error:
         return error.code
 
 
-def find_inputs(job: Job, known: KnownFacts) -> dict[PartName, PartInputs]:
-    """Return each part that the protocol requests for the cell of a job -> its present inputs."""
+def find_inputs(job: Job, reader: InputReader) -> dict[PartName, PartInputs]:
+    """Return the parts that the protocol requests for the cell of a job: part -> its current inputs."""
     parts: dict[PartName, PartInputs] = {}
     condition = job.cell.condition
     views = {"cameras": job.views.cameras, "photographs": job.views.photographs}
-    # An exported mesh is not rendered. It is audited, tried, repaired and measured.
+    # An exported mesh is not rendered. It is audited, and optionally tried, repaired and measured.
     if condition == "exported_mesh":
         if job.model is not None:
-            parts |= _mesh_inputs(job)
+            parts |= _find_mesh_inputs(job)
             if job.trial is not None and job.trial.compare:
-                parts["repairs"] = _repair_inputs(job, job.trial)
+                parts["repairs"] = _find_repair_inputs(job, job.trial)
         if job.cell.dataset == "dtu" and job.chamfer is not None:
-            parts["chamfer"] = _chamfer_inputs(job, job.chamfer, known)
+            parts["chamfer"] = _find_chamfer_inputs(job, job.chamfer, reader)
     else:
         # All other conditions have images. Conditions that we render also have a walk and a timing.
-        parts["quality"] = {**views, **_image_inputs(job, known), "metrics": known.metrics(job.vgg_weights)}
+        parts["quality"] = {
+            **views,
+            **_find_image_inputs(job, reader),
+            "metrics": reader.hash_metrics(job.vgg_weights),
+        }
         if job.walk is not None:
             parts["walk"] = {
-                "flight": known.flight(job.scene, job.walk),
-                **_image_inputs(job, known),
+                "flight": reader.hash_walk(job.scene, job.walk),
+                **_find_image_inputs(job, reader),
                 "definition": f"blur {BLUR:g}, reach {REACH}, depths {SAME:g}",
                 "film": "mp4" if is_installed("av") else "none",
             }
         if condition != "non_engine" and job.timing.frames:
             parts["timing"] = {
                 "cameras": job.views.cameras,
-                **_image_inputs(job, known),
-                "device": _describe_device(known.device),
+                **_find_image_inputs(job, reader),
+                "device": _describe_device(reader.device),
                 "clock": f"{job.timing.frames} frames, {job.timing.seconds:g} s",
             }
         if job.cell.bake is not None:
-            parts |= _mesh_inputs(job)
-    # Records of the user: the training belongs to the conditions without variant, engine or bake.
+            parts |= _find_mesh_inputs(job)
+    # Files of the user. A training record belongs only to conditions without variant, engine or bake.
     if job.training is not None and job.cell.condition_key == condition:
-        parts["training"] = {"file": known.hash(job.training)}
+        parts["training"] = {"file": reader.hash_file(job.training)}
     if job.renderer_timing is not None:
-        parts["renderer_timing"] = {"file": known.hash(job.renderer_timing)}
+        parts["renderer_timing"] = {"file": reader.hash_file(job.renderer_timing)}
     return parts
 
 
@@ -132,21 +140,21 @@ def _hash_walk(at: SceneAt, table: WalkTable) -> str:
         return error.code
 
 
-def _mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
+def _find_mesh_inputs(job: Job) -> dict[PartName, PartInputs]:
     """Return the inputs of audit and trial."""
-    parts: dict[PartName, PartInputs] = {"audit": {"asset": _asset_hash(job), "tool": __version__}}
+    parts: dict[PartName, PartInputs] = {"audit": {"asset": _get_asset_hash(job), "tool": __version__}}
     if job.trial is not None:
-        parts["trial"] = _trial_inputs(job, job.trial.tasks, job.trial)
+        parts["trial"] = _find_trial_inputs(job, job.trial.tasks, job.trial)
     return parts
 
 
-def _trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
+def _find_trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInputs:
     """Return the inputs of a trial. Missing libraries are inputs, so installing one repeats the trial."""
     from msb.trial.registry import chosen_tasks, missing_modules
 
     tasks = chosen_tasks(names)
     return {
-        "asset": _asset_hash(job),
+        "asset": _get_asset_hash(job),
         "cameras": job.views.cameras,
         "tool": __version__,
         "tasks": ", ".join(task.name for task in tasks),
@@ -155,31 +163,31 @@ def _trial_inputs(job: Job, names: Sequence[str], table: TrialTable) -> PartInpu
     }
 
 
-def _repair_inputs(job: Job, table: TrialTable) -> PartInputs:
+def _find_repair_inputs(job: Job, table: TrialTable) -> PartInputs:
     """Return the inputs of the comparison of repairs."""
     from msb.repair.plan import BY_PEER
     from msb.trial.repairs import STRATEGIES
 
-    inputs = _trial_inputs(job, list_compared_tasks(table), table)
+    inputs = _find_trial_inputs(job, list_compared_tasks(table), table)
     absent = [peer for peer in BY_PEER if not is_installed(peer)]
     missing = dict.fromkeys([*filter(None, inputs["missing"].split(", ")), *absent])
     return {**inputs, "strategies": "; ".join(STRATEGIES), "missing": ", ".join(missing)}
 
 
-def _asset_hash(job: Job) -> str:
+def _get_asset_hash(job: Job) -> str:
     assert job.model is not None
     return str(job.model.asset.sha256)[:_SHORT_DIGITS]
 
 
-def _image_inputs(job: Job, known: KnownFacts) -> PartInputs:
+def _find_image_inputs(job: Job, reader: InputReader) -> PartInputs:
     """Return the inputs of the images of a cell except cameras and background."""
     if job.renders is not None:
         try:
-            return {"renders": str(known.renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}
+            return {"renders": str(reader.find_renders(job.renders, job.scene).folder.sha256)[:_SHORT_DIGITS]}
         except MsbError as error:  # reported when the part is computed
             return {"renders": error.code}
-    renderer = known.renderer(job.cell.renderer or job.tier)
-    inputs = {"asset": _asset_hash(job), "settings": digest(dict(job.settings)), "renderer": renderer}
+    renderer = reader.describe_renderer(job.cell.renderer or job.tier)
+    inputs = {"asset": _get_asset_hash(job), "settings": digest(dict(job.settings)), "renderer": renderer}
     return {**inputs, **job.options}
 
 
@@ -206,7 +214,7 @@ def find_scan_files(data: Path, scene: str) -> list[Path]:
     return [data / name.format(scan) for name in (_CLOUD, _GRID, _PLANE)]
 
 
-def _chamfer_inputs(job: Job, table: ChamferTable, known: KnownFacts) -> PartInputs:
+def _find_chamfer_inputs(job: Job, table: ChamferTable, reader: InputReader) -> PartInputs:
     """Return the inputs of the Chamfer distance; missing files are reported when it is computed."""
     from msb.metrics import identity
 
@@ -218,8 +226,8 @@ def _chamfer_inputs(job: Job, table: ChamferTable, known: KnownFacts) -> PartInp
         masks = find_mask_files(scene)
     about = identity("chamfer_dtu", seed=table.seed).to_dict()
     return {
-        "mesh": _asset_hash(job) if job.mesh is None else known.hash(job.mesh),
-        "scan": digest([known.hash(path) for path in data]),
-        "views": digest([known.hash(path) for path in (scene.root / "cameras.npz", *masks)]),
+        "mesh": _get_asset_hash(job) if job.mesh is None else reader.hash_file(job.mesh),
+        "scan": digest([reader.hash_file(path) for path in data]),
+        "views": digest([reader.hash_file(path) for path in (scene.root / "cameras.npz", *masks)]),
         "metric": digest(defined(about)),
     }

@@ -18,11 +18,11 @@ from msb.metrics.registry import IMAGE_METRICS
 
 # Significance level of the tests.
 LEVEL = 0.05
-# Maximum ratio of the numbers of views of two scenes for a test. Beyond it the test is too strict if scenes
-# have no systematic effect: 4.2 % of pure noise is significant at a ratio of 3, and 1 % at a ratio of 100.
+# Maximum ratio of the numbers of views of two scenes at which a difference is tested. Larger ratios make the
+# test too strict: instead of 5 % of pure noise, 4.2 % is significant at a ratio of 3, and 1 % at 100.
 MOST_UNEQUAL = 3
 NO_VIEWS = "no values of single views"
-# Values whose relative difference is at most this are equal except for rounding.
+# Maximum relative difference of values that are equal except for rounding.
 _SAME = 1e-9
 
 
@@ -38,7 +38,7 @@ class Interval:
     reason: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the keys of the JSON report about the interval."""
+        """Return the interval as keys of the JSON report."""
         data: dict[str, Any] = {"interval": None if self.ends is None else list(self.ends)}
         data["interval_over"] = self.over
         data |= {"p": self.p, "significant": excludes_zero(self)} if self.p is not None else {}

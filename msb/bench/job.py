@@ -34,7 +34,7 @@ class Job:
     views: ViewState
     # Part to compute -> the inputs to record. Other parts of the record are kept while they are valid.
     parts: Mapping[PartName, PartInputs]
-    # Every part that the protocol requests for the cell -> its present inputs.
+    # Every part that the protocol requests for the cell -> its current inputs.
     requested: Mapping[PartName, PartInputs] = field(default_factory=dict)
     # None if the protocol has only official renderings.
     model: ModelAsset | None = None
@@ -50,11 +50,11 @@ class Job:
     device: str | None = None
     vgg_weights: Path | None = None
     timing: TimingTable = field(default_factory=TimingTable)
-    # The table with an absolute path.
+    # Its path of the evaluation data is absolute.
     chamfer: ChamferTable | None = None
     trial: TrialTable | None = None
     walk: WalkTable | None = None
-    # Differences of the training from the evaluation, as sentences of `trained_otherwise`.
+    # Sentences about differences between training and evaluation (`trained_otherwise`).
     trained: tuple[str, ...] = ()
 
     @property

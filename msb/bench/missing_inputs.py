@@ -37,7 +37,7 @@ class Missing:
     message: str
     # The number of cells that need the input; 0 if it is unknown.
     cells: int
-    # Whether these cells cannot be computed; otherwise they only lack a part.
+    # Whether these cells cannot be computed without it. If false, they only lack a part.
     blocks: bool
 
 
@@ -58,7 +58,8 @@ def find_missing(
     """Return the plan and all missing inputs; cells without a necessary input are marked as failed.
 
     All inputs of a cell are checked, so one missing input does not hide another. Scenes are read without
-    photographs, and models are located without reading them. `errors` prevent every cell.
+    photographs, and models are located without reading them. `errors` are faults that affect
+    every cell.
     """
     search = _Search(planner, errors)
     # Missing input -> scene -> number of cells.
@@ -78,12 +79,12 @@ def find_missing(
     return checked, [_describe(need, counts) for need, counts in missing]
 
 
-def find_unknown_cells(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
+def find_unknown_cells(folder_errors: Mapping[str, MsbError], pairs: Sequence[Pair]) -> list[Missing]:
     """Return the missing inputs that determine which cells exist: folders of scenes, and models.
 
-    `lost` is name of a dataset -> the error about its folder of scenes.
+    `folder_errors` is name of a dataset -> the error about its folder of scenes.
     """
-    errors = [(error, f"the scenes of {name}") for name, error in lost.items()]
+    errors = [(error, f"the scenes of {name}") for name, error in folder_errors.items()]
     for pair in pairs:
         if pair.method.name == AUTO and pair.model is not None:
             try:
@@ -91,7 +92,7 @@ def find_unknown_cells(lost: Mapping[str, MsbError], pairs: Sequence[Pair]) -> l
             except MsbError as error:
                 errors.append((error, f"the method of a model on {pair.scene}"))
     return [
-        Missing(error.code, f"{_text(error)}; {use} and the number of cells are unknown", 0, True)
+        Missing(error.code, f"{_get_text(error)}; {use} and the number of cells are unknown", 0, True)
         for error, use in errors
     ]
 
@@ -115,12 +116,12 @@ def find_start_errors(file: ProtocolFile, note: Callable[[str], None]) -> Iterat
         checks.append(lambda: need_extra("video", "av", what="[videos]"))
     if (
         place is not None
-    ):  # a missing extra ends `load` before the file is opened, so it is checked separately
+    ):  # a missing extra ends `load` before it opens the file, so the file is also checked separately
         checks += [load, lambda: regular_file(place)]
-    yield from filter(None, map(_error_of, checks))
+    yield from filter(None, map(_catch_error, checks))
 
 
-def _error_of(check: Callable[..., object], *arguments: object) -> MsbError | None:
+def _catch_error(check: Callable[..., object], *arguments: object) -> MsbError | None:
     """Call a function, and return its MsbError or None."""
     try:
         check(*arguments)
@@ -134,69 +135,69 @@ class _Search:
 
     def __init__(self, planner: Planner, errors: Sequence[MsbError]) -> None:
         self.planner, self.file, self.errors = planner, planner.file, errors
-        self.error_of = cache(_error_of)
+        self.catch_error = cache(_catch_error)
 
     def find_needs(self, planned: Planned) -> list[_Need]:
         """Return the missing inputs of a cell."""
         needs = [
-            _Need(error.code, _text(error), use, blocks)
+            _Need(error.code, _get_text(error), use, blocks)
             for error, use, blocks in self.check_inputs(planned)
             if error is not None
         ]
-        # The planner may have failed for another reason.
+        # If no necessary input is missing, the planner failed for another reason, which is reported instead.
         if planned.reason is not None and not any(need.blocks for need in needs):
             reason = planned.reason
             needs.append(_Need(reason.code, reason.message, planned.cell.model_name, True))
         return needs
 
     def check_inputs(self, planned: Planned) -> Iterator[tuple[MsbError | None, str, bool]]:
-        """Yield error or None, use, and whether it is necessary, for each input of a cell."""
+        """Yield (error or None, use, whether the cell cannot do without it) for each input of a cell."""
         cell, chamfer = planned.cell, self.file.protocol.chamfer
         pair = self.planner.pairs[cell.names]
         method, model = pair.method, cell.model_name
         names = {"dataset": cell.dataset, "scene": cell.scene, "method": cell.method}
         at = self.planner.scene_at(pair, None, cell.method)
 
-        def absent(template: str | None) -> MsbError | None:
-            return None if template is None else _error_of(_check_template, self.file, template, names)
+        def check_template(template: str | None) -> MsbError | None:
+            return None if template is None else _catch_error(_check_template, self.file, template, names)
 
         # Scene and model, or official renderings instead of a model.
-        scene_error = _error_of(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
-        scene_error = scene_error or self.error_of(self.planner.known.scene, at)
+        scene_error = _catch_error(_check_exists, pair.path, self.file.resolve(pair.dataset.path))
+        scene_error = scene_error or self.catch_error(self.planner.reader.read_scene, at)
         yield scene_error, f"photographs and cameras of {cell.dataset}", True
         if cell.condition == "non_engine" and method.non_engine != REFERENCE:
-            error = absent(method.non_engine)
+            error = check_template(method.non_engine)
             if error is None and scene_error is None and method.non_engine is not None:
                 folder = self.file.resolve(method.non_engine, **names)
-                error = self.error_of(self.check_renders, folder, at)
+                error = self.catch_error(self.check_renders, folder, at)
             yield error, f"renderings of {model}", True
         elif method.model is not None and pair.model is not None:
-            error = absent(method.model) or self.error_of(_check_model, pair.model)
+            error = check_template(method.model) or self.catch_error(_check_model, pair.model)
             yield error, f"models of {model}", True
         # Engines and libraries.
         if cell.renderer is not None:
-            yield self.error_of(_check_renderer, cell.renderer), f"images of {cell.condition_key}", True
+            yield self.catch_error(_check_renderer, cell.renderer), f"images of {cell.condition_key}", True
         if cell.bake is not None:
             from msb.bake.options import BakeOptions, need_libraries
 
             table = next(table for table in self.file.protocol.bakes if table.label == cell.bake)
             options = BakeOptions(**table.options)
-            yield self.error_of(need_libraries, options), f"bakes {cell.bake}", True
-        # Files without which a cell only lacks a part.
+            yield self.catch_error(need_libraries, options), f"bakes {cell.bake}", True
+        # Optional files: without them, a cell only lacks a part.
         if cell.condition == "non_engine":
-            yield absent(method.non_engine_timing), f"timing of the renderer of {model}", False
+            yield check_template(method.non_engine_timing), f"timing of the renderer of {model}", False
         if cell.condition_key == cell.condition:
-            yield absent(method.training), f"training records of {model}", False
+            yield check_template(method.training), f"training records of {model}", False
         if cell.condition == "exported_mesh" and cell.dataset == "dtu" and chamfer is not None:
-            yield absent(method.mesh), f"meshes of {model} for the Chamfer distance", False
-            error = _error_of(_check_scan, self.file.resolve(chamfer.data), cell.scene)
+            yield check_template(method.mesh), f"meshes of {model} for the Chamfer distance", False
+            error = _catch_error(_check_scan, self.file.resolve(chamfer.data), cell.scene)
             yield error, "evaluation data for the Chamfer distance", False
         for error in self.errors:
             yield error, _ANY, True
 
     def check_renders(self, folder: Path, at: SceneAt) -> None:
-        """Raise the error of a comparison with the photographs, without decoding pixels."""
-        renders = self.planner.known.renders(folder, at)
+        """Check names and sizes of official renderings against the photographs, without decoding pixels."""
+        renders = self.planner.reader.find_renders(folder, at)
         for path, camera in zip(renders.files, at.read().test, strict=True):
             check_size(path, measure_size(path), camera)
 
@@ -210,15 +211,15 @@ def _describe(need: _Need, scenes: Mapping[str, int]) -> Missing:
     return Missing(need.code, f"{need.error}; {need.use} on {where}: {count} {effect}", cells, need.blocks)
 
 
-def _text(error: MsbError) -> str:
+def _get_text(error: MsbError) -> str:
     return str(error).removeprefix(f"{error.code}: ")
 
 
 def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str]) -> None:
     """Raise FILE_NOT_FOUND if the path of a template does not exist.
 
-    The error names the first missing folder from the one with {dataset} or {scene} in its name on, because
-    folders above it are shared by all scenes.
+    The error names the outermost missing folder, so that all scenes below it give the same error. The search
+    starts at the folder that contains the first placeholder {dataset} or {scene}.
     """
     places = (match for match in PLACE.finditer(template) if match[1] in ("dataset", "scene"))
     place = next(places, None)
@@ -227,7 +228,7 @@ def _check_template(file: ProtocolFile, template: str, names: Mapping[str, str])
 
 
 def _check_exists(path: Path, above: Path) -> None:
-    """Raise FILE_NOT_FOUND about `path`, or about its first missing folder below `above`."""
+    """Raise FILE_NOT_FOUND if `path` does not exist, with its outermost missing folder within `above`."""
     if not path.exists():
         below = [place for place in path.parents if place.is_relative_to(above)]
         first = next((place for place in reversed(below) if not place.exists()), path)

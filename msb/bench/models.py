@@ -36,7 +36,8 @@ class ModelAsset(Record):
     background: tuple[float, float, float] | None
     # The key `training` of the manifest.
     training: dict[str, Any]
-    # Path, size and time of all files of checkpoint and asset; the hashes are valid while these are equal.
+    # Path, size and time of all files of checkpoint and asset. While they are unchanged, the hashes are
+    # valid.
     stamps: tuple[tuple[str, int, int], ...]
     # Path and method in the protocol.
     key: str
@@ -75,10 +76,10 @@ def find_known_model(results: Results, task: ModelTask) -> ModelAsset | None:
         path = _record(results, task)
         model = validate(ModelAsset, read_json(path, _MAX_BYTES), file=path, code="RECORD_INVALID")
         # The checkpoint is located again, because the training may have written a later iteration.
-        current = model.key == _key(task) and all(
+        current = model.key == _make_key(task) and all(
             stamp(Path(path)) == (path, *rest) for path, *rest in model.stamps
         )
-        return model if current and _source_file(task) in {path for path, *_ in model.stamps} else None
+        return model if current and _find_source_file(task) in {path for path, *_ in model.stamps} else None
     except (MsbError, OSError, ValueError):  # ValueError: a path contains a NUL character
         return None
 
@@ -108,8 +109,8 @@ def prepare_model(task: ModelTask) -> ModelAsset:
         asset=file.model_copy(update={"bytes": measure_size(path)}),
         background=stated_background(asset.manifest),
         training=asset.manifest.training,
-        stamps=tuple(stamp(part) for part in (*files, *_files(path))),
-        key=_key(task),
+        stamps=tuple(stamp(part) for part in (*files, *_list_files(path))),
+        key=_make_key(task),
         warnings=tuple(warning.to_line(source) for warning in asset.warnings),
     )
     with new_file(_record(results, task)) as record:
@@ -123,22 +124,22 @@ def detect_method(source: Path) -> str:
 
 
 def _record(results: Results, task: ModelTask) -> Path:
-    name = f"{task.label or task.method}-{digest(_key(task))[:8]}.json"
+    name = f"{task.label or task.method}-{digest(_make_key(task))[:8]}.json"
     return results.asset(task.dataset, task.scene, task.method).with_name(name)
 
 
-def _key(task: ModelTask) -> str:
+def _make_key(task: ModelTask) -> str:
     return json.dumps([str(task.source), task.method])
 
 
-def _source_file(task: ModelTask) -> str:
+def _find_source_file(task: ModelTask) -> str:
     """Return the path of the file that identifies the model."""
     if is_asset(task.source):
-        return str(_files(task.source)[0])
+        return str(_list_files(task.source)[0])
     return str(locate(task.source).file)
 
 
-def _files(asset: Path) -> list[Path]:
+def _list_files(asset: Path) -> list[Path]:
     """Return the files of an asset, which is a single file or a folder."""
     if not asset.is_dir():
         return [asset]
@@ -148,7 +149,7 @@ def _files(asset: Path) -> list[Path]:
 def measure_size(asset: Path) -> int:
     """Return the sum of the sizes of the files in an asset, in bytes."""
     if asset.is_dir():
-        return sum(file.stat().st_size for file in _files(asset))
+        return sum(file.stat().st_size for file in _list_files(asset))
     with zipfile.ZipFile(asset) as container:
         return sum(item.file_size for item in container.infolist())
 

@@ -20,14 +20,14 @@ class Gpu(Record):
 
 
 class Gpus:
-    """The NVIDIA GPUs of this machine, or the reason for their absence: no library, driver or GPU.
+    """The NVIDIA GPUs of this machine, or the reason why they cannot be measured: no library, driver or GPU.
 
     Two numbers are measured: the memory that NVML lists for given processes, and the growth of the memory of
     the whole device. The second is used if NVML cannot list processes.
     """
 
     def __init__(self) -> None:
-        # Why there is no GPU.
+        # Why no GPU can be measured; None if one can.
         self._reason: str | None = None
         self._handles: list[Any] = []
         # Index of a GPU -> peak bytes of the processes, and peak growth of the device.
@@ -35,7 +35,8 @@ class Gpus:
         self._device_peaks: dict[int, int] = {}
         # Peaks of the sums over all GPUs.
         self._process_peak = self._device_peak = 0
-        # Whether NVML has listed any process with a number of this system.
+        # Whether NVML has listed a process by its number on this system. In a container it may use other
+        # numbers.
         self._lists_processes = False
         # The latest error of NVML.
         self._error: str | None = None
@@ -56,12 +57,12 @@ class Gpus:
             self._reason = "this machine has no NVIDIA GPU"
 
     def look(self, pids: set[int]) -> None:
-        """Update the peaks with the present memory of the processes `pids` and of the devices."""
+        """Update the peaks with the current memory of the processes `pids` and of the devices."""
         process_sum = device_sum = 0
         for index, handle in enumerate(self._handles):
             # NVML may deny the list of processes and still report the memory of the device.
             with self._record_errors():
-                size = self._process_bytes(handle, pids)
+                size = self._measure_processes(handle, pids)
                 self._process_peaks[index] = max(self._process_peaks.get(index, 0), size)
                 process_sum += size
             with self._record_errors():
@@ -98,16 +99,16 @@ class Gpus:
                 gpus.append(
                     Gpu(
                         index=index,
-                        name=_text(self._nvml.nvmlDeviceGetName(handle)),
-                        uuid=_text(self._nvml.nvmlDeviceGetUUID(handle)),
+                        name=_decode(self._nvml.nvmlDeviceGetName(handle)),
+                        uuid=_decode(self._nvml.nvmlDeviceGetUUID(handle)),
                         total_bytes=self._nvml.nvmlDeviceGetMemoryInfo(handle).total,
                         peak_bytes=peaks.get(index),
                     )
                 )
         return tuple(gpus)
 
-    def of_process(self, pid: int) -> tuple[int | None, str | None]:
-        """Return the present bytes of the process `pid` on all GPUs, or the reason if they are unknown."""
+    def measure_process(self, pid: int) -> tuple[int | None, str | None]:
+        """Return the current bytes of the process `pid` on all GPUs, or the reason if they are unknown."""
         sizes: list[int] = []
         for handle in self._handles if self._reason is None else ():
             with contextlib.suppress(self._nvml.NVMLError):
@@ -129,7 +130,7 @@ class Gpus:
                     sizes[process.pid] = max(sizes.get(process.pid, 0), process.usedGpuMemory)
         return sizes
 
-    def _process_bytes(self, handle: Any, pids: set[int]) -> int:
+    def _measure_processes(self, handle: Any, pids: set[int]) -> int:
         """Return the bytes of the processes `pids` on a GPU."""
         import psutil
 
@@ -147,8 +148,8 @@ def read_driver_memory(device: Mapping[str, Any]) -> tuple[int | None, str | Non
     """
     if device.get("kind") != "gpu":
         return None, "the rendering device is not a GPU"
-    return Gpus().of_process(os.getpid())
+    return Gpus().measure_process(os.getpid())
 
 
-def _text(value: str | bytes) -> str:
+def _decode(value: str | bytes) -> str:
     return value.decode() if isinstance(value, bytes) else value

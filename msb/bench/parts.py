@@ -62,7 +62,7 @@ def group_memory(
 
 
 def measure_audit(job: Job) -> dict[str, Any]:
-    """Return the audit of the mesh of a cell as it is stored."""
+    """Return the audit of the stored mesh of a cell."""
     from msb.api.auditing import audit
 
     assert job.model is not None
@@ -99,7 +99,7 @@ def measure_trial(job: Job) -> dict[str, Any]:
 
 
 def list_compared_tasks(table: TrialTable) -> tuple[str, ...]:
-    """Return the names of the tasks that are tried on the mesh and after each repair."""
+    """Return the names of the tasks that are run on the unrepaired mesh and after each repair."""
     from msb.trial.registry import chosen_tasks
     from msb.trial.repairs import TASKS
 

@@ -44,7 +44,7 @@ class ViewState:
 
 def describe_views(scene: Scene) -> ViewState:
     """Return the state of a scene's test views; every test photograph is read once."""
-    files = [(str(camera.name), _hashes(scene, camera)) for camera in scene.test]
+    files = [(str(camera.name), _hash_sources(scene, camera)) for camera in scene.test]
     # Everything else that affects the ground truth.
     rules = [
         list(scene.background),
@@ -68,7 +68,7 @@ def describe_views(scene: Scene) -> ViewState:
     )
 
 
-def _hashes(scene: Scene, camera: Camera) -> list[str]:
+def _hash_sources(scene: Scene, camera: Camera) -> list[str]:
     paths = [camera.image_path, scene.masks.get(str(camera.name))]
     return [file_sha256(path) for path in paths if path is not None]
 
@@ -114,7 +114,7 @@ def write_photographs(task: PhotographTask) -> str | None:
     with new_folder(task.folder) as folder:
         for name, camera in zip(task.views.names, scene.test, strict=True):
             write_image(folder / f"{name}.png", ground_truth(scene, camera), "png")
-        document = _make_document(task.views, _hashes_below(folder))
+        document = _make_document(task.views, _hash_files_below(folder))
         with new_file(folder / HASHES) as file:
             file.write(json.dumps(document, indent=1).encode() + b"\n")
     return fault
@@ -128,7 +128,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
     """Return the first difference between the ground truth and its list of hashes, or None."""
     try:
         about = read_json(folder / HASHES, _MAX_BYTES)
-        present = _hashes_below(folder)
+        present = _hash_files_below(folder)
     except MsbError as error:
         return f"{Path(str(error.file)).name}: {error.message}"
     files = about.get("files") if isinstance(about, dict) else None
@@ -146,7 +146,7 @@ def _find_fault(folder: Path, views: ViewState) -> str | None:
     return None
 
 
-def _hashes_below(folder: Path) -> dict[str, str]:
+def _hash_files_below(folder: Path) -> dict[str, str]:
     """Return name -> SHA-256 of all files below a folder except the list of hashes.
 
     A folder in the place of a file has the hash "".

@@ -11,7 +11,7 @@ from msb.base.files import file_sha256
 from msb.bench.bakes import BakeTask, find_known_bake, hash_bake_inputs, make_bake_options
 from msb.bench.cell import make_reason
 from msb.bench.folder import Results, check_names
-from msb.bench.inputs import KnownFacts, find_inputs
+from msb.bench.inputs import InputReader, find_inputs
 from msb.bench.job import MAIN, Job, PartInputs, PartName
 from msb.bench.models import ModelAsset, ModelTask, detect_method
 from msb.bench.protocol import ProtocolFile, get_overrides
@@ -68,12 +68,12 @@ class Planned:
 
 
 def find_pairs(
-    file: ProtocolFile, only: Sequence[str] = (), lost: dict[str, MsbError] | None = None
+    file: ProtocolFile, only: Sequence[str] = (), folder_errors: dict[str, MsbError] | None = None
 ) -> list[Pair]:
     """Return the pairs of method and scene with a cell that `only` selects (`is_selected`).
 
-    A dataset without a list of scenes whose folder cannot be read raises an error. If `lost` is given, the
-    error is added to it under the name of the dataset instead.
+    If the protocol lists no scenes of a dataset and its folder cannot be read, an error is raised. With
+    `folder_errors`, the error is stored there under the name of the dataset, and the dataset is skipped.
     """
     check_names(file.path.absolute(), file.results)
     variants, bakes = file.protocol.variants, file.protocol.bakes
@@ -87,9 +87,9 @@ def find_pairs(
         try:
             paths = [root / name for name in dataset.scenes] or find_scenes(root)
         except MsbError as error:
-            if lost is None:
+            if folder_errors is None:
                 raise
-            lost[dataset.name] = error
+            folder_errors[dataset.name] = error
             continue
         for path in paths:
             for method in file.protocol.methods:
@@ -103,12 +103,12 @@ def find_pairs(
                     model = None if method.model is None else file.resolve(method.model, **names)
                     check_names(path, model)
                     pairs.append(Pair(dataset, method, path.name, path, model))
-    if only and not pairs and not lost:
-        raise _nothing_selected(only, (*selectable, *conditions))
+    if only and not pairs and not folder_errors:
+        raise _make_selection_error(only, (*selectable, *conditions))
     return pairs
 
 
-def _nothing_selected(only: Sequence[str], names: Sequence[str]) -> UsageError:
+def _make_selection_error(only: Sequence[str], names: Sequence[str]) -> UsageError:
     text = f"--only {' --only '.join(only)} selects no cell; possible words are {', '.join(names)}"
     return UsageError("USAGE", text)
 
@@ -117,9 +117,15 @@ class Planner:
     """Plans the cells that `only` selects; with `redo`, finished parts are computed again."""
 
     def __init__(
-        self, file: ProtocolFile, run: str, known: KnownFacts, only: Sequence[str] = (), *, redo: bool = False
+        self,
+        file: ProtocolFile,
+        run: str,
+        reader: InputReader,
+        only: Sequence[str] = (),
+        *,
+        redo: bool = False,
     ) -> None:
-        self.file, self.run, self.known, self.only, self.redo = file, run, known, tuple(only), redo
+        self.file, self.run, self.reader, self.only, self.redo = file, run, reader, tuple(only), redo
         self.results = Results(file.results)
         self.pairs: dict[tuple[str, ...], Pair] = {}
 
@@ -130,7 +136,7 @@ class Planner:
         """
         cells = []
         for pair in pairs:
-            for planned in self._cells(pair, models.get(pair)):
+            for planned in self._plan_pair(pair, models.get(pair)):
                 cell = planned.cell
                 key = cell.names
                 if key in self.pairs:
@@ -144,10 +150,10 @@ class Planner:
                     cells.append(planned)
         if self.only and not cells:
             names = dict.fromkeys(name for key in self.pairs for name in key)
-            raise _nothing_selected(self.only, list(names))
+            raise _make_selection_error(self.only, list(names))
         return cells
 
-    def _cells(self, pair: Pair, model: ModelAsset | Exception | None) -> Iterator[Planned]:
+    def _plan_pair(self, pair: Pair, model: ModelAsset | Exception | None) -> Iterator[Planned]:
         """Yield the cells of a pair, one for each condition, engine, variant and bake."""
         name = model.method if isinstance(model, ModelAsset) else pair.method.name
         if name == AUTO and model is None and pair.model is not None:
@@ -189,8 +195,8 @@ class Planner:
         settings = get_overrides(pair.method)
         try:
             scene = self.scene_at(pair, model, cell.method)
-            views, options = self.known.views(scene), make_bake_options(table, cell.method)
-            key = hash_bake_inputs(model, options, settings, self.known.scene(scene), views)
+            views, options = self.reader.describe_views(scene), make_bake_options(table, cell.method)
+            key = hash_bake_inputs(model, options, settings, self.reader.read_scene(scene), views)
         except MsbError as error:
             return Planned(cell, None, status="failed", reason=make_reason(error))
         task = BakeTask(
@@ -211,13 +217,13 @@ class Planner:
         why = "requested" if self.redo else "changed" if task.path.exists() else "new"
         return Planned(cell, None, {"bake": why}, bake=task)
 
-    def with_bake(self, cell: Cell, bake: ModelAsset | Exception) -> Planned:
+    def plan_after_bake(self, cell: Cell, bake: ModelAsset | Exception) -> Planned:
         """Return the plan of a cell after its bake has finished or failed."""
         return self._plan_cell(self.pairs[cell.names], bake, cell)
 
     def _plan_cell(self, pair: Pair, model: ModelAsset | Exception | None, cell: Cell) -> Planned:
         """Return the plan of a cell: unsupported, failed, done, or with a job for the parts to compute."""
-        if not is_selected(cell, self.only):  # removed by `plan`, so none of its files are read
+        if not is_selected(cell, self.only):  # `plan` removes this cell, so its files are not read
             return Planned(cell, None)
         why = self._find_unsupported(pair, model, cell)
         if why is not None:
@@ -233,7 +239,7 @@ class Planner:
             )
         try:
             job = self._make_job(pair, model if isinstance(model, ModelAsset) else None, cell)
-            requested = find_inputs(job, self.known)
+            requested = find_inputs(job, self.reader)
         except MsbError as error:
             return Planned(cell, None, status="failed", reason=make_reason(error))
         todo = self._find_work(job, requested)
@@ -254,16 +260,16 @@ class Planner:
         if cell.bake is not None:  # every model with at least one tier can be baked
             return None
         reasons = lookup(cell.method).unsupported
-        if tier is None:  # every method with triangles, so with at least one tier, has an exported mesh
+        if tier is None:  # exported mesh: unsupported only if the method has no tier, and thus no triangles
             tier = "standard" if len(reasons) == len(TIER_OF) else None
-        variant = self._variant(cell)
-        if variant is not None and (why := _variant_problem(variant, cell.method)):
+        variant = self._find_variant(cell)
+        if variant is not None and (why := _find_variant_fault(variant, cell.method)):
             return Reason(code="UNSUPPORTED_OPTION", message=why)
         if tier is None or tier not in reasons:
             return None
         return Reason(code="UNSUPPORTED_TIER", message=f"{cell.method} on tier {tier}: {reasons[tier]}")
 
-    def _variant(self, cell: Cell) -> VariantTable | None:
+    def _find_variant(self, cell: Cell) -> VariantTable | None:
         """Return the table of the cell's variant, or None if the cell has no variant."""
         tables = (table for table in self.file.protocol.variants if table.label == cell.variant)
         return next(tables, None)
@@ -277,10 +283,12 @@ class Planner:
             return None if template is None else self.file.resolve(template, **names)
 
         scene = self.scene_at(pair, model, cell.method)
-        trained = () if model is None else tuple(self.known.trained(model, scene, pair.model))
+        trained = (
+            () if model is None else tuple(self.reader.find_training_differences(model, scene, pair.model))
+        )
         renders = path(method.non_engine) if cell.condition == "non_engine" else None
-        variant = self._variant(cell)
-        # The settings were applied during a bake; the resulting mesh has none.
+        variant = self._find_variant(cell)
+        # A bake has already applied the settings, so they do not apply to the baked mesh.
         changes = {} if variant is None else get_overrides(variant)
         settings = {} if cell.bake else get_overrides(method) | changes
         chamfer = protocol.chamfer
@@ -289,7 +297,7 @@ class Planner:
             run=self.run,
             cell=cell,
             scene=scene,
-            views=self.known.views(scene),
+            views=self.reader.describe_views(scene),
             parts={},
             model=model,
             settings=settings,
@@ -332,7 +340,7 @@ class Planner:
         except MsbError as error:
             if error.code != "FILE_NOT_FOUND":
                 invalid = f"invalid record: {error.message}"
-                self.known.warnings[f"warning: {error}; the cell is computed again"] = None
+                self.reader.warnings[f"warning: {error}; the cell is computed again"] = None
         reasons: dict[PartName, str] = {}
         for part, inputs in requested.items():
             why = "requested" if self.redo else invalid or _find_change(part, inputs, old)
@@ -350,7 +358,7 @@ def _is_walked(table: WalkTable | None, cell: Cell) -> bool:
     return not table.conditions or cell.condition_name in table.conditions
 
 
-def _variant_problem(variant: VariantTable, method: str) -> str | None:
+def _find_variant_fault(variant: VariantTable, method: str) -> str | None:
     """Return why a method does not support a variant, or None if it does."""
     if lacks := variant.settings.keys() - lookup(method).settings.keys():
         return f"the variant changes {', '.join(sorted(lacks))}, which is not a setting of {method}"

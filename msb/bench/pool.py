@@ -1,7 +1,7 @@
 """Workers that compute the tasks of a run: processes of this machine, or a Dask cluster.
 
-A task is a function of this package with plain data as its argument. An exception of a task is returned like
-a result. If a worker dies, only its present task is lost.
+A task is plain data, the argument of a function of this package. If a task raises an exception, the exception
+is returned in place of a result. If a worker dies, only its current task is lost.
 """
 
 import contextlib
@@ -56,9 +56,10 @@ def run_all(
     Workers must be able to import the function. With `alone` tasks run one after the other, so that timings
     are not disturbed by other tasks of the run.
 
-    When a process dies, the pool does not know its task, except that it is one of the first unfinished ones.
-    These are computed again one at a time. A task during which a process dies again gets the error
-    RUN_WORKER_DIED, and the others continue. A Dask scheduler handles this itself.
+    When a process dies, the pool does not know which task killed it, only that it is one of the first
+    unfinished tasks, at most one per worker. These tasks are computed again, one at a time. If a process dies
+    again, its task gets the error RUN_WORKER_DIED, and the other tasks continue. A Dask scheduler repeats the
+    tasks of a dead worker itself.
     """
     waiting = list(tasks)
     while waiting:
@@ -67,7 +68,7 @@ def run_all(
         broken = []
         # One group of all tasks, or a group for each task that has to run alone.
         for group in ([number] for number in numbers) if alone else [numbers]:
-            for number, answer in _at_once(workers, function, {k: waiting[k] for k in group}):
+            for number, answer in _run_group(workers, function, {k: waiting[k] for k in group}):
                 if isinstance(answer, BrokenExecutor):
                     broken.append(number)
                 else:
@@ -75,20 +76,25 @@ def run_all(
         broken.sort()
         # The first unfinished tasks may have killed the worker; the rest is submitted again.
         for number in broken[:suspects]:
-            again: Answer | Exception = _answer(_submitted(workers.executor(), function, waiting[number]))
-            yield waiting[number], _death() if isinstance(again, BrokenExecutor) else again
+            second_answer: Answer | Exception = _get_answer(
+                _submit(workers.executor(), function, waiting[number])
+            )
+            yield (
+                waiting[number],
+                _make_death_error() if isinstance(second_answer, BrokenExecutor) else second_answer,
+            )
         waiting = [waiting[number] for number in broken[suspects:]]
 
 
-def _at_once(
+def _run_group(
     workers: Workers, function: Callable[[Task], Answer], tasks: Mapping[int, Task]
 ) -> Iterator[tuple[int, Answer | Exception]]:
     """Submit numbered tasks together, and yield each number with the task's result or exception."""
     executor = workers.executor()
-    futures = {_submitted(executor, function, task): number for number, task in tasks.items()}
+    futures = {_submit(executor, function, task): number for number, task in tasks.items()}
     try:
         for future in as_completed(futures):
-            number, answer = futures.pop(future), _answer(future)
+            number, answer = futures.pop(future), _get_answer(future)
             del future  # Dask repeats finished tasks of a lost worker while a reference to them exists
             yield number, answer
     finally:
@@ -96,7 +102,7 @@ def _at_once(
             future.cancel()
 
 
-def _submitted(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
+def _submit(executor: Executor, function: Callable[[Task], Answer], task: Task) -> Future[Answer]:
     """Submit a task; if the pool is already broken, return a future with that error."""
     try:
         return executor.submit(function, task)
@@ -106,21 +112,21 @@ def _submitted(executor: Executor, function: Callable[[Task], Answer], task: Tas
         return broken
 
 
-def _answer(future: Future[Answer]) -> Answer | Exception:
+def _get_answer(future: Future[Answer]) -> Answer | Exception:
     """Return the result or exception of a task; a lost connection to the scheduler is raised."""
     try:
         return future.result()
     except Exception as error:
         name = type(error).__name__  # Dask may not be installed, so its classes are compared by name
         if name == "KilledWorker":
-            return _death()
+            return _make_death_error()
         if name in ("CancelledError", "FutureCancelledError", "CommClosedError"):
             text = "the connection to the scheduler was lost; start the same command again to continue"
             raise UsageError("RUN_SCHEDULER", text) from error
         return error
 
 
-def _death() -> DeviceError:
+def _make_death_error() -> DeviceError:
     text = "the worker process died twice during this task: out of memory, or a crash of the OpenCL platform"
     return DeviceError("RUN_WORKER_DIED", text)
 
@@ -146,7 +152,8 @@ class _Context(SpawnContext):
 class LocalWorkers(Workers):
     """Processes of this machine, which are spawned so that they inherit no OpenCL context.
 
-    They end when this process ends in any way, because each waits for the end of a pipe from this process.
+    Each process waits for the end of a pipe from this process, so all of them end with it, even if it is
+    killed.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -158,7 +165,7 @@ class LocalWorkers(Workers):
     def executor(self) -> Executor:
         if self._pool is None or _is_broken(self._pool):
             self._pool = ProcessPoolExecutor(
-                self.jobs, mp_context=self._context, initializer=_begin, initargs=(self._reader,)
+                self.jobs, mp_context=self._context, initializer=_initialize_worker, initargs=(self._reader,)
             )
         return self._pool
 
@@ -178,7 +185,7 @@ def _is_broken(pool: ProcessPoolExecutor) -> bool:
     return False
 
 
-def _begin(pipe: Connection) -> None:
+def _initialize_worker(pipe: Connection) -> None:
     """Prepare a worker process: ignore interrupts, which the parent handles, and end with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform != "win32":

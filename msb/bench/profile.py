@@ -1,7 +1,8 @@
 """Time a renderer: device time per frame, frame rate and memory over a set of cameras.
 
 No file is written and no image is read back during the timing. A slow machine may not reach all cameras
-within the timing. The other cameras are drawn afterwards, so that memory does not depend on the speed.
+within the timing. The remaining cameras are drawn afterwards, so that the measured memory always covers all
+cameras.
 """
 
 from __future__ import annotations
@@ -69,26 +70,26 @@ def profile(
     """Time a new `renderer` that draws the `cameras` in turn, and return times and memory.
 
     The timing ends when `frames` and `seconds` are both reached. The default warm-up (`warm_up` None) ends
-    after 10 frames or one second, but not before the renderer's buffers have settled. `device_kind` is stored
-    in the result. `step` is called after each timed frame.
+    after 10 frames or one second, but not before the renderer's buffers have settled (`SETTLED_AT` frames).
+    `device_kind` is stored in the result. `step` is called after each timed frame.
     """
     if not cameras:
         raise ValueError("cameras is empty; at least one camera is required")
-    turns = _Turns(renderer, cameras, background)
+    cycle = _CameraCycle(renderer, cameras, background)
     if warm_up is None:
-        turns.repeat(WARM_UP_FRAMES, WARM_UP_SECONDS if frames > 1 else 0, any_of=True)
-        if frames > 1 and turns.frames < SETTLED_AT:
-            turns.repeat(SETTLED_AT - turns.frames, 0)
+        cycle.repeat(WARM_UP_FRAMES, WARM_UP_SECONDS if frames > 1 else 0, any_of=True)
+        if frames > 1 and cycle.frames < SETTLED_AT:
+            cycle.repeat(SETTLED_AT - cycle.frames, 0)
     elif warm_up:
-        turns.repeat(warm_up, 0)
+        cycle.repeat(warm_up, 0)
     # Only these frames are timed. The remaining cameras are drawn afterwards for their memory.
     start = time.perf_counter()
-    turns.ends.clear()
-    drawn = turns.repeat(frames, seconds, step=step)
+    cycle.ends.clear()
+    drawn = cycle.repeat(frames, seconds, step=step)
     elapsed = time.perf_counter() - start
-    ends = [start, *turns.ends]
-    while turns.unseen:
-        turns.draw(min(turns.unseen))
+    ends = [start, *cycle.ends]
+    while cycle.unseen:
+        cycle.draw(min(cycle.unseen))
     # Percentiles over all timed frames, and the median of each stage.
     spans = [frame.span for frame in drawn]
     p50, p95 = np.percentile(spans, (50, 95)).tolist()
@@ -109,14 +110,14 @@ def profile(
         busy_p95_ms=busy_p95,
         queued_p50_ms=queued_p50,
         queued_p95_ms=queued_p95,
-        round_fps=_round_rates(ends),
+        round_fps=_compute_round_rates(ends),
         stages_ms=stages,
         device_kind=device_kind,
     )
     return Profile(timing, dict(renderer.memory()), dict(renderer.memory_groups()))
 
 
-def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:
+def _compute_round_rates(ends: Sequence[float]) -> tuple[float, ...]:
     """Return the frame rates of up to `ROUNDS` rounds of consecutive frames.
 
     `ends` holds the start of the timing and the end of every frame, in seconds.
@@ -127,7 +128,7 @@ def _round_rates(ends: Sequence[float]) -> tuple[float, ...]:
     return tuple((b - a) / (ends[b] - ends[a]) for a, b in pairwise(marks) if ends[b] > ends[a])
 
 
-class _Turns:
+class _CameraCycle:
     """Draws cameras in turn; `unseen` are those not drawn since the renderer's buffers settled."""
 
     def __init__(self, renderer: Renderer, cameras: Sequence[Camera], background: Sequence[float]) -> None:

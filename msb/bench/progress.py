@@ -1,4 +1,4 @@
-"""The progress of a stage of a run: its present tasks, and an estimate of the remaining time."""
+"""The progress of a stage of a run: its current tasks, and an estimate of the remaining time."""
 
 import statistics
 import time
@@ -6,21 +6,21 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 
-class Left(NamedTuple):
+class RemainingTime(NamedTuple):
     """An estimate of the remaining time."""
 
     seconds: float
-    # Whether the true time is probably longer: no task of one of the remaining kinds has ended yet, or a
-    # task already takes longer than the average of its kind.
+    # Whether the estimate is a lower bound. It is one if a remaining kind has no finished task yet, or if a
+    # task has already taken longer than the average of its kind.
     at_least: bool
 
 
 class Stage:
     """One stage of a run; `end` is called after each task.
 
-    Workers take tasks in order, `at_once` at a time, so the present tasks are the first ones that have not
-    ended. Each task has a kind, and the remaining time is estimated from finished tasks of the same kind. It
-    does not include the stages `then` that follow.
+    Workers take tasks in order, `at_once` at a time, so the current tasks are the first ones that have not
+    ended. Each task has a kind, and the remaining time is estimated from finished tasks of the same kind. The
+    estimate does not include the following stages, whose names are `then`.
     """
 
     def __init__(
@@ -36,9 +36,9 @@ class Stage:
         self.title, self.names, self.then = title, tuple(names), tuple(then)
         self._kinds, self._at_once, self._clock = tuple(kinds), at_once, clock
         self._waiting = list(range(len(self.names)))
-        self._began: dict[int, float] = {}
-        self._took: dict[str, list[float]] = {}
-        self._begin()
+        self._starts: dict[int, float] = {}
+        self._durations: dict[str, list[float]] = {}
+        self._record_starts()
 
     @property
     def done(self) -> int:
@@ -46,40 +46,40 @@ class Stage:
         return len(self.names) - len(self._waiting)
 
     @property
-    def now(self) -> tuple[str, ...]:
-        """The names of the present tasks."""
+    def current(self) -> tuple[str, ...]:
+        """The names of the current tasks."""
         return tuple(self.names[number] for number in self._waiting[: self._at_once])
 
     def end(self, number: int, seconds: float | None = None, *, failed: bool = False) -> None:
         """Record the end of the task with index `number`.
 
-        `seconds` is the duration of the task; by default, it is the time since the task became a present one.
+        `seconds` is the duration of the task; by default, it is the time since the task became a current one.
         Durations of failed tasks are not used for estimates.
         """
-        took = self._clock() - self._began.get(number, self._clock()) if seconds is None else seconds
+        duration = self._clock() - self._starts.get(number, self._clock()) if seconds is None else seconds
         self._waiting.remove(number)
         if not failed:
-            self._took.setdefault(self._kinds[number], []).append(took)
-        self._begin()
+            self._durations.setdefault(self._kinds[number], []).append(duration)
+        self._record_starts()
 
-    def left(self) -> Left | None:
+    def estimate_rest(self) -> RemainingTime | None:
         """Return the estimated time of the remaining tasks, from the average time of each kind.
 
         The result is None if no task of any remaining kind has ended.
         """
         # The progress bar calls this in another thread, so lists that may change are copied.
-        means = {kind: statistics.fmean(took) for kind, took in list(self._took.items())}
+        means = {kind: statistics.fmean(durations) for kind, durations in list(self._durations.items())}
         now = self._clock()
         known: list[float] = []
         for number in tuple(self._waiting):
             mean = means.get(self._kinds[number])
-            if mean is not None and (rest := mean - (now - self._began.get(number, now))) > 0:
+            if mean is not None and (rest := mean - (now - self._starts.get(number, now))) > 0:
                 known.append(rest)
         if not known:
             return None
-        return Left(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
+        return RemainingTime(max(sum(known) / self._at_once, *known), len(known) < len(self._waiting))
 
-    def _begin(self) -> None:
-        """Record the start of tasks that have become present ones."""
+    def _record_starts(self) -> None:
+        """Record the start of tasks that have become current ones."""
         for number in self._waiting[: self._at_once]:
-            self._began.setdefault(number, self._clock())
+            self._starts.setdefault(number, self._clock())

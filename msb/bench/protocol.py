@@ -42,7 +42,7 @@ class ProtocolFile:
     # The content of the file, which is copied to the results.
     text: bytes
     protocol: Protocol
-    # Replaces the results folder of the protocol.
+    # If given, used in place of the protocol's results folder.
     results_instead: Path | None = None
 
     @property
@@ -104,29 +104,31 @@ def make_single_protocol(
     check_names(Path(scene).absolute(), Path(model).absolute())
     folder = f"{Path(model).absolute().stem}-{Path(scene).absolute().name}-results"
     lines = [
-        f"results = {_quoted(folder.replace('{', '{{').replace('}', '}}'))}",
+        f"results = {_quote(folder.replace('{', '{{').replace('}', '}}'))}",
         "",
         "[[datasets]]",
-        f"name = {_quoted(dataset_of(scene))}",
-        f"path = {_path(scene)}",
+        f"name = {_quote(dataset_of(scene))}",
+        f"path = {_format_path(scene)}",
         "",
         "[[methods]]",
-        f"model = {_path(model)}",
+        f"model = {_format_path(model)}",
     ]
     if image_folder is not None:
-        lines.append(f"image_folder = {_quoted(image_folder)}")
+        lines.append(f"image_folder = {_quote(image_folder)}")
     if non_engine is not None:
-        lines.append(f"non_engine = {_quoted(REFERENCE) if non_engine == REFERENCE else _path(non_engine)}")
+        lines.append(
+            f"non_engine = {_quote(REFERENCE) if non_engine == REFERENCE else _format_path(non_engine)}"
+        )
     return parse_protocol("\n".join(lines).encode() + b"\n", PROTOCOL_NAME)
 
 
-def _path(given: str | os.PathLike[str]) -> str:
-    """Return an absolute path in TOML with doubled braces; symbolic links are not followed."""
+def _format_path(given: str | os.PathLike[str]) -> str:
+    """Return a path as an absolute TOML string with doubled braces; symbolic links are not resolved."""
     absolute = os.path.abspath(given_path(given))  # noqa: PTH100 - resolve() follows links
-    return _quoted(absolute.replace("{", "{{").replace("}", "}}"))
+    return _quote(absolute.replace("{", "{{").replace("}", "}}"))
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """Return `text` as a TOML string; this is JSON except for surrogate pairs and the character DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007F")
 
@@ -148,8 +150,8 @@ def _find_faults(protocol: Protocol) -> _Faults:
 
         for number, bake in enumerate(protocol.bakes):
             yield from _check_datasets(bake, protocol, f"/bakes/{number}")
-            yield from _call(f"/bakes/{number}", partial(BakeOptions, **bake.options))
-    # A walk names conditions that we can render.
+            yield from _check_call(f"/bakes/{number}", partial(BakeOptions, **bake.options))
+    # A walk may only name conditions that we or an engine can render.
     walked = () if protocol.walk is None else protocol.walk.conditions
     labels = [*(table.label for table in protocol.variants), *(table.label for table in protocol.bakes)]
     rendered = (*WALKED, *protocol.engines, *labels)
@@ -160,7 +162,7 @@ def _find_faults(protocol: Protocol) -> _Faults:
     if protocol.trial is not None:
         from msb.trial.registry import chosen_tasks
 
-        yield from _call("/trial/tasks", chosen_tasks, protocol.trial.tasks)
+        yield from _check_call("/trial/tasks", chosen_tasks, protocol.trial.tasks)
     engines = [name for name in renderers() if name not in BUILT_IN]
     for engine in protocol.engines:
         if engine not in engines:
@@ -177,7 +179,7 @@ def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Fault
         yield f"{place}/name", f'unknown method "{shorten(method.name)}"; {hint}'
     if method.model is None and (method.name == AUTO or method.non_engine in (None, REFERENCE)):
         yield place, "a method needs a model, or a name and a folder of official renderings (non_engine)"
-    # A method that is detected from its model has no {method}, because the name is unknown before that.
+    # The path of a model cannot contain {method} if the method is detected from the model.
     placeholders = PLACES if method.name != AUTO else PLACES[:2]
     listed = ", ".join(f"{{{name}}}" for name in placeholders)
     for key in ("model", "non_engine", "non_engine_timing", "training", "mesh"):
@@ -187,7 +189,7 @@ def _check_method(method: MethodTable, protocol: Protocol, place: str) -> _Fault
                 yield f"{place}/{key}", text
     yield from _check_datasets(method, protocol, place)
     if method.name != AUTO:
-        yield from _call(f"{place}/settings", check_overrides, method.name, get_overrides(method))
+        yield from _check_call(f"{place}/settings", check_overrides, method.name, get_overrides(method))
 
 
 def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: str) -> _Faults:
@@ -199,7 +201,7 @@ def _check_datasets(table: MethodTable | BakeTable, protocol: Protocol, place: s
 
 
 def _check_labels(protocol: Protocol) -> _Faults:
-    """Yield labels that are also the name of something else in tables and folders."""
+    """Yield an error for each label that is already the name of something else in tables or folders."""
     # Label of a model -> its method. Two models of a method may share a label if their scenes differ.
     methods: dict[str, str] = {}
     for number, method in enumerate(protocol.methods):
@@ -240,10 +242,10 @@ def _check_variant(variant: VariantTable, protocol: Protocol, place: str) -> _Fa
     for name, value in get_overrides(variant).items():
         able = [method for method in known if name in METHODS[method].settings]
         for method in able or known:
-            yield from _call(f"{place}/settings", check_overrides, method, {name: value})
+            yield from _check_call(f"{place}/settings", check_overrides, method, {name: value})
 
 
-def _call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
+def _check_call(place: str, check: Callable[..., object], *arguments: Any) -> _Faults:
     """Call a function, and yield its UsageError as a fault at `place`."""
     try:
         check(*arguments)

@@ -13,12 +13,12 @@ from msb.registry import Order, Sampling
 
 # The name of a method that is detected from its model.
 AUTO = "auto"
-# Used instead of a folder of official renderings: our NumPy renderer renders them.
+# Value of `non_engine` that requests images of our NumPy renderer in place of official renderings.
 REFERENCE = "reference"
 PLACES = ("dataset", "scene", "method")
-# A placeholder in a path, or a doubled brace, which means a single one.
+# A placeholder in a path, or a doubled brace, which stands for a literal brace.
 PLACE = re.compile(r"\{\{|\}\}|\{(.*?)\}")
-# A name that is also the name of a folder in the results.
+# Pattern of names that become names of folders in the results.
 _NAME = r"^[^/\\\x00-\x1f.][^/\\\x00-\x1f]*$"
 
 FolderName = Annotated[str, Field(pattern=_NAME, max_length=100)]
@@ -200,7 +200,7 @@ class Protocol(Record):
 def make_protocol_model(*, bakes: bool) -> type[Protocol]:
     """Return the model of a protocol file.
 
-    With `bakes`, the tables ``[[bakes]]`` have the options of `msb.bake`, which only such a protocol imports.
+    With `bakes`, the tables ``[[bakes]]`` accept the options of `msb.bake`. Other protocols do not import it.
     """
     if not bakes:
         return Protocol

@@ -77,7 +77,7 @@ def load_measures(weights: Path | None) -> metrics.Measures:
 
 
 def hash_metrics(weights: Path | None) -> str:
-    """Return a hash of the definitions of all metrics; recorded values are valid while it is equal."""
+    """Return a hash of the definitions of all metrics; recorded values are valid while it is unchanged."""
     return digest([defined(identity.to_dict()) for identity in load_measures(weights).identities])
 
 
@@ -118,7 +118,7 @@ class _OfficialImages:
 
 @dataclass
 class _RenderedImages:
-    """Images of one of our renderers or of an engine."""
+    """Images that are rendered now, by one of our renderers or by an engine."""
 
     job: Job
     scene: Scene
@@ -149,7 +149,7 @@ class _RenderedImages:
 def open_renderer(job: Job, asset: Asset | None = None) -> Renderer:
     """Return the renderer of a cell for `asset`, by default the model of the cell.
 
-    Its options disable everything except the image, such as buffers that only other commands need.
+    Its options disable everything that the image does not need, such as buffers for other commands.
     """
     from msb.render import Renderer
     from msb.render.backend import lean_options

@@ -298,9 +298,9 @@ class WalkDocument(Record):
     height: Count
     # Root mean square of `msb.metrics.steadiness.unexplained_change` over all frames, in levels of 255.
     flicker: Amount
-    # The same over the worst second.
+    # The same over the second with the most flicker.
     flicker_worst: Amount
-    # Index of the first frame of the worst second.
+    # Index of the first frame of that second.
     worst_frame: Count
     # Pixels in holes (`msb.metrics.steadiness.holes`) as a share of the pixels that show the model or a hole.
     holes: Share
@@ -332,8 +332,8 @@ class RendererInfo(Record):
 class Result(Record):
     """The record of one cell.
 
-    A cell is "done" if its images were compared or its mesh was audited. "unsupported" is printed as N/A and
-    "failed" as --, and both have a `reason`. Parts that do not apply to the condition are None. Requested
+    A cell is "done" if its images were compared or its mesh was audited. Tables print "unsupported" as N/A
+    and "failed" as --, and both have a `reason`. Parts that do not apply to the condition are None. Requested
     parts that are missing have a reason in `reasons`.
     """
 
@@ -359,14 +359,14 @@ class Result(Record):
     floor: Floor | None = None
     # Only for DTU.
     chamfer: ChamferDocument | None = None
-    # Audit and trials are of an exported mesh or of a bake.
+    # Audits and trials exist only for exported meshes and bakes.
     audit: AuditDocument | None = None
     bake: BakeDocument | None = None
     # Its images are in the folder "trial" beside the record.
     trial: TrialDocument | None = None
     # Only for an exported mesh; images are in the folder "repairs".
     repairs: RepairDocument | None = None
-    # For conditions that our renderers or engines draw, if the protocol has a walk.
+    # Only for conditions rendered by our renderers or an engine, and only if the protocol has a walk.
     walk: WalkDocument | None = None
     training: Training | None = None
     # Sentences about a training split, background or image size that differs from the evaluation.
@@ -423,7 +423,7 @@ def _find_huge_numbers(data: Any, place: str = "") -> Iterator[tuple[str, str]]:
         yield place, f"{data:g} is too large for a measurement"
 
 
-def _bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
+def _get_bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
     """Return metric -> (minimum, maximum) of its finite values for an image of this size."""
     # Colour values are between 0 and 1, so the mean squared error is at most 1.
     return {
@@ -434,7 +434,7 @@ def _bounds(image: ImageQuality) -> dict[str, tuple[float, float]]:
 
 
 def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
-    """Yield (JSON pointer, text) for each value that a comparison of images cannot give."""
+    """Yield (JSON pointer, text) for each value that cannot be the result of a comparison of images."""
     for number, identity in enumerate(quality.metrics):
         weights = identity.get("weights") if identity.get("name") == IMAGE_METRICS["lpips"].name else None
         if weights and not is_weights_record(weights):
@@ -447,7 +447,7 @@ def _find_quality_errors(quality: Quality) -> Iterator[tuple[str, str]]:
         pointer, psnr = f"/quality/images/{number}", image.values["psnr"]
         if (psnr is None) is not image.psnr_infinite:
             yield f"{pointer}/psnr", "exactly one of psnr and psnr_infinite must be given"
-        for key, (least, most) in _bounds(image).items():
+        for key, (least, most) in _get_bounds(image).items():
             value, metric = image.values[key], IMAGE_METRICS[key]
             if value is None or least - 1e-9 <= value <= most + 1e-9:
                 continue

@@ -17,7 +17,7 @@ from msb.base.atomic import new_file
 from msb.bench.bakes import BakeTask, make_bake
 from msb.bench.cell import compute, make_reason, write_lost, write_result
 from msb.bench.folder import Results, lock_results
-from msb.bench.inputs import KnownFacts
+from msb.bench.inputs import InputReader
 from msb.bench.job import Job, JobOutcome
 from msb.bench.missing_inputs import Missing, find_missing, find_start_errors, find_unknown_cells
 from msb.bench.models import ModelAsset, ModelTask, find_known_model, prepare_model
@@ -58,7 +58,7 @@ class CellOutcome:
     """The outcome of one cell in a run."""
 
     planned: Planned
-    # The present record; None in a dry run if there is no record.
+    # The current record; None in a dry run if there is no record.
     result: Result | None
     # Time that the run spent on the cell.
     seconds: float
@@ -117,7 +117,7 @@ def run_protocol(
     if scheduler is not None:
         check_address(scheduler)
     if dry:
-        return _dry(file, scheduler, only, redo, start, watch)
+        return _run_dry(file, scheduler, only, redo, start, watch)
     for error in find_start_errors(file, watch.note):
         raise error
     with lock_results(file.results) as run, _connect_workers(jobs, scheduler) as workers:
@@ -136,7 +136,7 @@ def _find_device(workers: Workers, selector: str | None) -> Mapping[str, Any]:
     return device
 
 
-def _dry(
+def _run_dry(
     file: ProtocolFile,
     scheduler: str | None,
     only: Sequence[str],
@@ -157,20 +157,20 @@ def _dry(
         errors.append(error)
     results = Results(file.results)
     # Only models of an earlier run are known, because a dry run exports none.
-    lost: dict[str, MsbError] = {}
-    pairs = find_pairs(file, only, lost)
+    folder_errors: dict[str, MsbError] = {}
+    pairs = find_pairs(file, only, folder_errors)
     models: dict[Pair, ModelAsset | Exception] = {}
     for pair in pairs:
         task = pair.task(file.results, "")
         known = None if task is None else find_known_model(results, task)
         if known is not None:
             models[pair] = known
-    planner = Planner(file, "", KnownFacts(device), only, redo=redo)
+    planner = Planner(file, "", InputReader(device), only, redo=redo)
     cells, missing = find_missing(planner, planner.plan(pairs, models) if pairs else [], errors)
-    for line in planner.known.notes():
+    for line in planner.reader.list_notes():
         watch.note(line)
     rows = tuple(_make_outcome(results, planned, 0.0) for planned in cells)
-    missing += find_unknown_cells(lost, pairs)
+    missing += find_unknown_cells(folder_errors, pairs)
     return Report(rows, {}, time.perf_counter() - start, tuple(missing))
 
 
@@ -187,11 +187,13 @@ class _Run:
         """Run all stages, and return the report; `start` is the time of the start of the run."""
         pairs = find_pairs(self.file, only)
         models = self.prepare_models(pairs)
-        known = KnownFacts(_find_device(self.workers, self.file.protocol.device))
-        planner = Planner(self.file, self.run, known, only, redo=redo)
+        reader = InputReader(_find_device(self.workers, self.file.protocol.device))
+        planner = Planner(self.file, self.run, reader, only, redo=redo)
         cells = self.make_bakes(planner, planner.plan(pairs, models))
         assets = [model for model in models.values() if isinstance(model, ModelAsset)]
-        for line in dict.fromkeys([*(line for asset in assets for line in asset.warnings), *known.notes()]):
+        for line in dict.fromkeys(
+            [*(line for asset in assets for line in asset.warnings), *reader.list_notes()]
+        ):
             self.watch.note(line)
         self.write_scene_cameras(cells)
         cells = self.write_ground_truth(cells)
@@ -236,7 +238,9 @@ class _Run:
             if isinstance(answer, ModelAsset) and answer.bake is not None:
                 self.spent[planned.cell] = answer.bake.seconds
         return [
-            planned if planned.bake is None else planner.with_bake(planned.cell, bakes[id(planned.bake)])
+            planned
+            if planned.bake is None
+            else planner.plan_after_bake(planned.cell, bakes[id(planned.bake)])
             for planned in cells
         ]
 
@@ -352,7 +356,7 @@ def _split_timing(job: Job, *, timing: bool) -> Job:
 
 
 def _make_outcome(results: Results, planned: Planned, seconds: float) -> CellOutcome:
-    """Return the outcome of a cell with its present record."""
+    """Return the outcome of a cell with its current record."""
     try:
         result: Result | None = results.read(planned.cell)
     except MsbError:

@@ -1,8 +1,8 @@
 """The loss from Dedicated to Standard, split into the parts of colours, faces and blending.
 
-The parts meet at two bakes of the same model, rendered on the standard tier with one sample per pixel. The
-ceiling keeps the triangles and has the best static colours, which is the best result of any exporter. The
-other bake has new triangles.
+Two bakes of the same model separate the parts. Both are rendered on the standard tier with one sample per
+pixel. The first, the ceiling, keeps the triangles and has the best static colours, so no exporter that keeps
+the triangles can be better. The second has new triangles.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from msb.bench.gaps import Conditions
 
 StepName = Literal["colors", "faces", "blending"]
-# The losses from ceiling to Standard, from the best bake to the ceiling, and from Dedicated to the best bake.
+# Colours: loss from the ceiling to Standard. Faces: from the second bake to the ceiling. Blending: from
+# Dedicated to the second bake.
 STEPS: tuple[StepName, ...] = ("colors", "faces", "blending")
 
 
@@ -35,7 +36,7 @@ class Split:
     steps : mapping of StepName to Gap
         The parts; positive if the condition on Dedicated's side is better.
     within : mapping of StepName to StepName
-        A part that has no bake to separate it -> the part that includes it.
+        A part that no bake separates -> the part that includes it.
     ceiling, baked : str or None
         The conditions of the bakes that separate the parts.
     """
@@ -54,8 +55,8 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     with the best PSNR among all bakes with unchanged triangles, and the other bake is the best of the rest.
     """
     expected = tuple(scenes)
-    ceiling = _best(results, expected, kept=True)
-    baked = _best(results, expected, kept=False)
+    ceiling = _find_best_bake(results, expected, kept=True)
+    baked = _find_best_bake(results, expected, kept=False)
     if ceiling is None and baked is None:
         return None
     finished = {
@@ -75,7 +76,7 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
         assert worse is not None
         covered = gap_between(metric, results, expected, better, worse)[1]
         common = tuple(scene for scene in common if scene in covered)
-    over = common or expected  # without a common scene, each part gives its reason
+    over = common or expected  # without a common scene, each gap states its reason
 
     def gap(better: str, worse: str) -> Gap:
         return replace(gap_between(metric, results, over, better, worse)[0], expected=len(expected))
@@ -93,10 +94,10 @@ def loss_split(metric: str, results: Mapping[str, Conditions], scenes: Iterable[
     return Split(gap("dedicated", "standard") if has_total else None, steps, within, ceiling, baked)
 
 
-def _best(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
+def _find_best_bake(results: Mapping[str, Conditions], scenes: tuple[str, ...], *, kept: bool) -> str | None:
     """Return the bake with the most scenes and then the best average PSNR.
 
-    With `kept` only bakes are compared that keep all triangles, otherwise only the others.
+    With `kept`, only bakes that keep all triangles are compared, otherwise only bakes with new triangles.
     """
     values: dict[str, dict[str, float | None]] = {}
     changed: set[str] = set()

@@ -4,8 +4,8 @@ A submission contains the published fields of the records, the commands that rep
 small images. Published fields are numbers, hashes, versions, and names of scenes, methods and devices.
 Strings that may contain a path or the name of a person are not published.
 
-The file is a ZIP archive without compression and with fixed dates, so equal results give equal bytes, and its
-members are not larger than the file. The member submission.json lists the SHA-256 of all others.
+The file is a ZIP archive with fixed dates, so equal results give equal bytes. It is not compressed, so a
+small file cannot expand to large members. The member submission.json lists the SHA-256 of all other members.
 """
 
 import hashlib
@@ -67,7 +67,7 @@ _VERDICT = _keep("level", "sentence")
 _LOOK = _keep("psnr", "same") | {"why": WITHHELD}
 
 
-def _fields() -> dict[str, Any]:
+def _list_published_fields() -> dict[str, Any]:
     """Return the published fields of a record: name -> nested fields, `_KEEP`, or a constant.
 
     A constant replaces any value except None.
@@ -201,7 +201,7 @@ def write_submission(
         JPEG images; only the first `MOST_PICTURES` are used. Their file names are assigned here.
     """
     ordered = sorted(records, key=lambda record: record.cell.names)
-    fields = _fields()
+    fields = _list_published_fields()
     members: dict[str, bytes] = {}
     # Records are validated as their receiver will validate them.
     for number, record in enumerate(ordered):
@@ -298,43 +298,45 @@ def read_submission(path: Path) -> Submission:
     """
     data = map_file(path, _MAX_FILE + 1)
     if len(data) > _MAX_FILE:
-        raise _invalid(path, f"the file is longer than {_MAX_FILE:,} bytes")
+        raise _make_error(path, f"the file is longer than {_MAX_FILE:,} bytes")
     members = read_members(data, _Members(path))
 
-    def content(name: str, most: int) -> bytes:
+    def read_member(name: str, most: int) -> bytes:
         member = members[name]
         if member.size > most:
-            raise _invalid(path, f"{name} has {member.size:,} bytes, but at most {most:,} are allowed")
+            raise _make_error(path, f"{name} has {member.size:,} bytes, but at most {most:,} are allowed")
         return bytes(data[member.offset : member.offset + member.size])
 
-    def document(name: str, most: int) -> Any:
-        return parse_json(content(name, most), most, file=f"{path}: {name}")
+    def parse_member(name: str, most: int) -> Any:
+        return parse_json(read_member(name, most), most, file=f"{path}: {name}")
 
     # The list must name exactly the members of the archive.
     if ABOUT not in members:
-        raise _invalid(path, f"the archive has no {ABOUT}; submissions are written by msb submit")
-    about = validate(About, document(ABOUT, _MAX_ABOUT), file=path, code="RECORD_INVALID")
+        raise _make_error(path, f"the archive has no {ABOUT}; submissions are written by msb submit")
+    about = validate(About, parse_member(ABOUT, _MAX_ABOUT), file=path, code="RECORD_INVALID")
     if others := about.files.keys() ^ (members.keys() - {ABOUT}):
-        raise _invalid(path, f"{shorten(min(others), 60)} must be both in the list and in the archive")
+        raise _make_error(
+            path, f"{shorten(min(others), 60)} is in the list or in the archive, but not in both"
+        )
     # Every member must have the listed hash and be valid.
     records, pictures = [], {}
     for name, sha256 in about.files.items():
-        if hashlib.sha256(content(name, MAX_BYTES)).hexdigest() != sha256:
-            raise _invalid(path, f"{name} was changed: its SHA-256 differs from the list")
+        if hashlib.sha256(read_member(name, MAX_BYTES)).hexdigest() != sha256:
+            raise _make_error(path, f"{name} was changed: its SHA-256 differs from the list")
         if name.startswith("records/"):
-            records.append(validate_result(document(name, MAX_BYTES), file=f"{path}: {name}"))
+            records.append(validate_result(parse_member(name, MAX_BYTES), file=f"{path}: {name}"))
         else:
-            pictures[name] = content(name, _MAX_PICTURE)
+            pictures[name] = read_member(name, _MAX_PICTURE)
     cells = {record.cell.names for record in records}
     if len(cells) < len(records) or not records:
         fault = "there are two records of one cell" if records else "the archive contains no records"
-        raise _invalid(path, fault)
+        raise _make_error(path, fault)
     if missing := {picture.file for picture in about.pictures} - pictures.keys():
-        raise _invalid(path, f"the image {shorten(min(missing), 60)} is missing")
+        raise _make_error(path, f"the image {shorten(min(missing), 60)} is missing")
     return Submission(path, hashlib.sha256(data).hexdigest(), about, tuple(records), pictures)
 
 
-def _invalid(path: Path, text: str) -> InputError:
+def _make_error(path: Path, text: str) -> InputError:
     return InputError("RECORD_INVALID", text, file=path)
 
 

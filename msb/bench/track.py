@@ -86,7 +86,7 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
     need_extra("bench", "psutil", what="tracking a command")
     gpus = Gpus()
     started, start = datetime.now(UTC), time.perf_counter()
-    with _forwarding() as begin:
+    with _forward_signals() as begin:
         try:
             child = subprocess.Popen(list(command))
         except FileNotFoundError as error:
@@ -95,11 +95,11 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
             text = f"the program cannot be started: {error.strerror}"
             raise InputError("FILE_UNREADABLE", text, file=command[0]) from error
         begin(child)
-        watch = _Watch(child.pid, gpus, interval)
-        watch.start()
+        monitor = _MemoryMonitor(child.pid, gpus, interval)
+        monitor.start()
         status = child.wait()
     seconds = time.perf_counter() - start
-    watch.stop()
+    monitor.stop()
     peak, source, reason = gpus.result()
     return Track(
         # Arguments may be arbitrary bytes, but JSON must be valid text.
@@ -112,14 +112,14 @@ def track(command: Sequence[str], *, interval: float = INTERVAL) -> Track:
         gpu_source=source,
         gpu_reason=reason,
         gpus=gpus.devices(),
-        peak_host_memory_bytes=watch.peak or None,
+        peak_host_memory_bytes=monitor.peak or None,
         interval_seconds=interval,
         machine={"system": platform.platform(), "cores": os.cpu_count(), "host": platform.node()},
         tool_version=__version__,
     )
 
 
-class _Watch(threading.Thread):
+class _MemoryMonitor(threading.Thread):
     """Measures the memory of a process and its children until `stop` is called."""
 
     def __init__(self, pid: int, gpus: Gpus, interval: float) -> None:
@@ -158,11 +158,11 @@ class _Watch(threading.Thread):
 
 
 @contextlib.contextmanager
-def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
+def _forward_signals() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
     """Forward signals to a child process, which is passed to the yielded function; main thread only.
 
-    A signal that arrives before the child is known is forwarded later. A signal that this process ignores, as
-    under nohup, gets no handler, because the child would then not inherit that it is ignored.
+    A signal that arrives before the child is known is forwarded later. Signals that this
+    process ignores, as under nohup, get no handler: the child then inherits that they are ignored.
     """
     children: list[subprocess.Popen[bytes]] = []
     early: list[int] = []
@@ -175,7 +175,7 @@ def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
         if not children:
             early.append(number)
         # The terminal sends Ctrl-C to all processes of the foreground group, so also to the child.
-        elif number != signal.SIGINT or not _in_foreground():
+        elif number != signal.SIGINT or not _is_in_foreground():
             send(number)
 
     def begin(child: subprocess.Popen[bytes]) -> None:
@@ -196,7 +196,7 @@ def _forwarding() -> Iterator[Callable[[subprocess.Popen[bytes]], None]]:
             signal.signal(number, handler)
 
 
-def _in_foreground() -> bool:
+def _is_in_foreground() -> bool:
     """Return whether this process is in the foreground group of its terminal.
 
     On Windows an interrupt reaches all processes of a console, so the result is always true.

@@ -37,7 +37,7 @@ class Record(BaseModel):
 
 
 def read_bytes(path: str | os.PathLike[str], max_bytes: int, code: str = "RECORD_INVALID") -> bytes:
-    """Return the content of a file; one that is longer than `max_bytes` raises an error with `code`."""
+    """Return the content of a file; a file longer than `max_bytes` raises an error with `code`."""
     data = read_file(path, max_bytes)
     if len(data) > max_bytes:
         raise InputError(code, f"the file is longer than {max_bytes:,} bytes", file=path)
@@ -64,11 +64,11 @@ def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> M
         # Strict models accept a list for a tuple only when they read JSON.
         return model.model_validate_json(json.dumps(data, allow_nan=False))
     except (TypeError, ValueError) as error:
-        if not isinstance(error, ValidationError):  # TOML has dates and NaN, and JSON has not
+        if not isinstance(error, ValidationError):  # TOML allows dates and NaN, JSON does not
             text = f"the file contains an invalid value: {shorten(str(error))}"
             raise InputError(code, text, file=file) from None
         first: Mapping[str, Any] = error.errors(include_url=False)[0]
-        place = _place_in(data, first["loc"])
+        place = _find_place(data, first["loc"])
         pointer = "".join(f"/{part}" for part in place) or "/"
         more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
         given = f", found {shorten(repr(first['input']), 40)}"
@@ -81,7 +81,7 @@ def validate(model: type[ModelType], data: Any, *, file: object, code: str) -> M
         raise InputError(code, text, file=file, pointer=pointer) from None
 
 
-def _place_in(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
+def _find_place(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
     """Return the place of a pydantic error without the names of union members, which are not in the data."""
     parts: list[str | int] = []
     for number, part in enumerate(place):
@@ -94,14 +94,14 @@ def _place_in(data: Any, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
 
 def _describe_unknown_key(model: type[BaseModel], place: tuple[str | int, ...]) -> str:
     """Return the message for an unknown key, with the most similar key or with all keys."""
-    keys = _keys_at(model, place[:-1])
+    keys = _list_keys(model, place[:-1])
     similar = difflib.get_close_matches(str(place[-1]), keys, 1)
     hint = f"; did you mean {similar[0]}?" if similar else f"; known keys: {', '.join(keys)}" if keys else ""
     return f"unknown key{hint}"
 
 
-def _keys_at(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
-    """Return the keys of the table at `place` in a file of `model`; [] if the table has no single model."""
+def _list_keys(model: type[BaseModel], place: tuple[str | int, ...]) -> list[str]:
+    """Return the keys of the table at `place` in a file of `model`; [] if its model cannot be determined."""
     current: Any = model
     for name in place:
         if isinstance(name, str):

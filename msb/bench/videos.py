@@ -106,14 +106,16 @@ def plan_grids(options: VideosTable, jobs: Sequence[Job]) -> list[FilmTask]:
         scenes.setdefault((dataset, scene), {}).setdefault(model, job)
     tasks = []
     for names, models in scenes.items():
-        inputs = {model: _read_description(_film_path(job)).get("inputs") for model, job in models.items()}
+        inputs = {
+            model: _read_description(_get_film_path(job)).get("inputs") for model, job in models.items()
+        }
         filmed = tuple(job for model, job in models.items() if inputs[model] is not None)
         if len(filmed) > 1:
             tasks.append(FilmTask(names, filmed, options, digest(["grid", inputs])))
     return [task for task in tasks if not task.is_done]
 
 
-def _film_path(job: Job) -> Path:
+def _get_film_path(job: Job) -> Path:
     """Return the path of the film of a job's model on its scene."""
     return Results(job.root).video(*job.cell.names[:3])
 
@@ -150,7 +152,7 @@ def write_grid(task: FilmTask) -> None:
     Methods are rows and conditions are columns.
     """
     check_run(task.jobs[0].root, task.jobs[0].run)
-    films, models = [_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
+    films, models = [_get_film_path(job) for job in task.jobs], [job.cell.model_name for job in task.jobs]
     captions = [_read_description(film)["columns"] for film in films]
     # The method with the most conditions comes first and determines the order of the columns.
     columns = list(
@@ -181,7 +183,6 @@ def _draw_grid(
     from PIL import Image
 
     # All panels are scaled to the largest one; a missing condition stays black.
-
     width, height = (max(panel.shape[axis] for row in rows for panel in row.values()) for axis in (1, 0))
     picture = Image.new("RGB", (width * len(columns), height * len(rows)))
     for y, (row, name) in enumerate(zip(rows, titles, strict=True)):
@@ -192,9 +193,9 @@ def _draw_grid(
     return np.asarray(picture, np.float32) / np.float32(255)
 
 
-def _write_description(task: FilmTask, **shown: list[str]) -> None:
-    """Write the JSON file beside a film; `shown` are its columns and rows."""
-    description = {"schema": SCHEMA, "inputs": task.inputs, **shown, **task.options.model_dump()}
+def _write_description(task: FilmTask, **axes: list[str]) -> None:
+    """Write the JSON file beside a film; `axes` are its columns and rows."""
+    description = {"schema": SCHEMA, "inputs": task.inputs, **axes, **task.options.model_dump()}
     with new_file(task.path.with_suffix(".json")) as file:
         file.write(json.dumps(description, indent=1).encode() + b"\n")
 

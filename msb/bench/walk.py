@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from msb.scenes import Camera
     from msb.scenes.datasets import Scene
 
-# Number of frames, evenly spread over the walk, whose surface points are searched for in all other frames.
+# Number of frames, evenly spread over the walk, that supply surface points. In all frames, background at the
+# place of such a point is a hole.
 _SURFACE_FRAMES = 8
-# Brightness factor of the changes in the film, which are invisible at their true size.
+# Brightness factor of the changes in the film, which would be invisible otherwise.
 _CHANGE_GAIN = 16
 
 
@@ -50,7 +51,7 @@ class _FrameChange(NamedTuple):
 
 
 def plan_walk(scene: Scene, table: WalkTable) -> list[Camera]:
-    """Return the cameras of the walk of a scene, which passes the test views at a distance from all views."""
+    """Return the cameras of the walk of a scene: a path past the test views, away from all captured views."""
     views = (*scene.train, *scene.test)
     return walk(scene.test, views, table.frames, table.reach, table.size)
 
@@ -73,8 +74,8 @@ def measure_walk(job: Job) -> dict[str, Any]:
             squares, counted = squares + change.squares, counted + change.counted
             missing, visible = missing + change.holes, visible + change.visible
             recent.append(change)
-            if len(recent) == recent.maxlen and (not film or _flicker(recent) > worst):
-                worst, worst_frame, film = _flicker(recent), number + 2 - len(recent), list(recent)
+            if len(recent) == recent.maxlen and (not film or _compute_flicker(recent) > worst):
+                worst, worst_frame, film = _compute_flicker(recent), number + 2 - len(recent), list(recent)
     if not counted:
         text = (
             "flicker cannot be measured, because no surface point is visible in successive frames of the walk"
@@ -98,7 +99,7 @@ def measure_walk(job: Job) -> dict[str, Any]:
     return {"walk": document}
 
 
-def _flicker(changes: Iterable[_FrameChange]) -> float:
+def _compute_flicker(changes: Iterable[_FrameChange]) -> float:
     """Return the root mean square of the changes in several frames, in levels of 255."""
     squares, counted = zip(*((change.squares, change.counted) for change in changes), strict=True)
     return math.sqrt(sum(squares) / max(1, sum(counted)))

@@ -8,7 +8,7 @@ import pytest
 
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
-from tests.bench.protocols import protocol
+from tests.bench.protocols import make_protocol
 from tests.cli.conftest import here, msb
 from tests.metrics.conftest import vgg_file
 
@@ -21,7 +21,7 @@ VARIANT = '[[variants]]\nlabel = "engine"\norder = "global"\nsampling = "engine"
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     """A finished run of two methods on one scene."""
-    file = protocol(tmp_path_factory.mktemp("run"), keys=REFERENCE)
+    file = make_protocol(tmp_path_factory.mktemp("run"), keys=REFERENCE)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 
@@ -29,7 +29,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     """A finished run with a variant; interrupted runs and runs on a cluster must give equal results."""
-    file = protocol(tmp_path_factory.mktemp("whole"), tail=VARIANT)
+    file = make_protocol(tmp_path_factory.mktemp("whole"), tail=VARIANT)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 

@@ -18,7 +18,7 @@ PEBBLE = STUBS / "models" / "pebble"
 TIMES = {"seconds", "timing", "floor", "timings_ms", "stages_ms", *OF_THE_MOMENT}
 
 
-def protocol(
+def make_protocol(
     folder: Path,
     methods: tuple[str, ...] = ("two_dts", "diffsoup"),
     *,
@@ -50,7 +50,7 @@ def protocol(
     return parse_protocol("\n".join([*lines, tail]).encode(), folder / "protocol.toml")
 
 
-def changed(
+def change_tables(
     file: ProtocolFile, *, method: Any = None, dataset: Any = None, alone: bool = False, **tables: Any
 ) -> ProtocolFile:
     """Return the protocol with tables replaced; a mapping replaces keys of a table.
@@ -78,7 +78,7 @@ class Notes(Watch):
         self.lines.append(text)
 
 
-def until(condition: Callable[[], object]) -> None:
+def wait_until(condition: Callable[[], object]) -> None:
     """Wait until a condition is true, for at most a minute."""
     end = time.monotonic() + 60
     while not condition():
@@ -86,7 +86,7 @@ def until(condition: Callable[[], object]) -> None:
         time.sleep(0.05)
 
 
-def records(results: Path) -> dict[str, Any]:
+def read_records(results: Path) -> dict[str, Any]:
     """Return path -> record below a results folder, without times and without the folder's own path."""
     text = {path: path.read_text() for path in sorted(results.rglob("result.json"))}
     return {
@@ -95,7 +95,7 @@ def records(results: Path) -> dict[str, Any]:
     }
 
 
-def differences(first: Any, second: Any, place: str = "") -> list[str]:
+def find_differences(first: Any, second: Any, place: str = "") -> list[str]:
     """Return the differences of two JSON values as lines "place: first value, second value"."""
     if isinstance(first, dict) and isinstance(second, dict):
         keys = dict.fromkeys((*first, *second))
@@ -104,10 +104,10 @@ def differences(first: Any, second: Any, place: str = "") -> list[str]:
         pairs = [(number, *both) for number, both in enumerate(zip(first, second, strict=True))]
     else:
         return [] if first == second else [f"{place}: {str(first)[:200]}, {str(second)[:200]}"]
-    return [line for key, a, b in pairs for line in differences(a, b, f"{place}/{key}")]
+    return [line for key, a, b in pairs for line in find_differences(a, b, f"{place}/{key}")]
 
 
-def images(results: Path) -> dict[str, bytes]:
+def read_images(results: Path) -> dict[str, bytes]:
     """Return path -> content of every image below a results folder."""
     files = sorted(results.rglob("*.png"))
     return {path.relative_to(results).as_posix(): path.read_bytes() for path in files}
@@ -119,12 +119,12 @@ def _timeless(data: Any) -> Any:
     return [_timeless(value) for value in data] if isinstance(data, list) else data
 
 
-def cell(file: ProtocolFile, name: str) -> Any:
+def read_cell(file: ProtocolFile, name: str) -> Any:
     """Return the record of the scene pebble named METHOD/CONDITION."""
     return read_result(file.results / "cells" / "nerf_synthetic" / "pebble" / name / "result.json")
 
 
-def planned(report: Report) -> dict[str, Any]:
+def get_plan(report: Report) -> dict[str, Any]:
     """Return model/condition -> status, or the parts to compute and the reason for each."""
     return {
         "/".join(row.planned.cell.names[2:]): dict(row.planned.why) or row.planned.status

@@ -19,7 +19,7 @@ from msb.bench.run import run_protocol
 from msb.bench.split import loss_split
 from msb.errors import InputError
 from msb.scenes.datasets import read_scene
-from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
+from tests.bench.protocols import PEBBLE, STUBS, get_plan, make_protocol, read_cell
 from tests.report.factory import bake, quality, result
 
 pytest.importorskip("msb.bake", reason="bakes need msb.bake")
@@ -27,8 +27,10 @@ CEILING = '[[bakes]]\nlabel = "ceiling"\ngeometry = "kept"\n'
 TRIAL = '[trial]\ntasks = ["self_intersections"]\n'
 
 
-def test_bake_tables_have_the_names_and_defaults_of_the_command(tmp_path: Path) -> None:
-    first, second = protocol(tmp_path, tail=f'{CEILING}[[bakes]]\nlabel = "b"\nfaces = 9\n').protocol.bakes
+def test_bake_tables_have_the_defaults_of_the_command(tmp_path: Path) -> None:
+    first, second = make_protocol(
+        tmp_path, tail=f'{CEILING}[[bakes]]\nlabel = "b"\nfaces = 9\n'
+    ).protocol.bakes
     assert first.options == {"geometry": "kept", "seconds": 60.0, "seed": 0}
     assert second.options == {"geometry": "auto", "faces": 9, "seconds": 60.0, "seed": 0}
 
@@ -48,11 +50,11 @@ def test_bake_tables_have_the_names_and_defaults_of_the_command(tmp_path: Path) 
 )
 def test_invalid_bake_tables_are_rejected(tmp_path: Path, tail: str, pointer: str) -> None:
     with pytest.raises(InputError) as caught:
-        protocol(tmp_path, tail=tail)
+        make_protocol(tmp_path, tail=tail)
     assert caught.value.message.startswith(f"{pointer}: ")
 
 
-def test_the_key_of_a_bake_depends_on_its_inputs_and_not_on_its_place() -> None:
+def test_the_key_of_a_bake_does_not_depend_on_its_path() -> None:
     scene = read_scene(STUBS / "scenes" / "nerf_synthetic" / "pebble", dataset="nerf_synthetic")
     views, asset = describe_views(scene), File(path="a.triasset", bytes=1, sha256="0" * 64)
     facts: dict[str, Any] = {"method": "two_dts", "checkpoint": None, "background": None}
@@ -92,7 +94,7 @@ def test_masks_are_inputs_of_a_bake_from_photographs(tmp_path: Path) -> None:
 
 def test_a_bake_applies_to_the_datasets_it_names(tmp_path: Path) -> None:
     other = f'[[datasets]]\nname = "other"\npath = {json.dumps(str(STUBS / "scenes" / "nerf_synthetic"))}\n'
-    file = protocol(tmp_path, ("two_dts",), tail=f'{other}{CEILING}datasets = ["other"]')
+    file = make_protocol(tmp_path, ("two_dts",), tail=f'{other}{CEILING}datasets = ["other"]')
     cells = [row.planned.cell for row in run_protocol(file, dry=True).rows]
     names = {(cell.dataset, cell.bake) for cell in cells}
     assert names == {("nerf_synthetic", None), ("other", None), ("other", "ceiling")}
@@ -154,14 +156,14 @@ def test_a_bake_of_another_asset_is_not_compared() -> None:
 def baked(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     """A run of a method without static colours, with two bakes: triangles kept, and triangles fitted."""
     fitted = '[[bakes]]\nlabel = "fitted"\ngeometry = "fitted"\nseconds = 1\n'
-    file = protocol(tmp_path_factory.mktemp("baked"), ("diffsoup",), tail=f"{TRIAL}{CEILING}{fitted}")
+    file = make_protocol(tmp_path_factory.mktemp("baked"), ("diffsoup",), tail=f"{TRIAL}{CEILING}{fitted}")
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 
 
 @pytest.mark.slow
 def test_the_record_of_a_bake_is_complete(baked: ProtocolFile) -> None:
-    record, model = cell(baked, "diffsoup/ceiling"), cell(baked, "diffsoup/dedicated")
+    record, model = read_cell(baked, "diffsoup/ceiling"), read_cell(baked, "diffsoup/dedicated")
     where = record.cell
     assert (where.condition, where.bake, where.condition_key) == ("standard", "ceiling", "baked/ceiling")
     assert record.bake.geometry == "kept"
@@ -171,26 +173,26 @@ def test_the_record_of_a_bake_is_complete(baked: ProtocolFile) -> None:
     assert record.quality.views == model.quality.views
     assert [trial.task for trial in record.trial.trials] == ["self_intersections"]
     assert (record.audit.counts.faces, record.timing is None) == (record.bake.faces, False)
-    assert cell(baked, "diffsoup/fitted").bake.geometry == "fitted"
-    assert cell(baked, "diffsoup/standard").status == "unsupported"
+    assert read_cell(baked, "diffsoup/fitted").bake.geometry == "fitted"
+    assert read_cell(baked, "diffsoup/standard").status == "unsupported"
 
 
 @pytest.mark.slow
 def test_a_bake_is_repeated_only_if_an_input_changed(baked: ProtocolFile) -> None:
-    assert set(planned(run_protocol(baked, dry=True)).values()) == {"done", "unsupported"}
+    assert set(get_plan(run_protocol(baked, dry=True)).values()) == {"done", "unsupported"}
     place = baked.results / "assets" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling.triasset"
     os.utime(place, ns=(0, 0))  # as in a copy of the results
     record = baked.results / "cells" / "nerf_synthetic" / "pebble" / "diffsoup" / "ceiling" / "result.json"
     record.unlink()  # as after a run that was killed between the bake and its cell
-    assert planned(run_protocol(baked, only=["ceiling"]))["diffsoup/ceiling"]["quality"] == "new"
+    assert get_plan(run_protocol(baked, only=["ceiling"]))["diffsoup/ceiling"]["quality"] == "new"
     assert place.stat().st_mtime_ns == 0
     text = baked.text.replace(b"seconds = 1\n", b"seconds = 2\n")
     changed = replace(parse_protocol(text, baked.path), results_instead=baked.results)
-    why = planned(run_protocol(changed, dry=True))
+    why = get_plan(run_protocol(changed, dry=True))
     pending = {name: reasons for name, reasons in why.items() if isinstance(reasons, dict)}
     assert pending == {"diffsoup/fitted": {"bake": "changed"}}
     place.write_bytes(b"no asset")
-    assert planned(run_protocol(baked, dry=True))["diffsoup/ceiling"] == {"bake": "changed"}
+    assert get_plan(run_protocol(baked, dry=True))["diffsoup/ceiling"] == {"bake": "changed"}
 
 
 @pytest.mark.slow
@@ -200,8 +202,8 @@ def test_a_mesh_without_native_rendering_is_baked_from_photographs(tmp_path: Pat
     mesh = tmp_path / "plain.glb"
     msb.open(PEBBLE / "two_dts").save(mesh)
     text = f'{CEILING}[[methods]]\nname = "mesh"\nlabel = "MILo"\nmodel = {json.dumps(str(mesh))}\n'
-    file = protocol(tmp_path, (), tail=text)
+    file = make_protocol(tmp_path, (), tail=text)
     assert run_protocol(file).exit_status == 0
-    shipped, ceiling = cell(file, "MILo/standard"), cell(file, "MILo/ceiling")
+    shipped, ceiling = read_cell(file, "MILo/standard"), read_cell(file, "MILo/ceiling")
     assert ceiling.bake.teacher == "photographs"
     assert ceiling.quality.values["psnr"] > shipped.quality.values["psnr"]

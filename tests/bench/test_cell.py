@@ -12,7 +12,7 @@ from msb.bench import cell as cells
 from msb.bench import parts
 from msb.bench.cell import compute
 from msb.bench.folder import Results, lock_results
-from msb.bench.inputs import KnownFacts
+from msb.bench.inputs import InputReader
 from msb.bench.job import Job, JobOutcome, PartName
 from msb.bench.models import prepare_model
 from msb.bench.photographs import PhotographTask, write_photographs
@@ -23,7 +23,7 @@ from msb.metrics import registry
 from msb.render.backend import renderers
 from msb.render.frame import Frame
 from msb.render.images import image_names
-from tests.bench.protocols import changed, protocol
+from tests.bench.protocols import change_tables, make_protocol
 from tests.report.factory import timing
 
 
@@ -39,7 +39,7 @@ class Bench:
         models: dict[Any, Any] = {
             pair: prepare_model(pair.task(self.file.results, self.run)) for pair in pairs
         }
-        (planned,) = Planner(self.file, self.run, KnownFacts(), [only], redo=redo).plan(pairs, models)
+        (planned,) = Planner(self.file, self.run, InputReader(), [only], redo=redo).plan(pairs, models)
         return planned
 
     def job(self, only: str) -> Job:
@@ -58,14 +58,14 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    file = protocol(tmp_path, ("mesh_splatting",))
+    file = make_protocol(tmp_path, ("mesh_splatting",))
     with lock_results(file.results) as run:
         yield Bench(file, run)
 
 
 @pytest.fixture
 def measures(monkeypatch: pytest.MonkeyPatch) -> dict[PartName, Any]:
-    """The functions that compute parts; images and timings are replaced by ones that need no time."""
+    """The functions that compute parts; those for images and timings are fakes that return at once."""
     monkeypatch.setitem(cells.MEASURES, "quality", lambda _: {"device": {}})
     monkeypatch.setitem(cells.MEASURES, "timing", lambda _: {"timing": timing()})
     return cells.MEASURES
@@ -91,10 +91,8 @@ def fake_network(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_lpips_is_measured_with_weights_and_again_without(
-    bench: Bench, tmp_path: Path, fake_network: None
-) -> None:
-    bench.file = changed(bench.file, metrics={"vgg_weights": "vgg.pth"})
+def test_lpips_is_measured_if_weights_are_given(bench: Bench, tmp_path: Path, fake_network: None) -> None:
+    bench.file = change_tables(bench.file, metrics={"vgg_weights": "vgg.pth"})
     assert bench.job("standard").vgg_weights == tmp_path / "vgg.pth"
     quality = bench.record(bench.compute("standard", "quality")).quality
     assert quality.lpips == pytest.approx(np.mean([image.lpips for image in quality.images]))
@@ -102,12 +100,12 @@ def test_lpips_is_measured_with_weights_and_again_without(
     assert quality.lpips_reason is None
     assert [metric["name"] for metric in quality.metrics] == ["psnr", "ssim", "lpips_vgg"]
     assert quality.metrics[2]["weights"]["vgg"]["sha256"] == "0" * 64
-    bench.file = changed(bench.file, metrics={"vgg_weights": None})
+    bench.file = change_tables(bench.file, metrics={"vgg_weights": None})
     assert bench.plan("standard").why["quality"] == "metrics changed"
 
 
 @pytest.mark.slow
-def test_an_internal_error_costs_one_part(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_error_loses_one_part_only(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(_job: Job) -> dict[str, Any]:
         raise KeyError("what")
 
@@ -140,7 +138,7 @@ def test_a_timing_keeps_the_images_and_vice_versa(bench: Bench) -> None:
 
 
 def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict[PartName, Any]) -> None:
-    """The new asset's run ends before its timing, its protocol has no timing, or the timing crashes."""
+    """The run on the new asset ends before its timing, requests no timing, or fails during the timing."""
 
     def measure(job: Job, part: PartName) -> Any:
         return bench.record(compute(replace(job, parts={part: job.requested[part]})))
@@ -171,7 +169,7 @@ def test_a_new_asset_gets_no_numbers_of_the_old_one(bench: Bench, measures: dict
 def test_a_timing_is_dropped_only_if_an_option_that_affects_it_changed(
     bench: Bench, measures: dict[PartName, Any], appears: bool, option: str, kept: object
 ) -> None:
-    """The protocol requests no timing any more, and one option of the images appears or disappears."""
+    """The protocol no longer requests a timing, and an option of the images is added or removed."""
     job = bench.job("dedicated")
     timed = {"order": "global"} if option == "order" and not appears else {}
     images = {name: text for name, text in job.requested["quality"].items() if name != option}
@@ -207,7 +205,7 @@ def red(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Bench:
     names = {**renderers(), "red": "tests.bench.test_cell:Engine"}
     for module in ("msb.render.backend", "msb.bench.plan"):
         monkeypatch.setattr(f"{module}.renderers", lambda: names, raising=False)
-    bench.file = changed(bench.file, engines=("red",))
+    bench.file = change_tables(bench.file, engines=("red",))
     return bench
 
 

@@ -16,7 +16,7 @@ from msb.bench.records import ImageQuality, Quality, read_result
 from msb.errors import InputError
 from msb.metrics import registry
 from msb.report.results import read_results
-from tests.bench.protocols import protocol
+from tests.bench.protocols import make_protocol
 from tests.cli.conftest import Msb
 from tests.conftest import ROOT
 from tests.metrics.conftest import GOLDEN, golden, needs_torch
@@ -131,7 +131,7 @@ def test_reserved_metric_names_are_the_keys_of_records() -> None:
 
 @pytest.mark.slow
 def test_a_metric_of_another_package_is_in_runs_and_reports(site: Path, msb: Msb, tmp_path: Path) -> None:
-    file = protocol(tmp_path, ("two_dts",), keys='conditions = ["dedicated", "standard"]')
+    file = make_protocol(tmp_path, ("two_dts",), keys='conditions = ["dedicated", "standard"]')
     file.path.write_bytes(file.text)
     where = {"PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
     msb("run", "--jobs", "2", file.path, status=0, **where)

@@ -48,7 +48,7 @@ def test_losses_are_positive_and_gains_negative() -> None:
         value_gaps("mean_valence", 1, 2, 3)
 
 
-def records(*triples: tuple[float | None, ...]) -> dict[str, dict[str, Any]]:
+def make_records(*triples: tuple[float | None, ...]) -> dict[str, dict[str, Any]]:
     return {
         f"s{number}": {
             condition: result(condition, quality=quality(value))
@@ -60,7 +60,7 @@ def records(*triples: tuple[float | None, ...]) -> dict[str, dict[str, Any]]:
 
 
 def test_the_gap_of_a_dataset_is_between_the_averages() -> None:
-    gaps = dataset_gaps("psnr", records((20, 22, 15), (30, 26, 25)), ["s0", "s1"])
+    gaps = dataset_gaps("psnr", make_records((20, 22, 15), (30, 26, 25)), ["s0", "s1"])
     assert (gaps.adapt.value, gaps.adapt.signed, gaps.adapt.mean_abs_scene_gap) == (1, 1, 3)
     assert (gaps.deploy.value, gaps.deploy.mean_abs_scene_gap) == (5, 5)
     assert gaps.monotone
@@ -186,9 +186,7 @@ MIPNERF360 = [25, 24, 30, 35, 37, 39, 16, 22, 18]
         (MIPNERF360, 0.3, 1),
     ],
 )
-def test_noise_is_significant_in_four_to_six_and_a_half_percent(
-    views: list[int], effect: float, noise: float
-) -> None:
+def test_about_five_percent_of_noise_is_significant(views: list[int], effect: float, noise: float) -> None:
     random = np.random.default_rng(len(views))
     significant = [
         excludes_zero(interval([random.normal(effect * random.normal(), noise, count) for count in views]))

@@ -20,7 +20,7 @@ from msb.bench.progress import Stage
 from msb.bench.protocol import ProtocolFile
 from msb.bench.run import run_protocol
 from msb.errors import MsbError
-from tests.bench.protocols import Notes, differences, images, records, until
+from tests.bench.protocols import Notes, find_differences, read_images, read_records, wait_until
 from tests.conftest import ROOT
 
 Start = Callable[[], subprocess.Popen[bytes]]
@@ -78,7 +78,7 @@ def test_results_after_repeated_kills_equal_an_uninterrupted_run(
         process.kill()
         process.wait()
         # Every record on disk can be read, and none has disappeared.
-        left = set(records(tmp_path / "results"))
+        left = set(read_records(tmp_path / "results"))
         assert done <= left
         done = left
     report = run_protocol(replace(whole, path=tmp_path / "protocol.toml"))
@@ -88,8 +88,8 @@ def test_results_after_repeated_kills_equal_an_uninterrupted_run(
         row.planned.why.keys() & {"quality", "audit"} for row in report.rows if row.planned.job is not None
     ]
     assert set() in repeated
-    assert differences(records(tmp_path / "results"), records(whole.results)) == []
-    assert images(tmp_path / "results") == images(whole.results)
+    assert find_differences(read_records(tmp_path / "results"), read_records(whole.results)) == []
+    assert read_images(tmp_path / "results") == read_images(whole.results)
     assert not list((tmp_path / "results").rglob("*.part"))
 
 
@@ -118,7 +118,7 @@ class Cluster:
         self.folder = folder
         file = folder / "scheduler.json"
         self.processes = [self._start("dask_scheduler", "--port", "0", "--scheduler-file", str(file))]
-        until(lambda: file.exists() and file.read_text().endswith("}"))
+        wait_until(lambda: file.exists() and file.read_text().endswith("}"))
         self.address: str = json.loads(file.read_text())["address"]
         self.processes += [
             self._start("dask_worker", self.address, "--nthreads", "1", "--no-nanny") for _ in range(WORKERS)
@@ -183,8 +183,8 @@ def test_a_run_survives_the_death_of_a_cluster_worker(
     assert watch.killed
     assert report.exit_status == 0
     assert None not in [row.result for row in report.rows]
-    assert differences(records(file.results), records(whole.results)) == []
-    assert images(file.results) == images(whole.results)
+    assert find_differences(read_records(file.results), read_records(whole.results)) == []
+    assert read_images(file.results) == read_images(whole.results)
     again = run_protocol(file, scheduler=cluster.address)
     assert {row.planned.status for row in again.rows} == {"done", "unsupported"}
 

@@ -16,7 +16,7 @@ from msb.bench.protocol import ProtocolFile, parse_protocol, read_example
 from msb.bench.run import Report, run_protocol
 from msb.errors import UsageError
 from msb.scenes import read_scene
-from tests.bench.protocols import PEBBLE, STUBS, protocol
+from tests.bench.protocols import PEBBLE, STUBS, make_protocol
 
 
 def find(report: Report, word: str) -> Missing:
@@ -78,7 +78,7 @@ def test_a_folder_with_a_manifest_is_an_asset_under_any_name(tmp_path: Path) -> 
     write_asset(export(PEBBLE / "two_dts"), tmp_path / "model", "folder")
     assert detect_method(tmp_path / "model") == "two_dts"
     model = json.dumps(str(tmp_path / "model"))
-    text = protocol(tmp_path, ("two_dts",)).text.decode()
+    text = make_protocol(tmp_path, ("two_dts",)).text.decode()
     text = text.replace(json.dumps(str(PEBBLE / "{method}")), model).replace('"two_dts"', '"auto"')
     report = run_protocol(parse_protocol(text.encode(), tmp_path / "p.toml"), dry=True)
     assert (report.exit_status, report.missing) == (0, ())
@@ -92,7 +92,7 @@ def official(tmp_path: Path) -> tuple[ProtocolFile, list[Path]]:
     for number, view in enumerate(views):
         Image.new("RGB", (view.width, view.height)).save(folder / f"{number:05d}.png")
     keys = 'non_engine = "renders"\nconditions = ["non_engine", "exported_mesh"]'
-    return protocol(tmp_path, ("two_dts",), keys=keys), sorted(folder.iterdir())
+    return make_protocol(tmp_path, ("two_dts",), keys=keys), sorted(folder.iterdir())
 
 
 def test_official_renderings_are_checked(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_missing_extras_are_listed_with_everything_else(
     for module in ("torch", "lpips", "av", "skimage"):
         monkeypatch.setitem(sys.modules, module, None)
     tail = '[metrics]\nvgg_weights = "vgg.pth"\n[videos]\n'
-    file = protocol(tmp_path, ("two_dts",), keys='training = "t.json"', tail=tail)
+    file = make_protocol(tmp_path, ("two_dts",), keys='training = "t.json"', tail=tail)
     report = run_protocol(file, dry=True)
     assert report.exit_status == 3
     assert {row.planned.status for row in report.rows} == {"failed"}
@@ -133,7 +133,7 @@ def test_missing_extras_are_listed_with_everything_else(
 
 
 def test_a_missing_device_blocks_every_cell(tmp_path: Path) -> None:
-    report = run_protocol(protocol(tmp_path, ("two_dts",), head='device = "nowhere:7"'), dry=True)
+    report = run_protocol(make_protocol(tmp_path, ("two_dts",), head='device = "nowhere:7"'), dry=True)
     (device,) = report.missing
     assert (device.code, device.cells, device.blocks) == ("DEVICE_NOT_FOUND", 3, True)
     assert report.exit_status == 3
@@ -142,7 +142,7 @@ def test_a_missing_device_blocks_every_cell(tmp_path: Path) -> None:
 def test_a_missing_engine_blocks_its_own_cells_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("msb.engines.webgpu")
     monkeypatch.setattr("msb.engines.webgpu.WgpuRenderer.missing", lambda: "wgpu-py is not installed")
-    report = run_protocol(protocol(tmp_path, head='engines = ["wgpu"]'), dry=True)
+    report = run_protocol(make_protocol(tmp_path, head='engines = ["wgpu"]'), dry=True)
     (engine,) = report.missing
     assert (engine.code, engine.cells) == ("ENGINE_MISSING", 1)
     blocked = {row.planned.cell.condition_key for row in report.rows if row.planned.status == "failed"}
@@ -153,6 +153,6 @@ def test_a_missing_engine_blocks_its_own_cells_only(tmp_path: Path, monkeypatch:
 def test_invalid_scheduler_addresses_are_rejected_at_once(tmp_path: Path, address: str) -> None:
     for dry in (True, False):
         with pytest.raises(UsageError, match="USAGE"):
-            run_protocol(protocol(tmp_path, ("two_dts",)), dry=dry, scheduler=address)
-    report = run_protocol(protocol(tmp_path, ("two_dts",)), dry=True, scheduler="nonsense://x:1")
+            run_protocol(make_protocol(tmp_path, ("two_dts",)), dry=dry, scheduler=address)
+    report = run_protocol(make_protocol(tmp_path, ("two_dts",)), dry=True, scheduler="nonsense://x:1")
     assert report.missing[0].code in ("RUN_SCHEDULER", "EXTRA_MISSING")

@@ -1,4 +1,4 @@
-"""Worker processes: results and errors are returned, a crash costs one task, none outlives its parent."""
+"""Worker processes: results and errors are returned, a crash loses one task, workers end with the parent."""
 
 import os
 import signal
@@ -14,8 +14,8 @@ import pytest
 from msb.bench import pool
 from msb.bench.pool import DaskWorkers, LocalWorkers, run_all
 from msb.errors import MsbError
-from tests.bench.protocols import until
-from tests.bench.workers import double, obey
+from tests.bench.protocols import wait_until
+from tests.bench.workers import double, execute
 from tests.conftest import ROOT
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
@@ -25,9 +25,9 @@ pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")
 def test_results_errors_and_crashes(tmp_path: Path) -> None:
     tasks = ["a", "die", "b", "raise it", f"once {tmp_path / 'seen'}", "c", "d"]
     with LocalWorkers(2) as workers:
-        answers = dict(run_all(workers, obey, tasks))
+        answers = dict(run_all(workers, execute, tasks))
         assert list(run_all(workers, double, [1, 2, 3], alone=True)) == [(1, 2), (2, 4), (3, 6)]
-        alone = dict(run_all(workers, obey, [f"once {tmp_path / 'alone'}", "die", "a"], alone=True))
+        alone = dict(run_all(workers, execute, [f"once {tmp_path / 'alone'}", "die", "a"], alone=True))
     assert set(answers) == set(tasks)
     assert [answers[name] for name in ("a", "b", "c", "d", tasks[4])] == ["a", "b", "c", "d", tasks[4]]
     assert isinstance(answers["raise it"], ValueError)
@@ -86,12 +86,12 @@ def test_workers_end_with_their_parent(tmp_path: Path, number: int) -> None:
         stderr=subprocess.DEVNULL,
     )
     try:
-        until(lambda: len(list(seen.iterdir())) == 2)
+        wait_until(lambda: len(list(seen.iterdir())) == 2)
         children = [int(path.name) for path in seen.iterdir()]
         assert all(psutil.pid_exists(child) for child in children)
         parent.send_signal(number)
         parent.wait(30)
-        until(lambda: not any(_is_running(child) for child in children))
+        wait_until(lambda: not any(_is_running(child) for child in children))
     finally:
         parent.kill()
 

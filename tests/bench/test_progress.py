@@ -9,9 +9,9 @@ import pytest
 from rich.console import Console
 
 from msb.bench.commands.run import draw_stage
-from msb.bench.progress import Left, Stage
+from msb.bench.progress import RemainingTime, Stage
 from msb.bench.run import run_protocol
-from tests.bench.protocols import Notes, protocol
+from tests.bench.protocols import Notes, make_protocol
 
 
 class Clock:
@@ -32,19 +32,19 @@ def make_stage(kinds: str, at_once: int = 1) -> tuple[Stage, Clock]:
 
 def test_there_is_no_estimate_before_a_task_of_the_kind_has_ended() -> None:
     stage, clock = make_stage("abab")
-    assert (stage.now, stage.done, stage.left()) == (("a0",), 0, None)
+    assert (stage.current, stage.done, stage.estimate_rest()) == (("a0",), 0, None)
     clock.now += 10
     stage.end(0)
-    assert (stage.now, stage.done) == (("b1",), 1)
-    assert stage.left() == Left(10, at_least=True)  # no task of kind b has ended
+    assert (stage.current, stage.done) == (("b1",), 1)
+    assert stage.estimate_rest() == RemainingTime(10, at_least=True)  # no task of kind b has ended
     clock.now += 2
     stage.end(1)
-    assert stage.left() == Left(12, at_least=False)
+    assert stage.estimate_rest() == RemainingTime(12, at_least=False)
     clock.now += 4
-    assert stage.left() == Left(8, at_least=False)
+    assert stage.estimate_rest() == RemainingTime(8, at_least=False)
     stage.end(2)
     stage.end(3)
-    assert (stage.now, stage.done, stage.left()) == ((), 4, None)
+    assert (stage.current, stage.done, stage.estimate_rest()) == ((), 4, None)
 
 
 def test_a_task_that_takes_longer_than_the_average_is_not_estimated() -> None:
@@ -52,26 +52,26 @@ def test_a_task_that_takes_longer_than_the_average_is_not_estimated() -> None:
     clock.now += 10
     stage.end(0)
     clock.now += 15
-    assert stage.left() == Left(10, at_least=True)
+    assert stage.estimate_rest() == RemainingTime(10, at_least=True)
     stage.end(1)
     clock.now += 20
-    assert stage.left() is None
+    assert stage.estimate_rest() is None
 
 
 def test_several_workers_share_the_remaining_time() -> None:
     stage, clock = make_stage("aaaaa", at_once=2)
-    assert stage.now == ("a0", "a1")
+    assert stage.current == ("a0", "a1")
     clock.now += 10
     stage.end(1)
-    assert stage.now == ("a0", "a2")
-    assert stage.left() == Left(15, at_least=True)  # a0 takes longer than a1 did
+    assert stage.current == ("a0", "a2")
+    assert stage.estimate_rest() == RemainingTime(15, at_least=True)  # a0 takes longer than a1 did
     stage.end(0, 10.0)
-    assert stage.left() == Left(15, at_least=False)
+    assert stage.estimate_rest() == RemainingTime(15, at_least=False)
     stage.end(2)
     stage.end(3)
     clock.now += 1
-    assert stage.now == ("a4",)
-    assert stage.left() == Left(pytest.approx(10 * 2 / 4 - 1), at_least=False)
+    assert stage.current == ("a4",)
+    assert stage.estimate_rest() == RemainingTime(pytest.approx(10 * 2 / 4 - 1), at_least=False)
 
 
 @pytest.mark.parametrize("seconds", [0.2, 44, 12_000])
@@ -98,13 +98,13 @@ def test_a_run_updates_its_stages(tmp_path: Path, jobs: int) -> None:
         @contextlib.contextmanager
         def stage(self, stage: Stage) -> Iterator[Callable[[str], None]]:
             def record(_name: str = "") -> None:
-                states.append((stage.title, stage.done, stage.now, stage.then))
+                states.append((stage.title, stage.done, stage.current, stage.then))
 
             record()
             yield record
             assert stage.done == len(stage.names)
 
-    assert run_protocol(protocol(tmp_path, ("two_dts",)), jobs=jobs, watch=Watch()).exit_status == 0
+    assert run_protocol(make_protocol(tmp_path, ("two_dts",)), jobs=jobs, watch=Watch()).exit_status == 0
     cells = [f"nerf_synthetic pebble two_dts {name}" for name in ("dedicated", "standard", "exported_mesh")]
     first = next(state for state in states if state[0] == "cells")
     assert first == ("cells", 0, tuple(cells[:jobs]), ("timing",))

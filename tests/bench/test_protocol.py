@@ -57,7 +57,7 @@ def test_doubled_braces_are_single_braces() -> None:
     assert file.resolve("{{scene}}/{scene}", scene="s") == Path("/a/b/{scene}/s")
 
 
-def test_settings_none_switches_off() -> None:
+def test_the_setting_none_means_null() -> None:
     text = MINIMAL + 'settings = { ste_threshold = "none", gamma = 20 }\n'
     method = parse_protocol(text.encode(), "p.toml").protocol.methods[0]
     assert get_overrides(method) == {"ste_threshold": None, "gamma": 20}
@@ -137,7 +137,7 @@ def test_errors_name_their_place(text: str) -> None:
     assert len(str(caught.value).splitlines()) == 1
 
 
-def test_missing_and_too_long_files(tmp_path: Path) -> None:
+def test_missing_and_too_long_files_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(MsbError, match="FILE_NOT_FOUND"):
         read_protocol(tmp_path / "p.toml")
     (tmp_path / "p.toml").write_bytes(b"#" * (2 << 20))

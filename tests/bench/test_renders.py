@@ -15,14 +15,14 @@ from msb.bench.protocol import ProtocolFile
 from msb.bench.renders import find_renders
 from msb.bench.run import run_protocol
 from msb.scenes.datasets import read_scene
-from tests.bench.protocols import STUBS, cell, changed, planned
+from tests.bench.protocols import STUBS, change_tables, get_plan, read_cell
 
 pytestmark = pytest.mark.slow
 
 
 def upstream(file: ProtocolFile, folder: Path) -> ProtocolFile:
     """Return a protocol of two_dts alone, with official renderings in `folder` and no model."""
-    return changed(file, method={"non_engine": str(folder), "model": None}, alone=True)
+    return change_tables(file, method={"non_engine": str(folder), "model": None}, alone=True)
 
 
 @pytest.fixture
@@ -34,10 +34,10 @@ def official(again: ProtocolFile, tmp_path: Path) -> Path:
 
 
 def test_official_renderings_are_imported_by_name(again: ProtocolFile, official: Path) -> None:
-    quality = cell(again, "two_dts/non_engine").quality
+    quality = read_cell(again, "two_dts/non_engine").quality
     report = run_protocol(upstream(again, official))
-    assert list(planned(report)) == ["two_dts/non_engine"]
-    record = cell(again, "two_dts/non_engine")
+    assert list(get_plan(report)) == ["two_dts/non_engine"]
+    record = read_cell(again, "two_dts/non_engine")
     assert record.quality == quality
     assert (record.renderer.kind, record.renderer.settings) == ("upstream", {"matched_by": "name"})
     assert record.renders.path == str(official)
@@ -49,22 +49,22 @@ def test_official_renderings_are_imported_by_name(again: ProtocolFile, official:
     assert record.renders.sha256 == hashlib.sha256(text.encode()).hexdigest()
     sums = "\n".join(f"{sha256} *./{name}" for name, sha256 in lines)
     (official / "SHA256SUMS").write_text(sums)
-    assert planned(run_protocol(upstream(again, official))) == {"two_dts/non_engine": "done"}
+    assert get_plan(run_protocol(upstream(again, official))) == {"two_dts/non_engine": "done"}
     (official / "SHA256SUMS").unlink()
     first, second, *_ = sorted(official.rglob("*.png"))
     first.write_bytes(second.read_bytes())
-    outcome = planned(run_protocol(upstream(again, official)))
+    outcome = get_plan(run_protocol(upstream(again, official)))
     assert outcome == {"two_dts/non_engine": {"quality": "renders changed"}}
 
 
 def test_official_renderings_by_number(again: ProtocolFile, official: Path, tmp_path: Path) -> None:
-    quality = cell(again, "two_dts/non_engine").quality
+    quality = read_cell(again, "two_dts/non_engine").quality
     numbered = tmp_path / "numbered"
     numbered.mkdir()
     for index, image in enumerate(quality.images):
         shutil.copy(official / Path(str(image.file)).relative_to("images"), numbered / f"{index:05d}.png")
     run_protocol(upstream(again, numbered))
-    record = cell(again, "two_dts/non_engine")
+    record = read_cell(again, "two_dts/non_engine")
     assert record.renderer.settings == {"matched_by": "number"}
     assert record.quality == quality
 
@@ -95,7 +95,7 @@ def test_invalid_official_renderings_are_rejected(
 ) -> None:
     spoil(official, sorted(official.rglob("*.png"))[0])
     assert run_protocol(upstream(again, official)).exit_status == 3
-    record = cell(again, "two_dts/non_engine")
+    record = read_cell(again, "two_dts/non_engine")
     assert (record.status, record.reason.code, record.quality) == ("failed", code, None)
 
 

@@ -27,7 +27,17 @@ from msb.errors import MsbError, UsageError
 from msb.metrics.ground_truth import ground_truth
 from msb.scenes.datasets import read_scene
 from msb.views import choose_views
-from tests.bench.protocols import PEBBLE, STUBS, Notes, cell, changed, images, planned, protocol, records
+from tests.bench.protocols import (
+    PEBBLE,
+    STUBS,
+    Notes,
+    change_tables,
+    get_plan,
+    make_protocol,
+    read_cell,
+    read_images,
+    read_records,
+)
 from tests.cli.conftest import Here, Msb
 from tests.conftest import ROOT, of_the_whole
 
@@ -35,9 +45,9 @@ SCENE = STUBS / "scenes" / "nerf_synthetic" / "pebble"
 
 
 def test_every_cell_has_a_complete_record(finished: ProtocolFile) -> None:
-    names = {tuple(name.split("/")[3:5]) for name in records(finished.results)}
+    names = {tuple(name.split("/")[3:5]) for name in read_records(finished.results)}
     assert names == set(product(("two_dts", "diffsoup"), CONDITIONS))
-    record = cell(finished, "two_dts/dedicated")
+    record = read_cell(finished, "two_dts/dedicated")
     assert (record.status, record.reason, record.reasons) == ("done", None, {})
     assert record.setup.background == (1.0, 1.0, 1.0)
     assert record.setup.camera_convention == "gs_fov"
@@ -52,7 +62,7 @@ def test_every_cell_has_a_complete_record(finished: ProtocolFile) -> None:
     assert record.memory.total == sum(record.memory.uses.values()) > 0
     assert record.device["device"]["kind"] == record.timing.device_kind
     assert (finished.results / "protocol.toml").read_bytes() == finished.text
-    mesh = cell(finished, "two_dts/exported_mesh")
+    mesh = read_cell(finished, "two_dts/exported_mesh")
     assert (mesh.audit.topology, mesh.quality) == ("triangle_soup", None)
 
 
@@ -73,30 +83,32 @@ def test_metrics_are_those_of_the_stored_images(finished: ProtocolFile) -> None:
 
 
 def test_assets_of_a_run_are_viewed_from_the_cameras_of_the_scene(finished: ProtocolFile) -> None:
-    views = choose_views(msb.load(cell(finished, "two_dts/standard").asset.path))
+    views = choose_views(msb.load(read_cell(finished, "two_dts/standard").asset.path))
     scene = read_scene(SCENE, dataset="nerf_synthetic")
     assert views.origin == "training"
     assert {view.name for view in views.cameras} <= {camera.name for camera in [*scene.train, *scene.test]}
 
 
 def test_conditions_are_comparable_or_give_a_reason(finished: ProtocolFile) -> None:
-    conditions = {name: cell(finished, f"two_dts/{name}") for name in ("non_engine", "dedicated", "standard")}
+    conditions = {
+        name: read_cell(finished, f"two_dts/{name}") for name in ("non_engine", "dedicated", "standard")
+    }
     gaps = scene_gaps("psnr", conditions)
     assert gaps.adapt.value == pytest.approx(0, abs=0.05)  # Dedicated must equal our reference renderer
     assert gaps.deploy.value > 0.2
     assert conditions["non_engine"].renderer.kind == "msb_reference"
-    unsupported = cell(finished, "diffsoup/standard")
+    unsupported = read_cell(finished, "diffsoup/standard")
     assert (unsupported.status, unsupported.reason.code) == ("unsupported", "UNSUPPORTED_TIER")
-    assert cell(finished, "diffsoup/dedicated").setup.camera_convention == "full_K"
+    assert read_cell(finished, "diffsoup/dedicated").setup.camera_convention == "full_K"
 
 
 @pytest.mark.slow
-def test_redo_and_only(again: ProtocolFile) -> None:
+def test_redo_and_only_select_the_work(again: ProtocolFile) -> None:
     before = {path: path.stat().st_mtime_ns for path in again.results.rglob("*.*g")}
-    assert set(planned(run_protocol(again)).values()) == {"done", "unsupported"}
+    assert set(get_plan(run_protocol(again)).values()) == {"done", "unsupported"}
     assert {path: path.stat().st_mtime_ns for path in before} == before
     report = run_protocol(again, only=["two_dts/standard", "exported_mesh/diffsoup"], redo=True)
-    assert planned(report) == {
+    assert get_plan(report) == {
         "two_dts/standard": {"quality": "requested", "timing": "requested"},
         "diffsoup/exported_mesh": {"audit": "requested"},
     }
@@ -107,24 +119,24 @@ def test_redo_and_only(again: ProtocolFile) -> None:
 
 def test_a_dry_run_writes_nothing(finished: ProtocolFile, tmp_path: Path) -> None:
     fresh = replace(finished, path=tmp_path / "protocol.toml")
-    plan = planned(run_protocol(fresh, dry=True))
+    plan = get_plan(run_protocol(fresh, dry=True))
     assert list(tmp_path.iterdir()) == []
     assert plan["two_dts/dedicated"] == {"quality": "new"}
     assert plan["two_dts/exported_mesh"] == {"audit": "new"}
     assert plan["diffsoup/standard"] == "unsupported"
-    assert set(planned(run_protocol(finished, dry=True)).values()) == {"done", "unsupported"}
+    assert set(get_plan(run_protocol(finished, dry=True)).values()) == {"done", "unsupported"}
 
 
 @pytest.mark.slow
 def test_only_changed_parts_are_repeated(again: ProtocolFile) -> None:
-    other = changed(again, method={"settings": {"gamma": 2.0}}, timing={"frames": 3})
-    plan = planned(run_protocol(other, only=["nerf_synthetic"]))
+    other = change_tables(again, method={"settings": {"gamma": 2.0}}, timing={"frames": 3})
+    plan = get_plan(run_protocol(other, only=["nerf_synthetic"]))
     assert plan["two_dts/dedicated"] == {"quality": "settings changed", "timing": "settings, clock changed"}
     assert plan["two_dts/non_engine"] == {"quality": "settings changed"}
     assert plan["two_dts/exported_mesh"] == "done"
     assert plan["diffsoup/dedicated"] == {"timing": "clock changed"}
-    assert cell(again, "two_dts/dedicated").renderer.settings["gamma"] == 2.0
-    timed = cell(again, "diffsoup/dedicated")
+    assert read_cell(again, "two_dts/dedicated").renderer.settings["gamma"] == 2.0
+    timed = read_cell(again, "diffsoup/dedicated")
     assert timed.timing.frames == 3
     assert timed.quality is not None, "the finished part is kept"
 
@@ -134,15 +146,15 @@ def test_changed_photographs_and_models_are_detected(again: ProtocolFile, tmp_pa
     shutil.copytree(SCENE.parent, tmp_path / "scenes")
     shutil.copytree(PEBBLE / "two_dts", tmp_path / "model")
     places = {"dataset": {"path": str(tmp_path / "scenes")}, "method": {"model": str(tmp_path / "model")}}
-    here = changed(again, **places, alone=True)
-    assert set(planned(run_protocol(here)).values()) == {"done"}, "a copy has the same content"
+    here = change_tables(again, **places, alone=True)
+    assert set(get_plan(run_protocol(here)).values()) == {"done"}, "a copy has the same content"
     first, second = (Path(str(camera.image_path)) for camera in read_scene(SCENE).test[:2])
     shutil.copy(second, tmp_path / "scenes" / "pebble" / first.relative_to(SCENE))
-    plan = planned(run_protocol(here, dry=True))
+    plan = get_plan(run_protocol(here, dry=True))
     assert plan["two_dts/standard"] == {"quality": "photographs changed"}
     config = tmp_path / "model" / "config.yaml"
     config.write_text(config.read_text().replace("max_sh_degree: 1", "max_sh_degree: 0"))
-    plan = planned(run_protocol(here))
+    plan = get_plan(run_protocol(here))
     assert "asset" in str(plan["two_dts/exported_mesh"])
 
 
@@ -156,7 +168,7 @@ def test_a_failure_affects_its_own_cells_only(again: ProtocolFile, tmp_path: Pat
         for name, model in (("triangle_splatting", broken), ("auto", tmp_path / "nowhere"))
     )
     methods = (method, lost, *again.protocol.methods)
-    report = run_protocol(changed(again, methods=methods, dataset={"scenes": ("pebble", "gone")}))
+    report = run_protocol(change_tables(again, methods=methods, dataset={"scenes": ("pebble", "gone")}))
     assert report.exit_status == 3
     rows = {row.planned.cell.names[1:]: row for row in report.rows}
     assert rows["pebble", "two_dts", "dedicated"].planned.status == "done"
@@ -169,7 +181,7 @@ def test_a_failure_affects_its_own_cells_only(again: ProtocolFile, tmp_path: Pat
 
 @pytest.mark.slow
 def test_two_models_of_one_method_need_labels(again: ProtocolFile) -> None:
-    twice = changed(again, methods=(again.protocol.methods[0],) * 2)
+    twice = change_tables(again, methods=(again.protocol.methods[0],) * 2)
     with pytest.raises(MsbError, match="PROTOCOL_INVALID"):
         run_protocol(twice)
 
@@ -182,19 +194,19 @@ def test_training_records_are_read_and_may_be_missing(again: ProtocolFile, tmp_p
     record.write_text(json.dumps(track))
     training = {"training": str(tmp_path / "{method}.json")}
     methods = tuple(method.model_copy(update=training) for method in again.protocol.methods)
-    here = changed(again, methods=methods)
-    assert planned(run_protocol(here, only=["dedicated"])) == {
+    here = change_tables(again, methods=methods)
+    assert get_plan(run_protocol(here, only=["dedicated"])) == {
         "two_dts/dedicated": {"training": "new"},
         "diffsoup/dedicated": {"training": "new"},
     }
-    result = cell(again, "two_dts/dedicated")
+    result = read_cell(again, "two_dts/dedicated")
     assert (result.training.seconds, result.training.peak_memory_bytes) == (600, 5 << 30)
     assert result.quality is not None
-    missing = cell(again, "diffsoup/dedicated")
+    missing = read_cell(again, "diffsoup/dedicated")
     assert (missing.status, missing.reasons["training"].code) == ("done", "FILE_NOT_FOUND")
     record.write_text(json.dumps({**track, "exit_status": 1}))
     assert run_protocol(here, only=["dedicated/two_dts"]).exit_status == 3
-    assert cell(again, "two_dts/dedicated").reasons["training"].code == "TRAINING_FAILED"
+    assert read_cell(again, "two_dts/dedicated").reasons["training"].code == "TRAINING_FAILED"
 
 
 @pytest.mark.slow
@@ -212,7 +224,7 @@ def test_one_run_at_a_time_and_temporary_files_are_removed(again: ProtocolFile) 
 @pytest.mark.slow
 def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     head = f"[chamfer]\ndata = {json.dumps(str(STUBS / 'scenes' / 'dtu'))}"
-    file = protocol(tmp_path, ("mesh_splatting",), dataset="dtu", head=head)
+    file = make_protocol(tmp_path, ("mesh_splatting",), dataset="dtu", head=head)
     report = run_protocol(file, only=["exported_mesh"])
     assert report.exit_status == 0
     path = Results(file.results).record(report.rows[0].planned.cell)
@@ -220,7 +232,7 @@ def test_dtu_has_a_chamfer_distance(tmp_path: Path) -> None:
     assert 0 < result.chamfer.overall < 5
     assert result.chamfer.metric["name"] == "chamfer_dtu"
     assert result.audit is not None
-    assert run_protocol(changed(file, chamfer={"data": str(tmp_path)})).exit_status == 3
+    assert run_protocol(change_tables(file, chamfer={"data": str(tmp_path)})).exit_status == 3
     result = read_result(path)
     assert (result.status, result.chamfer, result.reasons["chamfer"].code) == ("done", None, "FILE_NOT_FOUND")
 
@@ -230,26 +242,26 @@ def test_differences_of_a_training_are_recorded_with_one_warning(tmp_path: Path)
     model = tmp_path / "models" / "triangle_splatting"
     shutil.copytree(PEBBLE / "triangle_splatting", model)
     (model / "cfg_args").write_text("Namespace(white_background=False, eval=False)")
-    file = changed(protocol(tmp_path, ("triangle_splatting",)), method={"model": str(model)})
+    file = change_tables(make_protocol(tmp_path, ("triangle_splatting",)), method={"model": str(model)})
     watch = Notes()
     assert run_protocol(file, only=["dedicated", "exported_mesh"], watch=watch).exit_status == 0
     for text in ("eval=False", "over black"):
         assert sum(text in line for line in watch.lines) == 1
         for name in ("dedicated", "exported_mesh"):
-            sentences = cell(file, f"triangle_splatting/{name}").trained
+            sentences = read_cell(file, f"triangle_splatting/{name}").trained
             assert sum(text in sentence for sentence in sentences) == 1
 
 
 @pytest.mark.slow
 def test_methods_without_our_renderer_are_evaluated(tmp_path: Path) -> None:
     methods = ("triangle_splatting_plus", *PLACES)
-    file = protocol(tmp_path, methods)
+    file = make_protocol(tmp_path, methods)
     assert run_protocol(file, jobs=2).exit_status == 0
     for method in methods:
-        standard = cell(file, f"{method}/standard")
+        standard = read_cell(file, f"{method}/standard")
         assert standard.status == "done"
         assert standard.quality.psnr > 22
-        dedicated = cell(file, f"{method}/dedicated")
+        dedicated = read_cell(file, f"{method}/dedicated")
         assert dedicated.status == ("unsupported" if method in PLACES else "done")
 
 
@@ -297,7 +309,7 @@ def test_render_draws_the_same_images_as_a_run(msb: Msb, results: Path, tmp_path
     drawn = msb("render", *args, "-o", tmp_path, MODEL, status=0)
     for tier in ("dedicated", "standard"):
         scored = results / "cells" / "nerf_synthetic" / "pebble" / "two_dts" / tier / "images"
-        assert images(tmp_path / tier) == images(scored) != {}
+        assert read_images(tmp_path / tier) == read_images(scored) != {}
     about = {key: drawn.json[0]["scene"][key] for key in ("dataset", "split", "camera_convention")}
     assert about == {"dataset": "nerf_synthetic", "split": "test", "camera_convention": "gs_fov"}
 

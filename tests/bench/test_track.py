@@ -1,4 +1,4 @@
-"""`msb track`: time, memory, exit status and signals of a command, and renderer timings from elsewhere."""
+"""`msb track`: time, memory, exit status and signals of a command, and timings of a method's own renderer."""
 
 import json
 import os
@@ -20,7 +20,7 @@ from msb.report.collect import collect
 from msb.report.numbers import MEAN, Key, RatioKey
 from msb.report.results import read_results
 from tests.bench.nvml import ME, nvml
-from tests.bench.protocols import cell, protocol, until
+from tests.bench.protocols import make_protocol, read_cell, wait_until
 from tests.cli.conftest import Msb
 from tests.cli.forks import run_msb
 from tests.conftest import ROOT
@@ -55,7 +55,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert read_track(tmp_path / "t.json") == record
 
 
-def test_missing_programs_and_files_that_are_no_programs(tmp_path: Path) -> None:
+def test_missing_and_invalid_programs_are_rejected(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("x")
     for name, code in (("nothing", "FILE_NOT_FOUND"), ("data", "FILE_UNREADABLE")):
         with pytest.raises(MsbError, match=code):
@@ -186,7 +186,7 @@ def test_signals_reach_the_command(tmp_path: Path, number: int) -> None:
         start_new_session=True,
     )
     try:
-        until((tmp_path / "ready").exists)
+        wait_until((tmp_path / "ready").exists)
         process.send_signal(number)
         assert process.wait(30) == 42
     finally:
@@ -271,9 +271,11 @@ def test_frame_rates_are_compared_on_the_same_device_only(
 @pytest.mark.slow
 def test_a_run_records_a_renderer_timing_and_the_report_names_its_source(tmp_path: Path) -> None:
     write(tmp_path / "own.json")
-    file = protocol(tmp_path, ("two_dts",), keys='non_engine = "reference"\nnon_engine_timing = "own.json"')
+    file = make_protocol(
+        tmp_path, ("two_dts",), keys='non_engine = "reference"\nnon_engine_timing = "own.json"'
+    )
     assert run_protocol(file, only=["non_engine"]).exit_status == 0
-    assert cell(file, "two_dts/non_engine").renderer_timing.fps == 120
+    assert read_cell(file, "two_dts/non_engine").renderer_timing.fps == 120
     fps = Key("nerf_synthetic", MEAN, "two_dts", "non_engine", "fps")
     number = collect(read_results(file.results)).number(fps)
     assert number.value == 120

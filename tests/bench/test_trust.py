@@ -16,7 +16,7 @@ from msb.errors import InputError, MsbError
 from msb.report.build import build_report
 from msb.report.results import read_results
 from msb.scenes.datasets import SceneAt
-from tests.bench.protocols import STUBS, Notes, cell, planned
+from tests.bench.protocols import STUBS, Notes, get_plan, read_cell
 
 CELLS = "cells/nerf_synthetic/pebble"
 
@@ -78,15 +78,15 @@ def test_damaged_ground_truth_is_written_again(task: PhotographTask, damage: str
 
 @pytest.mark.slow
 def test_edited_photographs_do_not_change_results(again: ProtocolFile) -> None:
-    before = cell(again, "two_dts/standard").quality
+    before = read_cell(again, "two_dts/standard").quality
     for path in (again.results / "ground_truth").rglob("*.png"):
         invert(path)
     run_protocol(again, only=["two_dts/standard"], redo=True)
-    assert cell(again, "two_dts/standard").quality == before
+    assert read_cell(again, "two_dts/standard").quality == before
     (path, *_) = (again.results / "ground_truth").rglob("*.png")
     content = path.read_bytes()
     path.write_bytes(content[:-100])
-    assert set(planned(run_protocol(again, only=["two_dts/dedicated"])).values()) == {"done"}
+    assert set(get_plan(run_protocol(again, only=["two_dts/dedicated"])).values()) == {"done"}
     assert path.read_bytes() == content, "verified even if all cells are done"
 
 
@@ -97,7 +97,7 @@ def test_invalid_records_and_renderings_are_computed_again(
     here = again.results / CELLS
     names = [f"two_dts/{name}" for name in ("non_engine", "dedicated", "standard")]
     names += [f"diffsoup/{name}" for name in ("non_engine", "dedicated")]
-    before = {name: cell(again, name) for name in names}
+    before = {name: read_cell(again, name) for name in names}
     invert(here / "two_dts/non_engine/images/test/r_1.png")
     (here / "two_dts/dedicated/images/test/r_2.png").unlink()
     shutil.rmtree(here / "two_dts/standard/images")
@@ -110,15 +110,15 @@ def test_invalid_records_and_renderings_are_computed_again(
         "diffsoup/dedicated": {"quality", "timing"},
     }
     watch = Notes()
-    plan = planned(run_protocol(again, jobs=2, watch=watch))
+    plan = get_plan(run_protocol(again, jobs=2, watch=watch))
     assert {name: set(plan[name]) for name in expected} == expected
     codes = [line.split(": ")[1] for line in watch.lines if "result.json" in line]
     assert codes == ["RECORD_INVALID", "RECORD_INVALID"]
     assert plan["two_dts/exported_mesh"] == "done"
     for name, record in before.items():
-        now = cell(again, name)
+        now = read_cell(again, name)
         assert (now.cell, now.quality, now.setup) == (record.cell, record.quality, record.setup)
-    assert set(planned(run_protocol(again, dry=True)).values()) == {"done", "unsupported"}
+    assert set(get_plan(run_protocol(again, dry=True)).values()) == {"done", "unsupported"}
 
 
 def test_a_report_rejects_a_record_in_the_wrong_folder(again: ProtocolFile) -> None:

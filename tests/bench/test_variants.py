@@ -16,7 +16,7 @@ from msb.report.numbers import MEAN, GapKey, Key, RatioKey
 from msb.report.results import read_results
 from msb.report.tables.gaps import gaps_table, slowdown_table
 from msb.scenes.datasets import read_scene
-from tests.bench.protocols import PEBBLE, STUBS, cell, planned, protocol
+from tests.bench.protocols import PEBBLE, STUBS, get_plan, make_protocol, read_cell
 
 pytestmark = pytest.mark.slow
 
@@ -43,13 +43,13 @@ settings = {{ gamma = 2.0 }}
 @pytest.fixture(scope="module")
 def varied(tmp_path_factory: pytest.TempPathFactory) -> ProtocolFile:
     """A run of two methods with two variants; one method has two models."""
-    file = protocol(tmp_path_factory.mktemp("varied"), keys='non_engine = "reference"', tail=TAIL)
+    file = make_protocol(tmp_path_factory.mktemp("varied"), keys='non_engine = "reference"', tail=TAIL)
     assert run_protocol(file, jobs=2).exit_status == 0
     return file
 
 
 def test_a_variant_is_a_cell_with_its_settings(varied: ProtocolFile) -> None:
-    record = cell(varied, "two_dts/engine")
+    record = read_cell(varied, "two_dts/engine")
     where = record.cell
     assert (where.condition, where.variant, where.renderer) == ("dedicated", "engine", None)
     assert where.condition_key == "dedicated/engine"
@@ -66,15 +66,15 @@ def test_a_variant_is_a_cell_with_its_settings(varied: ProtocolFile) -> None:
 
 
 def test_a_variant_of_a_setting_that_a_method_lacks_is_unsupported(varied: ProtocolFile) -> None:
-    record = cell(varied, "diffsoup/soft")
+    record = read_cell(varied, "diffsoup/soft")
     assert (record.status, record.reason.code) == ("unsupported", "UNSUPPORTED_OPTION")
 
 
 def test_a_changed_variant_is_rendered_again_and_nothing_else(varied: ProtocolFile) -> None:
-    assert set(planned(run_protocol(varied, dry=True)).values()) == {"done", "unsupported"}
+    assert set(get_plan(run_protocol(varied, dry=True)).values()) == {"done", "unsupported"}
     text = varied.text.replace(b"gamma = 2.0", b"gamma = 3.0")
     changed = replace(parse_protocol(text, varied.path), results_instead=varied.results)
-    again = planned(run_protocol(changed, dry=True))
+    again = get_plan(run_protocol(changed, dry=True))
     assert {name: set(why.values()) for name, why in again.items() if isinstance(why, dict)} == {
         "two_dts/soft": {"settings changed"},
         "ours/soft": {"settings changed"},
@@ -84,7 +84,7 @@ def test_a_changed_variant_is_rendered_again_and_nothing_else(varied: ProtocolFi
 
 
 def test_labels_distinguish_two_models_of_one_method(varied: ProtocolFile) -> None:
-    first, second = (cell(varied, f"{name}/dedicated") for name in ("two_dts", "ours"))
+    first, second = (read_cell(varied, f"{name}/dedicated") for name in ("two_dts", "ours"))
     assert second.cell.method == "two_dts"
     assert first.quality.values["psnr"] != second.quality.values["psnr"]
     numbers = collect(read_results(varied.results))

@@ -1,4 +1,4 @@
-"""Walks, trials and films of a protocol: recorded, shown in the report, and computed once."""
+"""Walks, trials and films of a protocol: recorded, film_frames in the report, and computed once."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from msb.bench.run import run_protocol
 from msb.report.build import build_report
 from msb.report.pages import report_files
 from msb.report.results import read_results
-from tests.bench.protocols import changed, planned, protocol
+from tests.bench.protocols import change_tables, get_plan, make_protocol
 
 pytestmark = pytest.mark.slow
 
@@ -24,7 +24,7 @@ TAIL = '[walk]\nframes = 6\nsize = 64\n[[variants]]\nlabel = "engine"\nsampling 
 
 
 def test_a_walk_is_recorded_reported_and_measured_once(tmp_path: Path) -> None:
-    file = protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL)
+    file = make_protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL)
     assert run_protocol(file).exit_status == 0
     paths = Results(file.results).records()
     assert [path.parent.name for path in paths] == ["dedicated", "engine", "standard"]
@@ -35,11 +35,11 @@ def test_a_walk_is_recorded_reported_and_measured_once(tmp_path: Path) -> None:
         assert 0 <= record.holes < 0.02
         assert (path.parent / "walk.mp4").stat().st_size > 1000
     assert {row.planned.status for row in run_protocol(file).rows} == {"done"}
-    longer = protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL.replace("6", "7", 1))
+    longer = make_protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=TAIL.replace("6", "7", 1))
     for row in run_protocol(longer).rows:
         assert row.planned.why == {"walk": "flight changed"}
     chosen = TAIL.replace("6", "8", 1).replace("size", 'conditions = ["engine"]\nsize', 1)
-    rows = run_protocol(protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=chosen), dry=True).rows
+    rows = run_protocol(make_protocol(tmp_path, ("mesh_splatting",), keys=KEYS, tail=chosen), dry=True).rows
     assert [row.planned.cell.variant for row in rows if row.planned.why] == ["engine"]
 
     report = build_report(read_results(file.results))
@@ -55,7 +55,7 @@ MESHES = 'conditions = ["exported_mesh"]'
 
 def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     tail = '[trial]\ntasks = ["self_intersections"]\ncompare = true'
-    file = protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=tail)
+    file = make_protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=tail)
     first = run_protocol(file)
     assert first.exit_status == 0
     (path,) = Results(file.results).records()
@@ -70,7 +70,7 @@ def test_trials_are_recorded_reported_and_run_once(tmp_path: Path) -> None:
     (again,) = run_protocol(file).rows
     assert again.planned.status == "done"
     (changed,) = run_protocol(
-        protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=f"{tail}\nseconds = 50")
+        make_protocol(tmp_path, ("mesh_splatting",), keys=MESHES, tail=f"{tail}\nseconds = 50")
     ).rows
     assert changed.planned.why == {"trial": "limits changed", "repairs": "limits changed"}
     report = build_report(read_results(file.results))
@@ -90,14 +90,14 @@ def frames(path: Path) -> list[NDArray[np.uint8]]:
 @pytest.mark.parametrize("path", ["flight", "test"])
 def test_a_film_shows_conditions_side_by_side(again: ProtocolFile, path: str) -> None:
     options = VideosTable(path=path, frames=8, fps=8)
-    file = changed(again, videos=options)
+    file = change_tables(again, videos=options)
     only = ["two_dts/dedicated", "two_dts/standard"]
-    assert set(planned(run_protocol(file, only=only)).values()) == {"done"}
+    assert set(get_plan(run_protocol(file, only=only)).values()) == {"done"}
     film = file.results / "videos" / "nerf_synthetic" / "pebble" / "two_dts.mp4"
-    shown = frames(film)
-    assert len(shown) == 8
+    film_frames = frames(film)
+    assert len(film_frames) == 8
     columns = 2 if path == "flight" else 3
-    height, width = shown[0].shape[:2]
+    height, width = film_frames[0].shape[:2]
     assert height >= 240
     if path == "test":  # photograph, Dedicated and Standard, with whole repeated pixels
         folder = next((file.results / "ground_truth").rglob("*.png")).parent
@@ -106,11 +106,11 @@ def test_a_film_shows_conditions_side_by_side(again: ProtocolFile, path: str) ->
         times = height // photograph.shape[0]
         enlarged = photograph.repeat(times, axis=0).repeat(times, axis=1)
         lower = height // 3  # below the title
-        seen = shown[0][lower:, : enlarged.shape[1]].astype(float)
+        seen = film_frames[0][lower:, : enlarged.shape[1]].astype(float)
         assert np.abs(seen - enlarged[lower:]).mean() < 4
     part = width // columns
     first, last = (
-        shown[0][:, number * part : (number + 1) * part].astype(float) for number in (-2, -1 % columns)
+        film_frames[0][:, number * part : (number + 1) * part].astype(float) for number in (-2, -1 % columns)
     )
     assert np.abs(first - last).mean() > 0.5, "the conditions differ"
     assert not film.parent.with_suffix(".mp4").exists(), "one method needs no grid"
@@ -120,7 +120,7 @@ def test_a_film_shows_conditions_side_by_side(again: ProtocolFile, path: str) ->
 
 
 def test_a_grid_shows_methods_below_each_other(again: ProtocolFile) -> None:
-    file = changed(again, videos=VideosTable(frames=4, fps=4))
+    file = change_tables(again, videos=VideosTable(frames=4, fps=4))
     only = ["two_dts/dedicated", "two_dts/standard", "diffsoup/dedicated"]
     run_protocol(file, only=only)
     grid = file.results / "videos" / "nerf_synthetic" / "pebble.mp4"

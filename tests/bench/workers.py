@@ -1,4 +1,4 @@
-"""Functions for tests of worker processes, which import them and therefore cannot find them in a test."""
+"""Functions for tests of worker processes, which must be able to import them."""
 
 import os
 import signal
@@ -10,8 +10,11 @@ def double(number: int) -> int:
     return 2 * number
 
 
-def obey(task: str) -> str:
-    """Return, raise or die, as the task says; "once FILE" dies the first time only and creates the file."""
+def execute(task: str) -> str:
+    """Return the task, raise ValueError ("raise TEXT"), or kill this process ("die").
+
+    "once FILE" kills the process only if FILE does not exist, and creates it.
+    """
     kind, _, rest = task.partition(" ")
     if kind == "raise":
         raise ValueError(rest)
@@ -24,6 +27,6 @@ def obey(task: str) -> str:
 
 
 def linger(folder: str) -> None:
-    """Create a file named by the process number, then wait for longer than any test does."""
+    """Create a file named by the process number, then sleep for longer than any test runs."""
     Path(folder, str(os.getpid())).touch()
     time.sleep(600)

@@ -28,7 +28,7 @@ class Disk:
     folder: Path
 
     def resize(self, size: str) -> None:
-        """Change its size, for example to "8m"."""
+        """Change the size of the disk, for example to "8m"."""
         subprocess.run(["mount", "-o", f"remount,size={size}", self.folder], check=True)
 
     def fill(self) -> None:

@@ -15,7 +15,7 @@ import pytest
 
 pytest.importorskip("msb.bench", reason="msb.bench was removed")
 from msb.bench.run import run_protocol
-from tests.bench.protocols import protocol
+from tests.bench.protocols import make_protocol
 from tests.cli.conftest import Here
 from tests.conftest import ROOT
 from tests.robustness.conftest import Bound, Disk
@@ -62,7 +62,7 @@ def test_an_existing_output_is_kept_on_a_full_disk(
 
 
 def test_a_kernel_cache_on_a_full_disk_is_not_used(disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
-    """PoCL's compiler would abort the process."""
+    """With such a cache, PoCL's compiler would abort the process."""
     disk.fill()
     monkeypatch.delenv("POCL_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(disk.folder))
@@ -73,7 +73,7 @@ def test_a_kernel_cache_on_a_full_disk_is_not_used(disk: Disk, monkeypatch: pyte
 
 def test_a_run_continues_after_a_full_disk(disk: Disk) -> None:
     disk.resize("132k")
-    file = protocol(disk.folder, ("two_dts",))
+    file = make_protocol(disk.folder, ("two_dts",))
     full = run_protocol(file)
     assert full.exit_status == 3
     assert {reason.code for row in full.rows for reason in row.reasons.values()} == {"OUTPUT_UNWRITABLE"}

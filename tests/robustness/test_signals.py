@@ -13,10 +13,10 @@ from msb.base.atomic import is_leftover, remove_leftovers
 from tests.conftest import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(os.name == "nt", reason="signals are POSIX")]
-# A background process inherits that interrupts are ignored, and nohup ignores hang-ups, so both get their
-# default handlers. Writing is slowed down and creates a file after the first piece, so that the signal
-# arrives while data is written. An earlier signal would leave a half-open zipfile, and Python would print
-# an error about it.
+# A background process ignores interrupts, and a process under nohup ignores hang-ups. The command therefore
+# restores the default handlers of both signals. Writing is slowed down and creates a file after the first
+# piece, so that the signal arrives while data is written. An earlier signal would leave a half-open zipfile,
+# and Python would print an error about it.
 SLOW = (
     "import pathlib, signal, sys, time\n"
     "begun = pathlib.Path(sys.argv.pop())\n"
@@ -50,7 +50,7 @@ def test_an_interrupted_export_leaves_no_file(tmp_path: Path, number: signal.Sig
             until = time.monotonic() + 300
             while not begun.exists() and process.poll() is None and time.monotonic() < until:
                 time.sleep(0.01)
-            assert begun.exists(), "it never began to write"
+            assert begun.exists(), "the export did not begin to write"
             process.send_signal(number)
             _, err = process.communicate(timeout=300)
         finally:

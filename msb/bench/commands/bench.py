@@ -186,18 +186,18 @@ def _print(record: dict[str, Any], old: dict[str, Any] | None, output: Output) -
     )
     output.line(f"{record['renderer']} on {device['platform']}: {device['name']}")
     rows = []
-    for label, unit, get in _rows(record, output.verbose > 0):
+    for label, unit, get in _list_rows(record, output.verbose > 0):
         value = get(record)
-        cells = [label, _number(value, unit)]
+        cells = [label, _format_number(value, unit)]
         if old:
             before = get(old)
-            cells += [_number(before, unit), f"{value / before:.2f}"] if before else ["-", "-"]
+            cells += [_format_number(before, unit), f"{value / before:.2f}"] if before else ["-", "-"]
         rows.append(cells)
     headers = ("", "Now", "Before", "Now / before") if old else ("", "Now")
     output.table(headers, rows[:3] if output.quiet else rows, right=range(1, len(headers)))
 
 
-def _rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, Any]]:
+def _list_rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, Any]]:
     """Yield label, unit, and a function that reads the value from this record or an older one.
 
     Without `everything`, buffers with less than 1 % of the memory are left out.
@@ -218,7 +218,7 @@ def _rows(record: dict[str, Any], everything: bool) -> Iterator[tuple[str, str, 
         yield "GPU memory of the process", "B", lambda data: data.get("driver_memory_bytes")
 
 
-def _number(value: float, unit: str) -> str:
+def _format_number(value: float, unit: str) -> str:
     """Return a value with its unit: bytes as MiB, and short times in microseconds."""
     if unit == "B":
         return f"{value / 2**20:,.2f} MiB"

@@ -96,7 +96,7 @@ class _Comparison:
         status = 0
         # Message of an error -> the number of pairs with it.
         counts: Counter[str] = Counter()
-        # Missing libraries are one error, not one for each pair.
+        # Missing libraries are reported once, before the first pair.
         read = ["OpenEXR"] if any(".exr" in (p.pred.suffix, p.gt.suffix) for p in pairs) else []
         need_extra("bench", *modules_needed(), *read, what="msb eval")
         for note in self.notes:
@@ -120,7 +120,7 @@ class _Comparison:
         for message, count in counts.items():
             if count > 1:
                 self.output.note(f"{count} of {len(pairs)} images have the same error: {message}")
-        # Uniform images of a scene that is not uniform show nothing, and their metrics would mislead.
+        # If all images are uniform and the ground truth is not, they show nothing, and metrics would mislead.
         is_empty = bool(rows) and all(a for a, _ in self.uniform) and not all(b for _, b in self.uniform)
         if is_empty:
             rows = [{**row, **dict.fromkeys(self.metrics)} for row in rows]
@@ -179,10 +179,10 @@ class _Comparison:
         count = f"{len(rows)} of {len(rows) + len(data['failed'])}" if data["failed"] else str(len(rows))
         plural = "" if len(rows) == 1 and not data["failed"] else "s"
         cells: list[tuple[Cell, ...]] = [
-            (shorten(row["name"], 200), f"{row['width']}x{row['height']}", *self._cells(row))
+            (shorten(row["name"], 200), f"{row['width']}x{row['height']}", *self._format_values(row))
             for row in (() if quiet else rows)
         ]
-        cells.append(((f"average of {count} image{plural}", "bold"), "", *self._cells(data["mean"])))
+        cells.append(((f"average of {count} image{plural}", "bold"), "", *self._format_values(data["mean"])))
         self.output.table(("Image", "Size", *titles), cells, right=range(1, 2 + len(titles)))
         if "reason" in data:
             self.output.note(f"warning: {data['reason']}")
@@ -199,7 +199,7 @@ class _Comparison:
         used = next((metric.weights for metric in identities if metric.name == "lpips_vgg"), None)
         self.output.console().print(f"{reason}{weights_source(used)}", markup=False)
 
-    def _cells(self, row: dict[str, Any]) -> list[str]:
+    def _format_values(self, row: dict[str, Any]) -> list[str]:
         return [
             "--" if row[key] is None else f"{row[key]:.{metric.decimals}f}"
             for key, metric in self.metrics.items()

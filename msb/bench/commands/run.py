@@ -21,7 +21,7 @@ from msb.render.options import Drawing, ImageFolder
 if TYPE_CHECKING:
     from rich.console import Group
 
-    from msb.bench.progress import Left, Stage
+    from msb.bench.progress import RemainingTime, Stage
     from msb.bench.protocol import ProtocolFile
     from msb.bench.records import Reason
     from msb.bench.run import CellOutcome, Report
@@ -160,7 +160,7 @@ def run(
     dry = options.dry_run
     if options.scene is not None and not dry:
         detect_method(path)  # an invalid model raises its error here, before results are changed
-    watch = _Watch(output)
+    watch = _ProgressDisplay(output)
     try:
         report = run_protocol(
             file,
@@ -176,37 +176,37 @@ def run(
             count = "1 cell" if watch.cells == 1 else f"{watch.cells} cells"
             output.note(f"interrupted after {count}; start the same command again to continue")
         raise
-    output.write_json(_document(file, report))
+    output.write_json(_make_document(file, report))
     for name, reason in report.models.items():
         where = "" if reason.message.startswith(name) else f"{name}: "
         say(f"{reason.code}: {where}{reason.message}")
-    for reason, names in _failures(report, dry=dry).items():
+    for reason, names in _group_failures(report, dry=dry).items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
         say(f"{reason.code}: {names[0]}{more}: {reason.message}")
     if output.prints_text:
         _print(file, report, output, dry=dry)
     qualities = [row.result.quality for row in report.rows if row.result is not None and row.result.quality]
     for text in dict.fromkeys(text for quality in qualities for text in quality.missing.values()):
-        output.note(f"warning: {text}; the cells with this failure have no average")
+        output.note(f"warning: {text}; cells with this failure have no average of the metric")
     for missing in report.missing:
         say(f"{missing.code}: {missing.message}")
     return report.exit_status
 
 
-def _failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
-    """Return each reason of a failure -> the cells, or parts of cells, that failed."""
+def _group_failures(report: Report, *, dry: bool) -> dict[Reason, list[str]]:
+    """Return reason of a failure -> the cells, or parts of cells, that failed for it."""
     failures: dict[Reason, list[str]] = {}
     for row in report.rows:
         if dry and row.planned.status == "failed":  # listed among the missing inputs
             continue
         for part, reason in row.reasons.items():
             if not reason.code.startswith("UNSUPPORTED_"):
-                name = _name(row) if part == "cell" else f"{_name(row)}, {part}"
+                name = _format_name(row) if part == "cell" else f"{_format_name(row)}, {part}"
                 failures.setdefault(reason, []).append(name)
     return failures
 
 
-class _Watch:
+class _ProgressDisplay:
     """Shows a progress bar for each stage on a terminal, and with -v a line for each task."""
 
     def __init__(self, output: Output) -> None:
@@ -227,11 +227,11 @@ class _Watch:
         self.output.note(text)
 
 
-def _name(row: CellOutcome) -> str:
+def _format_name(row: CellOutcome) -> str:
     return " ".join(row.planned.cell.names)
 
 
-def _numbers(row: CellOutcome) -> dict[str, float | None]:
+def _get_numbers(row: CellOutcome) -> dict[str, float | None]:
     """Return the image metrics and the frame rate of a cell."""
     from msb.bench.aggregate import METRICS
     from msb.metrics import IMAGE_METRICS
@@ -240,7 +240,7 @@ def _numbers(row: CellOutcome) -> dict[str, float | None]:
     return {name: None if result is None else METRICS[name].get(result) for name in (*IMAGE_METRICS, "fps")}
 
 
-def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
+def _make_document(file: ProtocolFile, report: Report) -> dict[str, Any]:
     """Return the JSON document of a run."""
     rows = [
         {
@@ -250,7 +250,7 @@ def _document(file: ProtocolFile, report: Report) -> dict[str, Any]:
             "status": None if row.result is None else row.result.status,
             "reasons": {part: reason.model_dump() for part, reason in row.reasons.items()},
             "seconds": row.seconds,
-            **_numbers(row),
+            **_get_numbers(row),
         }
         for row in report.rows
     ]
@@ -270,7 +270,7 @@ def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> 
     from msb.metrics import IMAGE_METRICS
 
     headers = [metric.title for metric in IMAGE_METRICS.values()] + ["FPS"]
-    states = [_state(row, dry=dry) for row in report.rows]
+    states = [_describe_state(row, dry=dry) for row in report.rows]
     rows = zip(report.rows, states, strict=True)
     for dataset, group in groupby(rows, lambda pair: pair[0].planned.cell.dataset):
         if output.quiet:
@@ -279,7 +279,7 @@ def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> 
         # The scene is on a separate line, because a column for long names would not fit a terminal.
         for scene, members in groupby(group, lambda pair: pair[0].planned.cell.scene):
             cells.append((scene, *[""] * (len(headers) + 2)))
-            cells += [(*_cells(row), state) for row, state in members]
+            cells += [(*_format_row(row), state) for row, state in members]
         output.line((dataset, "bold"))
         columns = ("Scene, method", "Condition", *headers)
         output.table((*columns, ""), cells, right=range(2, len(columns)), unbroken=range(len(columns)))
@@ -292,26 +292,26 @@ def _print(file: ProtocolFile, report: Report, output: Output, *, dry: bool) -> 
         echo(f"next: msb report {shell_word(file.results)}")
 
 
-def _cells(row: CellOutcome) -> list[str]:
+def _format_row(row: CellOutcome) -> list[str]:
     """Return method, condition and numbers as one line of the table."""
     from msb.metrics import IMAGE_METRICS
 
     decimals = {**{key: metric.decimals for key, metric in IMAGE_METRICS.items()}, "fps": 0}
     numbers = (
-        "--" if value is None else f"{value:.{decimals[key]}f}" for key, value in _numbers(row).items()
+        "--" if value is None else f"{value:.{decimals[key]}f}" for key, value in _get_numbers(row).items()
     )
     _, _, method, condition = row.planned.cell.names
     return [f"  {method}", condition, *numbers]
 
 
-def _state(row: CellOutcome, *, dry: bool) -> str:
+def _describe_state(row: CellOutcome, *, dry: bool) -> str:
     """Return the state of a cell in the table, such as "computed" or, in a dry run, "pending"."""
     planned = row.planned
     if planned.status == "unsupported":
         return "N/A"
     failed = row.reasons.get("cell") or planned.reason
     if failed is not None and not (dry and planned.status == "pending"):
-        return "blocked" if dry else f"failed: {failed.code}"  # the list of missing inputs has the reason
+        return "blocked" if dry else f"failed: {failed.code}"  # the list of missing inputs states the reason
     if planned.status == "done":
         return "unchanged"
     why = dict.fromkeys(planned.why.values())
@@ -334,7 +334,7 @@ def show_stage(stage: Stage, output: Output) -> Iterator[None]:
 
 
 def draw_stage(stage: Stage) -> Group:
-    """Return two lines: the stage with its bar and remaining time, and its first present task."""
+    """Return two lines: the stage with its bar and remaining time, and its first current task."""
     from rich.console import Group
     from rich.progress_bar import ProgressBar
     from rich.table import Table
@@ -344,21 +344,23 @@ def draw_stage(stage: Stage) -> Group:
     for ratio in (None, None, 1, None):
         line.add_column(no_wrap=True, ratio=ratio)
     bar = ProgressBar(total=len(stage.names), completed=stage.done)
-    line.add_row(Text(stage.title), Text(f"{stage.done}/{len(stage.names)}"), bar, Text(_describe(stage)))
-    names = stage.now
+    line.add_row(
+        Text(stage.title), Text(f"{stage.done}/{len(stage.names)}"), bar, Text(_describe_rest(stage))
+    )
+    names = stage.current
     more = f" and {len(names) - 1} more" if len(names) > 1 else ""
     return Group(line, Text(f"  {names[0]}{more}" if names else "", no_wrap=True, overflow="ellipsis"))
 
 
-def _describe(stage: Stage) -> str:
+def _describe_rest(stage: Stage) -> str:
     """Return the estimated remaining time, if any, and the following stages."""
-    left = stage.left()
+    left = stage.estimate_rest()
     parts = [] if left is None else [_format_time(left)]
     parts += [f"then {' and '.join(stage.then)}"] if stage.then else []
     return ", ".join(parts)
 
 
-def _format_time(left: Left) -> str:
+def _format_time(left: RemainingTime) -> str:
     """Return an estimate in seconds, minutes or hours."""
     seconds = round(left.seconds)
     minutes = round(left.seconds / 60)
