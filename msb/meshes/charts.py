@@ -1,13 +1,12 @@
 """Textures by vertex: their coordinates, which most formats and every engine want so, or their colours."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample, srgb_to_linear
-from msb.meshes.colors import with_alpha
+from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample
+from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
 # Levels of mip maps between the size of a face and what its corners see, which was best on a sphere.
@@ -97,7 +96,7 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
     uvs = mesh.vertex_uvs[corners] if mesh.corner_uvs is None else mesh.corner_uvs  # type: ignore[index]
     seen = _seen(mesh, uvs.reshape(-1, 3, 2).astype(np.float64))
     if mesh.vertex_colors is None and mesh.face_colors is not None:
-        seen *= np.repeat(_light(mesh.face_colors), 3, axis=0)
+        seen *= np.repeat(linear_light(with_alpha(mesh.face_colors)), 3, axis=0)
     points = mesh.vertices[mesh.faces].astype(np.float64)
     # Or products may be infinite.
     points /= np.abs(points).max(initial=np.finfo(np.float64).tiny, where=np.isfinite(points))
@@ -110,18 +109,11 @@ def with_sampled_colors(mesh: Mesh) -> Mesh:
         light[used, channel] = np.bincount(corners, weight * seen[:, channel], len(mesh.vertices))[used]
     light[used] /= total[used, None]
     if mesh.vertex_colors is not None:
-        light *= _light(mesh.vertex_colors)
+        light *= linear_light(with_alpha(mesh.vertex_colors))
     light[:, :3] = linear_to_srgb(light[:, :3])
     width = 3 if mesh.sampler.alpha_cutoff is None else 4
     colors = np.rint(light[:, :width] * 255).astype(np.uint8)
     return replace(without_textures(mesh), vertex_colors=colors, face_colors=None)
-
-
-def _light(colors: NDArray[Any]) -> NDArray[np.float32]:
-    """Return colours (N, 3 | 4) in sRGB as linear light and alpha (N, 4)."""
-    own = with_alpha(colors)
-    own = own / np.float32(255) if own.dtype == np.uint8 else own
-    return np.concatenate((srgb_to_linear(own[:, :3]), own[:, 3:]), axis=1)
 
 
 def _seen(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -41,6 +41,18 @@ def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate((colors, alpha), axis=1)
 
 
+def as_floats(colors: NDArray[Any]) -> NDArray[np.float32]:
+    """Return colours (N, 3 | 4), uint8 or float32, as a new float32 array in [0, 1]."""
+    return np.asarray(colors / np.float32(255 if colors.dtype == np.uint8 else 1), np.float32)
+
+
+def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
+    """Return sRGB colours (N, 3 | 4) as linear light; alpha stays as it is."""
+    light = as_floats(colors)
+    light[:, :3] = LINEAR[colors[:, :3]] if colors.dtype == np.uint8 else srgb_to_linear(colors[:, :3])
+    return light
+
+
 def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
     """Return colours (N, 3 | 4) in linear light, uint8 or float32, as sRGB; alpha is what it was.
 
@@ -92,11 +104,9 @@ def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:
     A level is one of the 255 steps of sRGB. Linear bytes are too coarse where it is dark; uint16 is off by a
     fortieth of a level at most. Alpha is linear as it is.
     """
-    scale = 255 if colors.dtype == np.uint8 else 1
-    light = colors / np.float32(scale)
-    light[:, :3] = LINEAR[colors[:, :3]] if scale == 255 else srgb_to_linear(colors[:, :3])
+    light = linear_light(colors)
     as_bytes = np.rint(light * 255)
-    off = linear_to_srgb(as_bytes[:, :3] / np.float32(255)) - colors[:, :3] / np.float32(scale)
+    off = linear_to_srgb(as_bytes[:, :3] / np.float32(255)) - as_floats(colors[:, :3])
     if (np.abs(off) < 0.499 / 255).all():
         return as_bytes.astype(np.uint8)
     return np.rint(light * 65535).astype(np.uint16)

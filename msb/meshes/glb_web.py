@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from msb.asset.texture import linear_to_srgb, srgb_to_linear
 from msb.base.extras import need_extra
 from msb.base.soup import is_unindexed
-from msb.meshes.colors import with_alpha
+from msb.meshes.colors import as_floats, with_alpha
 from msb.meshes.formats import Style, Web
 from msb.meshes.glb_write import INDICES, VERTICES, Part, Parts, add_mesh, finish, root_of, split
 from msb.meshes.mesh import Mesh
@@ -136,7 +136,7 @@ def stored_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
 
     A low byte that is zero, as that of its neighbours, takes no room; it has no more bits than it needs.
     """
-    values = colors / np.float32(255 if colors.dtype == np.uint8 else 1)
+    values = as_floats(colors)
     light = values.astype(np.float64)
     light[:, :3] = srgb_to_linear(values[:, :3])
     if levels is None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
-from msb.meshes.colors import srgb_colors, with_alpha
+from msb.meshes.colors import as_floats, srgb_colors, with_alpha
 from msb.meshes.formats import Format
 from msb.meshes.glb_write import write
 from msb.meshes.gltf import Document, document_of, open_document, placed_meshes
@@ -102,7 +102,7 @@ def _join(document: Document, parts: list[Part]) -> Mesh:
     mesh = Mesh(
         np.concatenate([part.vertices for part in parts]),
         joined_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
-        _join_colors([_colors(part, cutoff, says_srgb(document)) for part in parts], parts),
+        _join_colors([_colors(part, cutoff, _says_srgb(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )
     return _with_textures(mesh, document, parts, cutoff) if is_textured else mesh
@@ -147,7 +147,7 @@ def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: 
         raise document.error(error.code, pointer, error.message) from None
 
 
-def says_srgb(document: Document) -> bool:
+def _says_srgb(document: Document) -> bool:
     """Return whether the file says that its vertex colours are sRGB, as ours do where that was asked for."""
     about = document.root.get("asset")
     extras = about.get("extras") if isinstance(about, dict) else None
@@ -176,8 +176,7 @@ def _colors(part: Part, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | N
     width = colors.shape[1]
     if (factor[:width] == 1).all():
         return colors if is_srgb else srgb_colors(colors, part.most)
-    linear = colors if colors.dtype == np.float32 else colors / np.float32(255)
-    return srgb_colors(linear * factor[:width])
+    return srgb_colors(as_floats(colors) * factor[:width])
 
 
 def _join_colors(colors: list[NDArray[Any] | None], parts: list[Part]) -> NDArray[Any] | None:
@@ -190,8 +189,7 @@ def _join_colors(colors: list[NDArray[Any] | None], parts: list[Part]) -> NDArra
     joined = []
     for part, each in zip(parts, colors, strict=True):
         own = np.full((len(part.vertices), 3), 255, dtype=np.uint8) if each is None else each
-        if not as_bytes and own.dtype == np.uint8:
-            own = (own / 255).astype(np.float32)
+        own = own if as_bytes else as_floats(own)
         joined.append(with_alpha(own) if wide else own)
     return np.concatenate(joined)
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import srgb_to_linear
+from msb.meshes.colors import linear_light
 from msb.meshes.mesh import Mesh
 
 # Axis that is up -> rotation as (axis, sign) of the old frame for the new x, y, z; determinant +1 each.
@@ -41,13 +41,5 @@ def turned(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]:
 
 def with_linear_colors(mesh: Mesh) -> Mesh:
     """Return `mesh` with its sRGB colours converted to linear light, as float32 in [0, 1]."""
-    return replace(mesh, vertex_colors=_linear(mesh.vertex_colors), face_colors=_linear(mesh.face_colors))
-
-
-def _linear(colors: NDArray[Any] | None) -> NDArray[np.float32] | None:
-    """Return linear colours; a fourth column is alpha, which is linear already."""
-    if colors is None:
-        return None
-    values = colors / (255.0 if colors.dtype == np.uint8 else 1.0)
-    values[:, :3] = srgb_to_linear(values[:, :3])
-    return values.astype(np.float32)
+    colors = {"vertex_colors": mesh.vertex_colors, "face_colors": mesh.face_colors}
+    return replace(mesh, **{name: linear_light(own) for name, own in colors.items() if own is not None})

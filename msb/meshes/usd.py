@@ -15,14 +15,14 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import LINEAR, Sampler, srgb_to_linear
+from msb.asset.texture import Sampler
 from msb.asset.writer import stored_member
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import MeshFileError, about, shorten
 from msb.meshes.beside import read_beside
-from msb.meshes.colors import srgb_colors
+from msb.meshes.colors import linear_light, srgb_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.image_files import image_names, images_of
 from msb.meshes.images import MAX_FILE, Decoder
@@ -204,8 +204,7 @@ def _paint(made: Any, mesh: Mesh, images: list[str]) -> None:
         colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
         if colors is None:
             return
-        light = LINEAR[colors[:, :3]] if colors.dtype == np.uint8 else srgb_to_linear(colors[:, :3])
-        light = np.ascontiguousarray(light, np.float32)
+        light = np.ascontiguousarray(linear_light(colors)[:, :3])
         of = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
         _set(made.CreateDisplayColorPrimvar(of), light, Vt.Vec3fArray)
         surface = _unlit(stage, "/asset/materials/colors")

@@ -126,26 +126,19 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         if first is None and not any(step.changed for step in done.steps):
             made = asset
         else:
-            kept = {f.name: getattr(manifest, f.name) for f in fields(Description)}
-            made = build_asset(done.buffers, done.domains, Description(**kept))
+            described = {f.name: getattr(manifest, f.name) for f in fields(Description)}
+            made = build_asset(done.buffers, done.domains, Description(**described))
             kept_manifest = replace(made.manifest, extra=manifest.extra)
             made = replace(
                 made, manifest=kept_manifest, warnings=asset.warnings, opened_from=asset.opened_from
             )
     path = None if made.path is None else str(made.path)
-    before, after = (replace(one, path=path, method=manifest.method) for one in (done.before, done.after))
-    return Repaired(
-        made.buffers,
-        done.domains,
-        done.vertex_map,
-        done.face_map,
-        done.turned,
-        done.steps,
-        before,
-        after,
-        made,
-        plan,
-    )
+    kept = {f.name: getattr(done, f.name) for f in fields(done)}
+    audits = {
+        name: replace(audit, path=path, method=manifest.method)
+        for name, audit in (("before", done.before), ("after", done.after))
+    }
+    return Repaired(**kept | audits | {"buffers": made.buffers}, asset=made, plan=plan)
 
 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:

@@ -142,16 +142,7 @@ class _Repair:
 
         made, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
         with self.rows_kept(done, maps):
-            written = None
-            if made is not None:
-                written = self.write(made, left_out)
-            else:
-                self.save(done)
-        after = (
-            done.after
-            if written is None
-            else replace(written, path=done.after.path, method=done.after.method)
-        )
+            after = self.write(made, done.after, left_out)
         splits = done.after.counts.all_apart != after.judged.counts.all_apart
         left = what_is_left(after, why_split(self.suffix) if splits else None)
         self.output.write_json(self.document(done, after, left))
@@ -178,8 +169,8 @@ class _Repair:
                     stack.close()
             yield
 
-    def repair_asset(self) -> tuple[Mesh | None, Repaired, Sequence[str]]:
-        """Repair what an asset holds; return its standard-tier mesh and what that lacks, if OUT is a mesh."""
+    def repair_asset(self) -> tuple[Asset | Mesh, Repaired, Sequence[str]]:
+        """Repair an asset; if OUT is a mesh file, return its standard-tier mesh and what that lacks."""
         from msb.api.command_files import open_asset
         from msb.meshes.assets import mesh_from_asset
         from msb.meshes.losses import beyond_a_mesh, what_is_up
@@ -191,7 +182,7 @@ class _Repair:
             done = repair_asset(asset, self.plan, weights)
         _note_turned(asset, done, self.output)
         if self.to_asset:
-            return None, done, ()
+            return done.asset, done, ()
         made = mesh_from_asset(done.asset)
         known = asset.manifest.coordinate_frame.known_up is not None
         for text in what_is_up(made, self.suffix, known=known):
@@ -216,28 +207,25 @@ class _Repair:
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             return *repair_mesh(mesh, self.plan), mesh.left_out
 
-    def save(self, done: Repaired | Outcome) -> None:
-        """Write the repaired asset."""
-        from msb.delivery.saving import save
-        from msb.repair import Repaired
-
-        assert isinstance(done, Repaired)
-        with self.output.progress(f"writing {self.target.name}"):
-            save(done.asset, self.target, overwrite=self.output.force)
-
-    def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
-        """Write a mesh file, and return the audit of what it holds."""
+    def write(self, made: Asset | Mesh, after: Audit, left_out: Sequence[str]) -> Audit:
+        """Write what was repaired, whose audit is `after`; return the audit of the file."""
         from msb.api.command_files import write_mesh_files
+        from msb.asset import Asset
+        from msb.delivery.saving import save
         from msb.meshes.assets import as_held
         from msb.meshes.losses import losses
         from msb.topology import audit_arrays
 
         with self.output.progress(f"writing {self.target.name}"), about(self.source):
+            if isinstance(made, Asset):
+                save(made, self.target, overwrite=self.output.force)
+                return after
             held = as_held(made, self.suffix)
             write_mesh_files(held, self.target, self.output)
         for text in losses(made, held, self.suffix, left_out):
             self.output.note(f"{self.target}: {text}")
-        return audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0]
+        audit, _ = audit_arrays(held.vertices, held.faces, attributes=held.attributes)
+        return replace(audit, path=after.path, method=after.method)
 
     def document(self, done: Repaired | Outcome, written: Audit, left: list[str]) -> dict[str, Any]:
         """Return the JSON data of the repair."""

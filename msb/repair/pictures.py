@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset, build_asset
 from msb.asset.look import drawn_colors
+from msb.meshes.colors import as_floats
 from msb.render import Renderer
 from msb.render.images import write_image
 from msb.repair.assets import Repaired
@@ -25,14 +26,9 @@ def keep_picture(
     folder: Path, name: str, original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> str:
     """Write the picture of a repair that is called `name` into `folder`, and return the file's name."""
-    file = picture_name(name)
+    file = f"{re.sub('[^a-z]+', '-', name)}.png"
     write_image(folder / file, picture(original, done, camera, device), "png")
     return file
-
-
-def picture_name(name: str) -> str:
-    """Return the file of the picture of a repair that is called `name`."""
-    return f"{re.sub('[^a-z]+', '-', name)}.png"
 
 
 def picture(
@@ -70,8 +66,7 @@ def _colored(original: Asset, done: Repaired) -> Asset:
 def _grey(asset: Asset) -> NDArray[np.float32]:
     """Return the brightness (F,) of each face's static colour, squeezed into the lighter half."""
     colors = drawn_colors(asset)
-    values = colors.values[:, :3] / (255 if colors.values.dtype == np.uint8 else 1)
-    light = values.mean(axis=1)
+    light = as_floats(colors.values[:, :3]).mean(axis=1)
     if colors.domain == "vertex":
         light = light[asset.buffers["indices"]].mean(axis=1)
     elif colors.domain == "corner":

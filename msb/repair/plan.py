@@ -11,16 +11,15 @@ from msb.base.limits import Limits
 from msb.errors import UsageError, shorten
 from msb.topology.weld import Weld, parse_weld
 
-# Step -> what it does, in the order of docs/repair.md.
-STEPS: dict[str, str] = {
-    "orient": "turn faces so that the winding is consistent",
-    "pair": "at edges of more than two faces join the flattest pairs, and cut the rest",
-    "cut": "cut edges of more than two faces, and vertices where surfaces only touch",
-    "drop": "remove few faces until no edge has more than two",
-    "weld": "merge vertices in one place",
-    "debris": "remove small components",
-    "close": "close small holes",
-}
+# The steps, in the order of docs/repair.md.
+# orient: turn faces so that the winding is consistent.
+# pair: at edges of more than two faces, join the flattest pairs and cut the rest.
+# cut: cut edges of more than two faces, and vertices where surfaces only touch.
+# drop: remove few faces until no edge has more than two.
+# weld: merge coincident vertices.
+# debris: remove small components.
+# close: close small holes.
+STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close")
 # The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]

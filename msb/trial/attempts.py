@@ -27,10 +27,9 @@ def run_attempt(
     task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
 ) -> Attempted:
     """Return what became of an attempt at a task; `arrays` are those that `Task.prepare` made."""
-    unit = None if attempt.any_unit else Unit.of(mesh)
-    given = mesh if unit is None else unit.enter(mesh)
-    further = arrays if unit is None else unit.enter_points(arrays)
-    reply = run_apart(work, f"{task.name} {attempt.library}", _joined({"mesh": given}, further), limits)
+    unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
+    given = _joined({"mesh": unit.enter(mesh)}, unit.enter_points(arrays))
+    reply = run_apart(work, f"{task.name} {attempt.library}", given, limits)
     if reply.ended_by == "time":
         return Attempted(None, f"{reply.why} (--seconds gives more)", "time", reply.seconds)
     known = None if reply.seconds is None else version(attempt.library)
@@ -40,9 +39,7 @@ def run_attempt(
         made = Made(reply.data, *_parted(reply.arrays))
     except ValueError as error:
         return Attempted(None, str(error), "crash")
-    return Attempted(
-        made if unit is None else unit.leave(made, task.powers), seconds=reply.seconds, version=known
-    )
+    return Attempted(unit.leave(made, task.powers), seconds=reply.seconds, version=known)
 
 
 def work(word: str, arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, dict[str, NDArray[Any]]]:

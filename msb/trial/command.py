@@ -169,19 +169,16 @@ class _Run:
 
     def say(self, result: Trials, name: str, *, kept: bool) -> None:
         """Print what came of it, and note what it was judged by."""
+        from msb.trial.run import summary
+
         seen_by = result.cameras
         if "no_pictures" in seen_by:
             self.output.note(f"{seen_by['no_pictures']}; so nothing is judged by how it looks")
         elif "see_nothing" in seen_by:
             text = f"{seen_by['see_nothing']} of the views see none of the mesh, and do not count"
             self.output.note(text)
-        if self.output.prints_text:
-            self.show(result, name, kept=kept)
-
-    def show(self, result: Trials, name: str, *, kept: bool) -> None:
-        """Print the table, or with --quiet what it comes to."""
-        from msb.trial.run import summary
-
+        if not self.output.prints_text:
+            return
         if self.output.quiet:
             echo(f"{name}: {summary(result.trials)}")
             return

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +17,10 @@ from msb.metrics.registry import mean_of
 from msb.render import Renderer
 from msb.render.images import to_bytes
 from msb.scenes import Camera
+from msb.trial.mesh import TriedMesh
 
 if TYPE_CHECKING:
     from msb.render import Frame
-    from msb.trial.mesh import TriedMesh
     from msb.views import Views
 
 # Colour behind the mesh, before which neither dark nor bright surfaces disappear.
@@ -150,6 +149,14 @@ def facing(size: int = PICTURE_WIDTH) -> Camera:
     )
 
 
+def random_colors(labels: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Return a bright colour (n, 3) for each label, the same every time; labels below 0 are black."""
+    labels = np.maximum(labels, -1)
+    palette = np.random.default_rng(7).uniform(0.25, 1.0, (int(labels.max(initial=0)) + 2, 3))
+    palette[-1] = 0.0
+    return palette[labels].astype(np.float32)
+
+
 def _shaded(mesh: TriedMesh, camera: Camera) -> TriedMesh:
     """Return the mesh with faces of their own, darker the more they are turned away: to show their shape."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
@@ -159,14 +166,10 @@ def _shaded(mesh: TriedMesh, camera: Camera) -> TriedMesh:
     facing = np.abs((normals * towards).sum(axis=1)) / np.maximum(sizes, np.finfo(np.float64).tiny)
     light = np.repeat(_DARKEST + (1 - _DARKEST) * facing, 3)[:, None]
     colors = mesh.colors[mesh.faces.reshape(-1)] * light
-    apart = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    return replace(mesh, vertices=corners.reshape(-1, 3).astype(np.float32), faces=apart,
-                   colors=colors.astype(np.float32), uv=None)  # fmt: skip
+    return mesh.unshared(colors.astype(np.float32))
 
 
 def _speck(mesh: TriedMesh) -> TriedMesh:
     """Return a mesh of one face without area, which draws nothing: an asset must have a face."""
-    from msb.trial.mesh import TriedMesh
-
     point = mesh.vertices[:1] if len(mesh.vertices) else np.zeros((1, 3), np.float32)
     return TriedMesh(point, np.zeros((1, 3), np.int64), np.ones((1, 3), np.float32))

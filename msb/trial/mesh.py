@@ -17,6 +17,7 @@ from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
+from msb.meshes.colors import as_floats
 from msb.topology import audit_arrays
 from msb.topology.seams import find_seams
 from msb.topology.verdict import Verdict, judge
@@ -57,6 +58,12 @@ class TriedMesh:
     def to_mesh(self) -> Mesh:
         """Return it as what mesh files hold."""
         return Mesh(self.vertices, self.faces, self.colors, vertex_uvs=self.uv)
+
+    def unshared(self, colors: NDArray[np.float32]) -> TriedMesh:
+        """Return the faces with three vertices each and `colors` (3F, 3) at these."""
+        corners = self.faces.reshape(-1)
+        faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+        return TriedMesh(self.vertices[corners], faces, colors)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return its arrays by their names."""
@@ -122,9 +129,7 @@ def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32
     stored = colors_of(asset)
     if stored is None:
         return np.ones((asset.manifest.vertex_count, 3), np.float32)
-    values = stored.values[:, :3]
-    scale = np.float32(255 if values.dtype == np.uint8 else 1)
-    values = (values / scale).astype(np.float32)
+    values = as_floats(stored.values[:, :3])
     if stored.domain == "vertex":
         return values
     corners = np.repeat(values, 3, axis=0) if stored.domain == "face" else values

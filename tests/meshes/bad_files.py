@@ -39,25 +39,19 @@ def changed(change: Callable[[dict[str, Any]], object]) -> bytes:
     return made.bytes()
 
 
-def with_accessor(number: int, **more: Any) -> bytes:
-    return changed(lambda root: root["accessors"][number].update(more))
-
-
-def with_view(number: int, **more: Any) -> bytes:
-    return changed(lambda root: root["bufferViews"][number].update(more))
-
-
-def with_node(**more: Any) -> bytes:
-    return changed(lambda root: root["nodes"][0].update(more))
+def with_first(table: str, **more: Any) -> bytes:
+    """Return the square with a change to the first accessor, view or node."""
+    return changed(lambda root: root[table][0].update(more))
 
 
 def with_primitive(**more: Any) -> bytes:
     return changed(lambda root: root["meshes"][0]["primitives"][0].update(more))
 
 
-def sparse(replaced: list[int], **more: Any) -> bytes:
-    """Return the square with a sparse accessor."""
+def sparse(replaced: list[int], base: dict[str, Any] | None = None, **more: Any) -> bytes:
+    """Return the square with a sparse accessor, on its positions or on those of `base`."""
     made = glb_square()
+    made.root["accessors"][0] = base or made.root["accessors"][0]
     places = {"bufferView": made.view(np.array(replaced, "<u2").tobytes()), "componentType": 5123}
     values = {"bufferView": made.view(ply_floats([[7, 7, 7]] * len(replaced)))}
     made.root["accessors"][0]["sparse"] = {
@@ -66,16 +60,6 @@ def sparse(replaced: list[int], **more: Any) -> bytes:
         "values": values,
         **more,
     }
-    return made.bytes()
-
-
-def huge_sparse() -> bytes:
-    """Return the square with a sparse accessor that has no values but one, and a huge count."""
-    made = glb_square()
-    places = {"bufferView": made.view(b"\0\0"), "componentType": 5123}
-    values = {"bufferView": made.view(ply_floats([[7, 7, 7]]))}
-    entry = {"componentType": 5126, "type": "VEC3", "count": 10**12}
-    made.root["accessors"][0] = {**entry, "sparse": {"count": 1, "indices": places, "values": values}}
     return made.bytes()
 
 
@@ -135,18 +119,21 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
         "INVALID",
     ),
     "no buffer": (changed(lambda root: root.pop("buffers")), "INVALID"),
-    "huge count": (with_accessor(0, count=10**12), "TRUNCATED"),
-    "position type": (with_accessor(0, type="VEC2"), "INVALID"),
-    "stride": (with_view(0, byteStride=4), "INVALID"),
+    "huge count": (with_first("accessors", count=10**12), "TRUNCATED"),
+    "position type": (with_first("accessors", type="VEC2"), "INVALID"),
+    "stride": (with_first("bufferViews", byteStride=4), "INVALID"),
     "sparse index": (sparse([1, 4]), "INVALID"),
-    "sparse, huge base": (huge_sparse(), "TOO_LARGE"),
+    "sparse, huge base": (
+        sparse([0], {"componentType": 5126, "type": "VEC3", "count": 10**12}),
+        "TOO_LARGE",
+    ),
     "sparse values": (sparse([1, 2], values={"bufferView": 2}), "TRUNCATED"),
     "no accessor": (with_primitive(indices=9), "INVALID"),
     "no position": (with_primitive(attributes={}), "INVALID"),
     "mode": (with_primitive(mode=7), "INVALID"),
     "four corners": (glb_square(indices=[0, 1, 2, 3]).bytes(), "INVALID"),
     "color count": (colors(3), "INVALID"),
-    "own child": (with_node(children=[0]), "INVALID"),
+    "own child": (with_first("nodes", children=[0]), "INVALID"),
     "cycle without scene": (
         changed(
             lambda root: (root.pop("scenes"), root["nodes"].extend([{"children": [2]}, {"children": [1]}]))

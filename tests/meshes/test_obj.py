@@ -34,19 +34,6 @@ def test_ways_to_write_the_square(read: Read, faces: bytes) -> None:
     assert mesh.faces.tolist() == SQUARE_FACES
 
 
-def test_an_index_beyond_the_vertices_is_kept(read: Read) -> None:
-    assert read(OBJ_SQUARE + b"f 1 2 9\nf 1 2 1000000000000\n", ".obj").faces.tolist() == [
-        [0, 1, 8],
-        [0, 1, 999999999999],
-    ]
-
-
-def test_all_digits_and_special_numbers(read: Read) -> None:
-    mesh = read(b"v 0.123456789012345 -1.e-5 +.5E+2\nv nan inf -INF 1\nv 1e999 0 0\n", ".obj")
-    expected = [[0.123456789012345, -1e-5, 50], [np.nan, np.inf, -np.inf], [np.inf, 0, 0]]
-    np.testing.assert_array_equal(mesh.vertices, expected)
-
-
 @pytest.mark.parametrize(
     ("tail", "expected"),
     [

@@ -97,23 +97,5 @@ def test_face_colors(read: Read, faces: bytes, expected: np.ndarray | None) -> N
     assert_colors(mesh.face_colors, expected)
 
 
-def test_mixed_polygons_in_their_order(read: Read) -> None:
-    faces = b"4 3 2 1 0\n2 0 1\n3 0 1 2\n1 0\n0\n5 0 1 2 3 0\n"
-    mesh = read(off(b"OFF\n4 6 0", OFF_SQUARE, faces), ".off")
-    assert mesh.faces.tolist() == [[3, 2, 1], [3, 1, 0], [0, 1, 2], [0, 1, 2], [0, 2, 3], [0, 3, 0]]
-
-
-@pytest.mark.parametrize("face", [[0, 1, 9], [0, -1, 2], [10**15, 0, -(10**15)]])
-def test_indices_outside_the_mesh_are_kept(read: Read, face: list[int]) -> None:
-    row = " ".join(map(str, [3, *face])).encode("ascii")
-    assert read(off(b"OFF\n4 1 0", OFF_SQUARE, row), ".off").faces.tolist() == [face]
-
-
-def test_all_digits_and_special_numbers(read: Read) -> None:
-    mesh = read(off(b"OFF\n2 0 0", b"0.123456789012345 1e-300 -0.0\nnan inf -inf\n"), ".off")
-    expected = [[0.123456789012345, 1e-300, 0], [np.nan, np.inf, -np.inf]]
-    np.testing.assert_array_equal(mesh.vertices, expected)
-
-
 def test_nothing_is_fine(read: Read) -> None:
     assert read(b"OFF 0 0 0", ".off").faces.shape == (0, 3)

@@ -48,13 +48,6 @@ def test_double_stays_double(read: Read) -> None:
     assert mesh.faces.shape == (0, 3)
 
 
-def test_text_keeps_all_digits_even_of_properties_called_float(read: Read) -> None:
-    mesh = read(ply_text(b"0.123456789012345 -1e-300 nan\ninf 0 -inf\n1 1 1\n0 0 0\n", faces=0), ".ply")
-    assert mesh.vertices.dtype == np.float64
-    expected = [[0.123456789012345, -1e-300, np.nan], [np.inf, 0, -np.inf], [1, 1, 1], [0, 0, 0]]
-    np.testing.assert_array_equal(mesh.vertices, expected)
-
-
 @pytest.mark.parametrize("line_end", [b"\n", b"\r\n", b"\r"])
 def test_line_ends(read: Read, line_end: bytes) -> None:
     content = ply_text(OFF_SQUARE + b"3 0 1 2\n3 0 2 3\n").replace(b"\n", line_end)
@@ -89,23 +82,9 @@ def test_every_integer_type_of_lists(read: Read, count: str, index: str) -> None
     assert read(ply(LITTLE, lines, ply_floats(SQUARE) + rows), ".ply").faces.tolist() == SQUARE_FACES
 
 
-MIXED = [[0, 1, 2], [3, 2, 1, 0], [0, 1], [], [0, 1, 2, 3, 0], [2]]
-MIXED_FACES = [[0, 1, 2], [3, 2, 1], [3, 1, 0], [0, 1, 2], [0, 2, 3], [0, 3, 0]]
-"""The polygons cut into fans around their first corner; those with fewer than three corners are ignored."""
-
-
-def test_polygons_of_mixed_size(read: Read) -> None:
-    rows = "\n".join(" ".join(map(str, [len(face), *face])) for face in MIXED).encode("ascii")
-    text = ply_text(OFF_SQUARE + rows, faces=len(MIXED))
-    for content in (ply_square(MIXED, "<"), ply_square(MIXED, ">"), text):
-        assert read(content, ".ply").faces.tolist() == MIXED_FACES
-
-
 @pytest.mark.parametrize("face", [[0, 1, 9], [0, -1, 2], [2**31 - 1, -(2**31), 0]])
 def test_indices_outside_the_mesh_are_kept(read: Read, face: list[int]) -> None:
     assert read(ply_square([face, [0, 1, 2]]), ".ply").faces.tolist() == [face, [0, 1, 2]]
-    text = OFF_SQUARE + " ".join(map(str, [3, *face])).encode("ascii")
-    assert read(ply_text(text, faces=1), ".ply").faces.tolist() == [face]
 
 
 ODD_HEADER = [

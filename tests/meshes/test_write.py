@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import msb
 from msb.errors import InputError, MeshError, MeshFileError, OutputError
@@ -65,29 +64,6 @@ def test_glb_says_unlit_two_sided_and_bounds() -> None:
     assert (color["componentType"], color["type"], color["normalized"]) == (5123, "VEC4", True)
     assert all(view["byteOffset"] % 4 == 0 for view in root["bufferViews"])
     assert len(content) % 4 == 0
-
-
-@pytest.mark.parametrize("colors", ["none", "uint8 rgba", "float32 rgb", "float32 rgba"])
-def test_pygltflib_reads_our_glb(colors: str, tmp_path: Path) -> None:
-    pygltflib = pytest.importorskip("pygltflib")
-    mesh = make(np.float32, colors)
-    write_mesh(mesh, tmp_path / "mesh.glb", suffix=".glb", style=Style("srgb"))
-    loaded = pygltflib.GLTF2().load(tmp_path / "mesh.glb")
-    blob = loaded.binary_blob()
-
-    def array(number: int) -> NDArray[np.generic]:
-        accessor = loaded.accessors[number]
-        view = loaded.bufferViews[accessor.bufferView]
-        dtype = {5121: "u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}[accessor.componentType]
-        return np.frombuffer(
-            blob, dtype, offset=view.byteOffset, count=view.byteLength // np.dtype(dtype).itemsize
-        )
-
-    primitive = loaded.meshes[0].primitives[0]
-    assert array(primitive.attributes.POSITION).reshape(-1, 3).tolist() == mesh.vertices.tolist()
-    assert array(primitive.indices).reshape(-1, 3).tolist() == mesh.faces.tolist()
-    if mesh.vertex_colors is not None:
-        assert np.array_equal(array(primitive.attributes.COLOR_0), mesh.vertex_colors.ravel())
 
 
 @pytest.mark.oracle

@@ -137,13 +137,6 @@ def test_limits_must_be_positive(given: tuple[Any, ...]) -> None:
     assert caught.value.code == "USAGE"
 
 
-def test_cameras_must_be_cameras(demo_asset: Path) -> None:
-    cameras: Any = 3
-    with pytest.raises(msb.MsbError) as caught:
-        msb.trial(msb.open(demo_asset), ["uv"], cameras=cameras)
-    assert caught.value.code == "USAGE"
-
-
 UV = {"charts": 1, "charts_per_1000_faces": 1.0, "packing": 0.5, "faces_left_out": 0, "stretch_l2": 1.0}
 
 

@@ -58,8 +58,7 @@ def _picture(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[A
     colors = np.full((len(mesh.faces), 3), _PLAIN, np.float32)
     colors[marks["sliver"]] = _SLIVER
     colors[marks["crossing"]] = _CROSSING
-    apart = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    return look.picture(TriedMesh(mesh.vertices[mesh.faces.reshape(-1)], apart, np.repeat(colors, 3, axis=0)))
+    return look.picture(mesh.unshared(np.repeat(colors, 3, axis=0)))
 
 
 def slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:

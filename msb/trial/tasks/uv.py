@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.trial.geometry import corner_vectors, random_colors
-from msb.trial.look import Look
+from msb.trial.look import Look, facing, random_colors
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Numbers, Outcome, Task, counted, graded, judged
 
@@ -55,8 +54,9 @@ def l2_stretch(vertices: NDArray[Any], faces: NDArray[np.int64], uv: NDArray[Any
     surface, of the singular values of the map from the texture to the surface; here times the scale at which
     both have one area. Faces whose area is 0 on either side are left out.
     """
-    one, two = corner_vectors(vertices, faces)
-    a, b = corner_vectors(uv, faces)
+    corners, mapped = (values[faces].astype(np.float64) for values in (vertices, uv))
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    a, b = mapped[:, 1] - mapped[:, 0], mapped[:, 2] - mapped[:, 0]
     signed = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
     surface = np.linalg.norm(np.cross(one, two), axis=1)
     kept = (np.abs(signed) > 0) & (surface > 0)
@@ -97,8 +97,6 @@ def _says(numbers: Numbers) -> str:
 
 def _picture(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
     """Draw the texture's plane, a colour to each chart."""
-    from msb.trial.look import facing
-
     unwrapped, chart = made["xatlas"].meshes["uv"], made["xatlas"].arrays["chart"]
     assert unwrapped.uv is not None
     flat = np.concatenate([unwrapped.uv, np.zeros((len(unwrapped.uv), 1), np.float32)], axis=1)
