@@ -191,7 +191,7 @@ class _Repair:
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
         """Return how many pixels each face covers."""
-        from msb.repair.seen import seen_pixels
+        from msb.repair.coverage import seen_pixels
 
         cameras = self.views.read(self.output.note)
         with self.output.counted("looking at faces", len(cameras)) as step:

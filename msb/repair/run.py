@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
 from msb.errors import AssetError, MeshError, UsageError
-from msb.repair.carry import carry
+from msb.repair.buffers import carry
 from msb.repair.plan import BY_PEER
 from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays

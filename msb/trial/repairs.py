@@ -20,7 +20,7 @@ from msb.render.images import to_bytes
 from msb.repair.assets import repair_asset
 from msb.repair.pictures import keep_picture
 from msb.topology.halfedge import NONE
-from msb.trial.look import BACKGROUND, likeness
+from msb.trial.renderings import BACKGROUND, likeness
 from msb.trial.run import try_asset
 from msb.views import choose_views
 
@@ -63,7 +63,7 @@ TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 class Look:
     """How a repaired asset looks on one tier, beside the original.
 
-    `psnr` is the mean over the views in dB, as trials are judged (`msb.trial.look`), None where every pixel
+    `psnr` is the mean over the views in dB, as trials are judged (`msb.trial.renderings`), None where every pixel
     is the `same` or nothing is drawn; `why` then says why there is no picture.
     """
 

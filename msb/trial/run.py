@@ -22,7 +22,7 @@ from msb.repair.plan import Options, parse_plan
 from msb.scenes import Camera
 from msb.topology.weld import Weld, parse_weld
 from msb.trial.attempts import run_attempt
-from msb.trial.look import Look
+from msb.trial.renderings import Look
 from msb.trial.mesh import TriedMesh, mesh_to_try
 from msb.trial.registry import able, chosen_tasks, missing_modules
 from msb.trial.task import Attempt, Attempted, Judgement, Made, Numbers, Outcome, Task, file_outcome

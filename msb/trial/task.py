@@ -7,7 +7,7 @@ from typing import Any, Literal
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.trial.look import Look
+from msb.trial.renderings import Look
 from msb.trial.mesh import TriedMesh
 
 Outcome = Literal["works", "care", "fails", "not_run"]

@@ -116,7 +116,7 @@ def check_refusals(form: Format) -> None:
     for index in (-1, 9):
         mesh = make(np.float32)
         mesh.faces[1, 2] = index
-        _check_refused(form, mesh, MeshError, f"MESH_INDEX_OUT_OF_RANGE: face 1 is [3, 2, {index}]; ")
+        _check_refused(form, mesh, MeshError, f"MESH_INDEX_OUT_OF_RANGE: face 1 is [3, 2, {index}]")
 
 
 def _check_refused(form: Format, mesh: Mesh, kind: type[Exception], begins: str) -> None:

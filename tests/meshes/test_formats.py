@@ -81,7 +81,7 @@ def test_an_added_format_is_known_by_its_content(tri: Format, tmp_path: Path) ->
     with pytest.raises(MeshFileError, match=r"MESH_FILE_INVALID: .*TRI"):
         read_mesh(tmp_path / "a.ply")
     (tmp_path / "a.xyz").touch()
-    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.tri "):
+    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.tri"):
         read_mesh(tmp_path / "a.xyz")
 
 

@@ -169,7 +169,7 @@ def test_cut_offs_are_made_one_and_alpha_counts_nowhere_else(read: Read) -> None
     opaque = read(two_parts({}, {"alphaMode": "BLEND"}).bytes(), ".glb")
     assert opaque.sampler.alpha_cutoff is None
     assert opaque.textures[0].shape[2] == 3
-    assert opaque.left_out == ("blending by alpha",)
+    assert opaque.left_out == ("alpha blending",)
 
 
 def test_what_is_not_read_is_named(read: Read) -> None:
@@ -253,7 +253,7 @@ def test_a_file_that_several_buffers_name_is_read_once(
 ) -> None:
     opened: list[Path] = []
     monkeypatch.setattr(
-        "msb.meshes.beside.read_file", lambda path, most: (opened.append(path), read_file(path, most))[1]
+        "msb.meshes.linked_files.read_file", lambda path, most: (opened.append(path), read_file(path, most))[1]
     )
     made = glb_textured()
     whole = made.root["buffers"][0]["byteLength"]

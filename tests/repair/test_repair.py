@@ -15,7 +15,7 @@ from msb.meshes import Mesh
 from msb.meshes.assets import as_held, asset_from_mesh
 from msb.repair import Repaired
 from msb.repair.assets import repair_asset, repair_mesh
-from msb.repair.carry import carry, turned_lattice
+from msb.repair.buffers import carry, turned_lattice
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
 from msb.topology import audit_arrays

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays
 from msb.topology.faces import face_areas, signed_volume
 from msb.topology.hulls import HULL_CORNERS, hull_directions
-from msb.trial.look import Look, random_colors
+from msb.trial.renderings import Look, random_colors
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Numbers, Task, counted, graded, judged, worst
 from msb.trial.tasks.decimate import beside, by_pymeshlab

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
-from msb.trial.look import Look
+from msb.trial.renderings import Look
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Numbers, Outcome, Task, file_outcome, worst
 

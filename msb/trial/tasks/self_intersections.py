@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.verdict import percent
-from msb.trial.look import Look
+from msb.trial.renderings import Look
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Numbers, Task, counted, graded, judged
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.topology.faces import signed_volume
-from msb.trial.look import Look
+from msb.trial.renderings import Look
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Numbers, Task
 

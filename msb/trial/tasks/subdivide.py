@@ -18,7 +18,7 @@ from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of
 from msb.topology.steps import turn_faces
 from msb.topology.steps.cut import split_vertices
 from msb.topology.weld import merged_vertices
-from msb.trial.look import Look
+from msb.trial.renderings import Look
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Numbers, Task, graded, judged
 from msb.trial.tasks.decimate import beside

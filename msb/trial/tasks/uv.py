@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.trial.look import Look, facing, random_colors
+from msb.trial.renderings import Look, facing, random_colors
 from msb.trial.mesh import TriedMesh
 from msb.trial.task import Attempt, Judgement, Made, Numbers, Outcome, Task, counted, graded, judged
 
