@@ -20,7 +20,7 @@ _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
 # Keys of material properties that are not read -> their names.
-_OTHER_PROPERTIES = {
+_OTHERS = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
     "emissiveTexture": "emission",
@@ -150,9 +150,7 @@ def other_properties(document: Document, primitives: Iterable[dict[str, Any]]) -
             continue
         surface = material.get("pbrMetallicRoughness")
         for owner in (material, surface if isinstance(surface, dict) else {}):
-            yield from (
-                title for key, title in _OTHER_PROPERTIES.items() if owner.get(key) not in (None, [0, 0, 0])
-            )
+            yield from (title for key, title in _OTHERS.items() if owner.get(key) not in (None, [0, 0, 0]))
         if material.get("alphaMode") == "BLEND":
             yield "alpha blending"
         extensions = material.get("extensions")

@@ -51,9 +51,7 @@ def read(source: Source) -> Mesh:
     room = len(text.data) - header.body + 1
     if header.vertices * len("0 0 0\n") + header.faces * len("0\n") > room:
         declared = f"{header.vertices} vertices and {header.faces} faces"
-        raise source.error(
-            "MESH_FILE_TRUNCATED", f"the header declares {declared}, too many for the file size"
-        )
+        raise source.error("MESH_FILE_TRUNCATED", f"the file is too short for {declared}")
     table = read_table(text, header.body, comments=True)
     rows, declared_rows = len(table.byte), header.vertices + header.faces
     if rows < declared_rows:

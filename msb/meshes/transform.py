@@ -44,5 +44,7 @@ def turned(vertices: NDArray[Any], up: str, to: str = "+y") -> NDArray[Any]:
 
 def with_linear_colors(mesh: Mesh) -> Mesh:
     """Return `mesh` with its sRGB colours converted to linear light, as float32 in [0, 1]."""
-    colors = {"vertex_colors": mesh.vertex_colors, "face_colors": mesh.face_colors}
-    return replace(mesh, **{name: linear_light(rows) for name, rows in colors.items() if rows is not None})
+    vertex_colors, face_colors = (
+        None if colors is None else linear_light(colors) for colors in (mesh.vertex_colors, mesh.face_colors)
+    )
+    return replace(mesh, vertex_colors=vertex_colors, face_colors=face_colors)

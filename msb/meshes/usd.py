@@ -86,9 +86,7 @@ def _check_whole(source: Source) -> None:
     """Reject truncated packages. usd-core would read them without the end record of the ZIP archive."""
     is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
     if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
-        raise source.error(
-            "MESH_FILE_TRUNCATED", "the file is truncated: the end record of the package is missing"
-        )
+        raise source.error("MESH_FILE_TRUNCATED", "the file is truncated: the package has no end record")
 
 
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
@@ -161,9 +159,9 @@ def _stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     root = UsdGeom.Xform.Define(stage, "/asset")
     stage.SetDefaultPrim(root.GetPrim())
     Usd.ModelAPI(root.GetPrim()).SetKind(Kinds.Tokens.component)
-    _paint(_define_mesh(stage, "/asset/mesh", mesh), mesh, images)
+    _add_colors(_add_mesh(stage, "/asset/mesh", mesh), mesh, images)
     for number, part in enumerate(style.collision):
-        shape = _define_mesh(stage, f"/asset/collision_{number}", part)
+        shape = _add_mesh(stage, f"/asset/collision_{number}", part)
         shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
         UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
         # Concave shapes are used as triangle meshes, which simulators support for static objects.
@@ -172,7 +170,7 @@ def _stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     return layer
 
 
-def _define_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
+def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
     """Define a mesh prim with the triangles of `mesh` at `path`, and return it."""
     from pxr import UsdGeom, Vt
 
@@ -198,7 +196,7 @@ def _normals(mesh: Mesh) -> NDArray[np.float32]:
     return np.where(long > 0, across / np.where(long > 0, long, 1), (0, 1, 0)).astype(np.float32)
 
 
-def _paint(prim: Any, mesh: Mesh, images: list[str]) -> None:
+def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
     """Add colours or textures and their materials to the mesh prim `prim`."""
     from pxr import Sdf, UsdGeom, UsdShade, Vt
 
@@ -210,11 +208,9 @@ def _paint(prim: Any, mesh: Mesh, images: list[str]) -> None:
         light = np.ascontiguousarray(linear_light(colors)[:, :3])
         domain = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
         _set(prim.CreateDisplayColorPrimvar(domain), light, Vt.Vec3fArray)
-        surface = _define_material(stage, "/asset/materials/colors")
+        surface = _add_material(stage, "/asset/materials/colors")
         name = Sdf.ValueTypeNames.String, "displayColor"
-        reader = _define_shader(
-            stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name
-        )
+        reader = _add_shader(stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name)
         color = reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
         surface.GetInput("emissiveColor").ConnectToSource(color)
         _bind(prim, "/asset/materials/colors")
@@ -225,7 +221,7 @@ def _paint(prim: Any, mesh: Mesh, images: list[str]) -> None:
     upward = np.column_stack((uvs[:, 0], 1 - uvs[:, 1])).astype(np.float32)
     _set(primvars.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, domain), upward, Vt.Vec2fArray)
     for number, image in enumerate(images):
-        _texture(stage, f"/asset/materials/texture_{number}", image, mesh)
+        _add_texture(stage, f"/asset/materials/texture_{number}", image, mesh)
         if mesh.face_textures is None:
             _bind(prim, f"/asset/materials/texture_{number}")
             continue
@@ -253,14 +249,14 @@ def _set(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
     primvar.Set(kind.FromNumpy(np.ascontiguousarray(values)))
 
 
-def _texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
+def _add_texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
     """Define the unlit material of the texture file `image` at `path`."""
     from pxr import Sdf
 
-    surface = _define_material(stage, path)
+    surface = _add_material(stage, path)
     kinds = Sdf.ValueTypeNames
-    reader = _define_shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
-    texture = _define_shader(
+    reader = _add_shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
+    texture = _add_shader(
         stage,
         f"{path}/texture",
         "UsdUVTexture",
@@ -279,7 +275,7 @@ def _texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
         surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(mesh.sampler.alpha_cutoff)
 
 
-def _define_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
+def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
     """Define the shader `name` at `path`, with inputs of the given types and values, and return it."""
     from pxr import UsdShade
 
@@ -290,13 +286,13 @@ def _define_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) 
     return shader
 
 
-def _define_material(stage: Any, path: str) -> Any:
+def _add_material(stage: Any, path: str) -> Any:
     """Define a material without reflections at `path`, and return its surface shader."""
     from pxr import Sdf, UsdGeom, UsdShade
 
     UsdGeom.Scope.Define(stage, "/asset/materials")
     material = UsdShade.Material.Define(stage, path)
-    surface = _define_shader(
+    surface = _add_shader(
         stage,
         f"{path}/surface",
         "UsdPreviewSurface",

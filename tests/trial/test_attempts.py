@@ -21,17 +21,17 @@ from msb.repair.plan import Options
 from msb.scenes import Camera
 from msb.trial import attempts, registry, repairs, run
 from msb.trial.attempts import run_attempt
-from msb.trial.mesh import TriedMesh, mesh_to_try
+from msb.trial.mesh import TrialMesh, prepare_mesh
 from msb.trial.registry import TASKS, chosen_tasks
 from msb.trial.repairs import STORED, compare
 from msb.trial.run import Trial, try_asset
-from msb.trial.task import Attempt, Attempted, Made, Task
+from msb.trial.task import Attempt, AttemptResult, Output, Task
 from tests.conftest import BOOK, TETRAHEDRON
 from tests.topology.seamed import textured_cube
 from tests.trial.conftest import box, grid, made_of, pages, soup
 
 
-def ask(limits: Limits | None = None) -> Attempted:
+def ask(limits: Limits | None = None) -> AttemptResult:
     task = TASKS["solid"]
     return run_attempt(task, task.attempts[1], box(), {}, limits or Limits())
 
@@ -39,15 +39,15 @@ def ask(limits: Limits | None = None) -> Attempted:
 @pytest.mark.slow
 def test_what_is_made_comes_back() -> None:
     tried = ask()
-    assert tried.made is not None, tried.why
-    assert tried.made.numbers["volume"] == pytest.approx(1)
+    assert tried.output is not None, tried.why
+    assert tried.output.numbers["volume"] == pytest.approx(1)
     assert tried.version
     assert tried.seconds is not None
 
 
 def test_meshes_and_arrays_travel_as_arrays() -> None:
     meshes, further = {"again": box(), "more": box(2.0)}, {"rows": np.arange(3)}
-    made, others = attempts._parted(attempts._joined(meshes, further))
+    made, others = attempts._unpack(attempts._pack(meshes, further))
     assert {name: mesh.sha256 for name, mesh in made.items()} == {
         name: mesh.sha256 for name, mesh in meshes.items()
     }
@@ -72,7 +72,7 @@ def test_why_nothing_was_made_is_told(
     tried = ask()
     assert expected[0] in tried.why
     assert (tried.ended_by, tried.seconds, tried.version is not None) == expected[1:]
-    assert tried.made is None
+    assert tried.output is None
 
 
 def test_a_missing_library_is_not_run_and_named(monkeypatch: pytest.MonkeyPatch, demo_asset: Path) -> None:
@@ -141,37 +141,41 @@ UV = {"charts": 1, "charts_per_1000_faces": 1.0, "packing": 0.5, "faces_left_out
 
 
 @pytest.fixture
-def replying(monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, Made | str]], None]:
+def replying(monkeypatch: pytest.MonkeyPatch) -> Callable[[Mapping[str, Output | str]], None]:
     """Return a function that puts answers, or reasons for none, in the place of those of libraries."""
 
-    def become(answers: Mapping[str, Made | str]) -> None:
-        def reply(_task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Any, _limits: Any) -> Attempted:
+    def become(answers: Mapping[str, Output | str]) -> None:
+        def reply(_task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Any, _limits: Any) -> AttemptResult:
             answer = answers.get(attempt.library)
             if answer is None:
                 try:
-                    return Attempted(attempt.work(mesh, arrays))
+                    return AttemptResult(attempt.work(mesh, arrays))
                 except ValueError as error:
-                    return Attempted(None, str(error))
-            return Attempted(None, answer, "time", 60.0) if isinstance(answer, str) else Attempted(answer)
+                    return AttemptResult(None, str(error))
+            return (
+                AttemptResult(None, answer, "time", 60.0)
+                if isinstance(answer, str)
+                else AttemptResult(answer)
+            )
 
         monkeypatch.setattr(run, "run_attempt", reply)
-        monkeypatch.setattr(run, "able", list)
+        monkeypatch.setattr(run, "select_installed", list)
 
     return become
 
 
-def tried(task: str, mesh: TriedMesh, keep: Path | None = None) -> Trial:
+def tried(task: str, mesh: TrialMesh, keep: Path | None = None) -> Trial:
     (found,) = try_asset(asset_from_mesh(mesh.to_mesh()), task, keep=keep).trials
     return found
 
 
-def with_uv(mesh: TriedMesh) -> TriedMesh:
+def with_uv(mesh: TrialMesh) -> TrialMesh:
     uv = np.random.default_rng(3).random((len(mesh.vertices), 2)).astype(np.float32)
-    return TriedMesh(mesh.vertices, mesh.faces, mesh.colors, uv)
+    return TrialMesh(mesh.vertices, mesh.faces, mesh.colors, uv)
 
 
 def test_seams_of_uvs_are_no_fault_of_a_file(replying: Any) -> None:
-    replying({"xatlas": Made(dict(UV), {"uv": with_uv(soup(box()))}, {"chart": np.zeros(36, np.int64)})})
+    replying({"xatlas": Output(dict(UV), {"uv": with_uv(soup(box()))}, {"chart": np.zeros(36, np.int64)})})
     found = tried("uv", box())
     assert (found.outcome, found.why) == ("works", None)
     assert found.says.endswith(" OK")
@@ -180,7 +184,7 @@ def test_seams_of_uvs_are_no_fault_of_a_file(replying: Any) -> None:
 
 
 def test_a_file_that_is_bad_as_the_mesh_was_works_with_care(replying: Any, tmp_path: Path) -> None:
-    replying({"xatlas": Made(dict(UV), {"uv": with_uv(pages())}, {"chart": np.zeros(5, np.int64)})})
+    replying({"xatlas": Output(dict(UV), {"uv": with_uv(pages())}, {"chart": np.zeros(5, np.int64)})})
     found = tried("uv", pages(), tmp_path)
     assert (found.outcome, "BAD" in found.why) == ("care", True)
     assert found.numbers["verdict"]["level"] == "bad"
@@ -188,14 +192,14 @@ def test_a_file_that_is_bad_as_the_mesh_was_works_with_care(replying: Any, tmp_p
 
 
 def test_files_are_upright_as_glb_files_are(replying: Any, tmp_path: Path) -> None:
-    replying({"xatlas": Made(dict(UV), {"uv": with_uv(soup(box()))}, {"chart": np.zeros(36, np.int64)})})
+    replying({"xatlas": Output(dict(UV), {"uv": with_uv(soup(box()))}, {"chart": np.zeros(36, np.int64)})})
     mesh = replace(box().to_mesh(), up="-y")
     try_asset(asset_from_mesh(mesh), ["uv"], keep=tmp_path)
     assert np.array_equal(read_mesh(tmp_path / "uv.glb").vertices, soup(box()).vertices * [1, -1, -1])
 
 
 def test_a_file_that_is_worse_than_the_mesh_says_why(replying: Any) -> None:
-    replying({"libigl": Made({"defined": True, "vertices_cut": 0, "lone_share": 0.0, "gap_share": 0.0,
+    replying({"libigl": Output({"defined": True, "vertices_cut": 0, "lone_share": 0.0, "gap_share": 0.0,
                               "faces": 72}, {"mesh": grid()})})  # fmt: skip
     found = tried("subdivide", box())
     assert found.outcome == "care"
@@ -205,7 +209,7 @@ def test_a_file_that_is_worse_than_the_mesh_says_why(replying: Any) -> None:
 def test_of_two_libraries_the_better_file_is_named_first(replying: Any, tmp_path: Path) -> None:
     whole = box()
     half, two = (made_of(whole.vertices, whole.faces[:count]) for count in (5, 2))
-    replying({"fast-simplification": Made({}, {"mesh": half}), "pymeshlab": Made({}, {"mesh": two})})
+    replying({"fast-simplification": Output({}, {"mesh": half}), "pymeshlab": Output({}, {"mesh": two})})
     found = tried("decimate_50", whole, tmp_path)
     best = found.numbers["best"]
     assert best == "fast-simplification"
@@ -235,7 +239,7 @@ def test_where_coacd_does_not_end_a_hull_and_a_mesh_are_made_and_kept(replying: 
     assert ball.numbers["instead"]["manifold3d"]["distance_95_of_diagonal"] < 0.02
 
 
-def round_sheet() -> TriedMesh:
+def round_sheet() -> TrialMesh:
     """Return the sphere of a fine grid, closed but for its seam."""
     sheet = grid(40)
     turn, height = 2 * np.pi * sheet.vertices[:, 0], np.pi * sheet.vertices[:, 1]
@@ -246,12 +250,12 @@ def round_sheet() -> TriedMesh:
 def test_what_stands_in_for_a_library_has_time_to_start(monkeypatch: pytest.MonkeyPatch) -> None:
     given: dict[str, float] = {}
 
-    def reply(_task: Task, attempt: Attempt, _mesh: TriedMesh, _arrays: Any, limits: Limits) -> Attempted:
+    def reply(_task: Task, attempt: Attempt, _mesh: TrialMesh, _arrays: Any, limits: Limits) -> AttemptResult:
         given[attempt.library] = limits.seconds
-        return Attempted(None, "no", "time", limits.seconds)
+        return AttemptResult(None, "no", "time", limits.seconds)
 
     monkeypatch.setattr(run, "run_attempt", reply)
-    monkeypatch.setattr(run, "able", list)
+    monkeypatch.setattr(run, "select_installed", list)
     mesh = asset_from_mesh(box().to_mesh())
     try_asset(mesh, "collision", limits=Limits(1.0))
     assert given == {"coacd": 1.0, "manifold3d": 20.0, "pymeshlab": 20.0}
@@ -261,7 +265,7 @@ def test_what_stands_in_for_a_library_has_time_to_start(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("by", ["vertex", "corner"])
 def test_a_mesh_is_tried_without_its_seams(by: str) -> None:
-    mesh = mesh_to_try(asset_from_mesh(textured_cube(by)))
+    mesh = prepare_mesh(asset_from_mesh(textured_cube(by)))
     assert (len(mesh.vertices), len(mesh.faces), mesh.verdict.level) == (8, 12, "ok")
     assert "seams" not in mesh.verdict.sentence
     assert np.ptp(mesh.colors) > 0

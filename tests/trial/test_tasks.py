@@ -9,9 +9,9 @@ import pytest
 from msb.base.limits import Limits
 from msb.topology.steps import orient
 from msb.trial.attempts import Unit, run_attempt
-from msb.trial.mesh import TriedMesh
+from msb.trial.mesh import TrialMesh
 from msb.trial.registry import TASKS
-from msb.trial.task import Made
+from msb.trial.task import Output
 from msb.trial.tasks.boolean import TASKS as BOOLEAN
 from msb.trial.tasks.collision import TASKS as COLLISION
 from msb.trial.tasks.collision import points_inside
@@ -20,7 +20,18 @@ from msb.trial.tasks.solid import section
 from msb.trial.tasks.subdivide import cut_apart
 from msb.trial.tasks.uv import TASKS as UV
 from msb.trial.tasks.uv import l2_stretch
-from tests.trial.conftest import MESHES, NoLook, attempt, bow_tie, box, grid, made_of, pages, soup, together
+from tests.trial.conftest import (
+    MESHES,
+    NoRenderings,
+    attempt,
+    bow_tie,
+    box,
+    grid,
+    made_of,
+    pages,
+    soup,
+    together,
+)
 
 
 @pytest.mark.slow
@@ -58,9 +69,9 @@ def test_a_box_wound_inwards_is_a_solid_with_care(task: str) -> None:
 def test_parts_add_up_also_where_bodies_wound_both_ways_cancel_each_other() -> None:
     (task,) = BOOLEAN
     numbers = {"accepted_merged": True, "accepted": True, "volume": 1e-9, "volume_left": 1.0}
-    look: Any = NoLook()
+    look: Any = NoRenderings()
     for taken, outcome in ((-1.0, "works"), (-0.5, "fails")):
-        made = Made({**numbers, "volume_taken": taken, "faces_left": 8})
+        made = Output({**numbers, "volume_taken": taken, "faces_left": 8})
         assert task.judge(box(), {"manifold3d": made}, look).outcome == outcome
 
 
@@ -84,8 +95,8 @@ def test_charts_of_few_faces_count_against_an_unwrap(charts: int, faces: int, ou
     (task,) = UV
     per_1000 = 1000 * charts / faces
     numbers = {"charts": charts, "charts_per_1000_faces": per_1000, "packing": 0.5, "faces_left_out": 0}
-    look: Any = NoLook()
-    judged = task.judge(box(), {"xatlas": Made({**numbers, "stretch_l2": 1.0})}, look)
+    look: Any = NoRenderings()
+    judged = task.judge(box(), {"xatlas": Output({**numbers, "stretch_l2": 1.0})}, look)
     assert (judged.outcome, judged.why is None) == (outcome, outcome == "works")
 
 
@@ -94,7 +105,7 @@ def test_charts_of_few_faces_count_against_an_unwrap(charts: int, faces: int, ou
 @pytest.mark.parametrize("percent", [50, 25, 10])
 def test_decimation_reaches_its_target_on_a_grid_and_keeps_its_colours(percent: int) -> None:
     flat = grid(20)
-    colored = TriedMesh(flat.vertices, flat.faces, np.full_like(flat.colors, 0.25))
+    colored = TrialMesh(flat.vertices, flat.faces, np.full_like(flat.colors, 0.25))
     made, judged = attempt(f"decimate_{percent}", colored)
     for library, one in made.items():
         own = judged.numbers[library.replace("-", "_")]
@@ -216,7 +227,7 @@ def test_crossing_boxes_and_slivers_are_counted() -> None:
 @pytest.mark.parametrize(
     ("mesh", "vertices"), [(box(), 8), (bow_tie(), 6), (pages(), 9), (soup(box()), 36), (grid(2), 9)]
 )
-def test_cutting_leaves_one_fan_at_every_vertex(mesh: TriedMesh, vertices: int) -> None:
+def test_cutting_leaves_one_fan_at_every_vertex(mesh: TrialMesh, vertices: int) -> None:
     cut, origin = cut_apart(mesh.faces, len(mesh.vertices))
     assert len(origin) == vertices
     np.testing.assert_array_equal(origin[cut], mesh.faces)
@@ -262,21 +273,21 @@ def test_slivers_are_thin_or_without_area() -> None:
 BOXES = together(*(box(3.0 * k, 1 + 0.1 * k) for k in range(3)))
 
 
-def scaled(mesh: TriedMesh, by: float) -> TriedMesh:
+def scaled(mesh: TrialMesh, by: float) -> TrialMesh:
     return made_of(mesh.vertices * by, mesh.faces)
 
 
 @pytest.mark.parametrize("power", [-20, -10, 10, 20])
 def test_the_mesh_a_library_gets_does_not_depend_on_the_unit_of_length(power: int) -> None:
-    wanted = Unit.of(BOXES).enter(BOXES).vertices
+    wanted = Unit.of(BOXES).to_unit(BOXES).vertices
     other = scaled(BOXES, 2.0**power)
-    np.testing.assert_array_equal(Unit.of(other).enter(other).vertices, wanted)
+    np.testing.assert_array_equal(Unit.of(other).to_unit(other).vertices, wanted)
 
 
 @pytest.mark.parametrize("mesh", [BOXES, scaled(BOXES, 1e-6), made_of(BOXES.vertices + 1e3, BOXES.faces)])
-def test_what_is_not_changed_comes_back_where_it_was(mesh: TriedMesh) -> None:
+def test_what_is_not_changed_comes_back_where_it_was(mesh: TrialMesh) -> None:
     unit = Unit.of(mesh)
-    back = unit.leave(Made({}, {"again": unit.enter(mesh)}), {}).meshes["again"]
+    back = unit.from_unit(Output({}, {"again": unit.to_unit(mesh)}), {}).meshes["again"]
     np.testing.assert_allclose(back.vertices, mesh.vertices, rtol=0, atol=1e-15 * mesh.diagonal)
     assert back.vertices.dtype == np.float32
 
@@ -292,18 +303,18 @@ def test_a_face_far_away_does_not_make_the_others_small() -> None:
 def test_a_mesh_without_area_has_a_unit(vertices: Any) -> None:
     unit = Unit.of(made_of(vertices, [[0, 1, 2]]))
     assert unit.length > 0
-    assert np.isfinite(unit.enter(made_of(vertices, [[0, 1, 2]])).vertices).all()
+    assert np.isfinite(unit.to_unit(made_of(vertices, [[0, 1, 2]])).vertices).all()
 
 
 def test_lengths_areas_volumes_and_points_are_those_of_the_asset() -> None:
     unit = Unit(0.5, np.array([1.0, 2.0, 3.0]))
-    made = Made(
+    made = Output(
         {"far": 2.0, "area": 2.0, "volume": 2.0, "parts": 2, "none": None}, {}, {"at": np.ones((1, 3))}
     )
-    left = unit.leave(made, {"far": 1, "area": 2, "volume": 3, "none": 3})
+    left = unit.from_unit(made, {"far": 1, "area": 2, "volume": 3, "none": 3})
     assert left.numbers == {"far": 1.0, "area": 0.5, "volume": 0.25, "parts": 2, "none": None}
     np.testing.assert_array_equal(left.arrays["at"], [[1.5, 2.5, 3.5]])
-    np.testing.assert_array_equal(unit.enter_points(left.arrays)["at"], np.ones((1, 3)))
+    np.testing.assert_array_equal(unit.arrays_to_unit(left.arrays)["at"], np.ones((1, 3)))
 
 
 @pytest.mark.slow
@@ -320,8 +331,8 @@ def test_a_ball_of_any_size_unwraps_loses_its_faces_and_is_cut_alike(radius: flo
             for module in one.modules:
                 pytest.importorskip(module)
         replies = {one.library: run_attempt(task, one, mesh, {}, Limits()) for one in task.attempts}
-        made = {library: reply.made for library, reply in replies.items() if reply.made is not None}
-        look: Any = NoLook()
+        made = {library: reply.output for library, reply in replies.items() if reply.output is not None}
+        look: Any = NoRenderings()
         judged = task.judge(mesh, made, look)
         numbers[name], outcomes[name] = judged.numbers, judged.outcome
     assert outcomes == dict.fromkeys(outcomes, "works")
