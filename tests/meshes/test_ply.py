@@ -1,4 +1,4 @@
-"""PLY as stored: types, lists, elements to step over, polygons, colours; and files that are tables."""
+"""Read PLY files: types, lists, skipped elements, polygons and colours; and PLY tables."""
 
 import struct
 from pathlib import Path
@@ -55,10 +55,10 @@ def test_line_ends(read: Read, line_end: bytes) -> None:
 
 
 @pytest.mark.parametrize("line_end", [b"\r\n", b"\r"])
-def test_binary_body_after_another_line_end(read: Read, line_end: bytes) -> None:
+def test_binary_body_after_other_line_ends(read: Read, line_end: bytes) -> None:
     lines = ["element vertex 1", *XYZ]
     head = ply(LITTLE, lines, b"").replace(b"\n", line_end)
-    # The body begins with a line feed: it must not be taken for a part of the line end before it.
+    # The first byte of the body is a line feed, which must not be read as part of the line end before it.
     body = b"\n" + ply_floats([[1, 2, 3]])[1:]
     mesh = read(head + body, ".ply")
     assert mesh.vertices.tobytes() == body
@@ -125,7 +125,7 @@ def odd_text() -> bytes:
 
 
 @pytest.mark.parametrize(("content", "dtype"), [(odd_binary(), np.float32), (odd_text(), np.float64)])
-def test_other_elements_and_properties_are_stepped_over(read: Read, content: bytes, dtype: type) -> None:
+def test_other_elements_and_properties_are_skipped(read: Read, content: bytes, dtype: type) -> None:
     mesh = read(content, ".ply")
     assert mesh.vertices.dtype == dtype
     assert mesh.vertices.tolist() == SQUARE
@@ -166,7 +166,7 @@ def test_face_colors_follow_their_triangles(read: Read) -> None:
     assert_colors(mesh.face_colors, np.uint8([[9, 8, 7, 6], [9, 8, 7, 6], [5, 4, 3, 2]]))
 
 
-def test_no_faces_and_no_vertices_are_fine(read: Read) -> None:
+def test_meshes_without_faces_or_vertices_are_valid(read: Read) -> None:
     assert read(ply("ascii", ["element vertex 0", *XYZ], b""), ".ply").vertices.shape == (0, 3)
     lines = ["element vertex 0", *XYZ, "element face 0", CORNERS]
     mesh = read(ply(LITTLE, lines, b""), ".ply")
@@ -189,14 +189,14 @@ TEXT = HEAD.format("ascii").encode() + b"".join(b"%r %r %d\n" % row for row in R
 
 
 @pytest.mark.parametrize("data", [binary("<"), binary(">"), TEXT], ids=["little", "big", "text"])
-def test_columns_of_every_form(data: bytes, tmp_path: Path) -> None:
+def test_columns_of_every_encoding(data: bytes, tmp_path: Path) -> None:
     (tmp_path / "t.ply").write_bytes(data)
     assert ply_names(tmp_path / "t.ply") == (("a", "b", "c"), False)
     table = read_ply_table(tmp_path / "t.ply")
     assert (table.count, table.names) == (3, ("a", "b", "c"))
-    found = table.columns(["c", "a"])
-    assert found.dtype == np.float32
-    np.testing.assert_array_equal(found, [[3, 1.5], [4, -1.0], [255, 0.25]])
+    columns = table.columns(["c", "a"])
+    assert columns.dtype == np.float32
+    np.testing.assert_array_equal(columns, [[3, 1.5], [4, -1.0], [255, 0.25]])
     np.testing.assert_array_equal(table.columns(["b"]), [[2.5], [np.inf], [7.0]])
 
 
@@ -221,7 +221,7 @@ def test_bad_tables(case: str, tmp_path: Path) -> None:
         read_ply_table(tmp_path / "none.ply")
 
 
-def test_mixed_coordinate_types_become_the_widest(read: Read) -> None:
+def test_mixed_coordinate_types_become_float64(read: Read) -> None:
     lines = ["element vertex 1", "property short x", "property double y", "property float z"]
     mesh = read(ply(LITTLE, lines, struct.pack("<hdf", -3, 0.1, 0.5)), ".ply")
     assert mesh.vertices.dtype == np.float64

@@ -1,4 +1,4 @@
-"""Polygons, indices and numbers, which every text format spells alike."""
+"""Polygons, indices and numbers in all text formats."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,7 +7,7 @@ import pytest
 
 from .builders import Read, off, ply_square, ply_text
 
-# Polygons, and the fans around their first corners; those with fewer than three corners are ignored.
+# Polygons, and their triangle fans. Polygons with fewer than three corners are ignored.
 MIXED = [[0, 1, 2], [3, 2, 1, 0], [0, 1], [], [0, 1, 2, 3, 0], [2]]
 MIXED_FACES = [[0, 1, 2], [3, 2, 1], [3, 1, 0], [0, 1, 2], [0, 2, 3], [0, 3, 0]]
 NUMBERS = ("0.123456789012345 -1e-300 .5E+2", "nan inf -INF", "1e999 0 0", "1.e5 1 1")
@@ -40,7 +40,7 @@ Write = Callable[[Rows, Sequence[Sequence[int]]], bytes]
 
 
 @each_format
-def test_polygons_of_any_size_are_fans_in_their_order(read: Read, suffix: str, write: Write) -> None:
+def test_polygons_of_any_size_become_fans_in_order(read: Read, suffix: str, write: Write) -> None:
     mesh = read(write(("0 0 0",) * 4, MIXED), suffix)
     assert mesh.faces.tolist() == MIXED_FACES
 
