@@ -376,7 +376,7 @@ def _parse_json(source: Source, text: bytes) -> dict[str, Any]:
     try:
         root = json.loads(text.decode("utf-8"), parse_constant=_refuse_constant)
     except ValueError as error:
-        message = f"the JSON is invalid: {shorten(str(error))}"
+        message = f"the JSON cannot be read: {shorten(str(error))}"
         raise source.error("MESH_FILE_INVALID", message) from None
     if not isinstance(root, dict):
         raise source.error("MESH_FILE_INVALID", "the JSON must be an object")

@@ -163,9 +163,9 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np
     if wrong.size:
         face = int(wrong[0])
         message = (
-            f"face {face} declares {counts[face]} corners, but {counts[face] + extra[face]} numbers follow; "
+            f"face {face} declares {counts[face]} corners, but {counts[face] + extra[face]} values follow; "
         )
-        message += "after the corners there may be a colour of 1, 3 or 4 numbers"
+        message += "after the corners, only a colour of 1, 3 or 4 values may follow"
         raise table.row_error("MESH_FILE_INVALID", header.vertices + face, message)
     corners = table.integers(np.repeat(begin + 1, counts) + ranges(counts), "an index")
     faces, polygon = fan_triangulate(corners, counts)

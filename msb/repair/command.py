@@ -289,7 +289,7 @@ class _Repair:
         hint = advice(done.before, f"--force -o {target}", source)
         if hint and "weld" not in self.plan.plan:
             echo(hint)
-        echo(f"Next: msb view {source} --repaired {target}")
+        echo(f"next: msb view {source} --repaired {target}")
 
 
 def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
