@@ -20,7 +20,7 @@ from msb.meshes import Mesh
 from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
-from msb.repair.run import Outcome, run_plan, what_is_left
+from msb.repair.run import Outcome, run_plan, list_defects
 from msb.topology.steps import Change
 from msb.topology.steps.change import with_faces
 
@@ -53,7 +53,7 @@ class Repaired(Outcome):
     @property
     def left(self) -> tuple[str, ...]:
         """The remaining defects: non-manifold or open edges, inconsistent winding, and duplicate faces."""
-        return tuple(what_is_left(self.after))
+        return tuple(list_defects(self.after))
 
     def __repr__(self) -> str:
         before, after = (f"{a.verdict} ({a.counts.faces:,} faces)" for a in (self.before, self.after))

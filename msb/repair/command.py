@@ -145,13 +145,13 @@ class _Repair:
     def run(self, maps: Path | None) -> Audit:
         """Repair, write and print; return the audit of the written file."""
         from msb.meshes.losses import why_split
-        from msb.repair.run import what_is_left
+        from msb.repair.run import list_defects
 
         repaired, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
         with self.write_maps(done, maps):
             after = self.write(repaired, done.after, left_out)
         splits = done.after.counts.all_apart != after.judged.counts.all_apart
-        left = what_is_left(after, why_split(self.suffix) if splits else None)
+        left = list_defects(after, why_split(self.suffix) if splits else None)
         self.output.write_json(self.document(done, after, left))
         if self.output.prints_text:
             self.show(done, after, left, splits=splits)

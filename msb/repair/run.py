@@ -301,7 +301,7 @@ def refuse_nonfinite(points: NDArray[Any]) -> None:
         raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{row}]")
 
 
-def what_is_left(after: Audit, split: str | None = None) -> list[str]:
+def list_defects(after: Audit, split: str | None = None) -> list[str]:
     """Return a description of each kind of defect that is left.
 
     `split` is the reason why a file stores the vertices of the repaired mesh separately, if it does.
