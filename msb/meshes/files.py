@@ -20,7 +20,8 @@ for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORM
 
 # The suffixes that `read_mesh` accepts, in lower case.
 MESH_SUFFIXES = FORMATS.keys()
-# Most entries of `Mesh.left_out`. A hostile file may name millions of properties; more are only counted.
+# Maximum number of entries in `Mesh.left_out`. Further ones are only counted, because a hostile file may have
+# millions.
 _MAX_LEFT_OUT = 16
 
 
@@ -149,6 +150,6 @@ def _known(name: str, suffix: str) -> Format:
 
 
 def unknown_suffix(name: str, suffix: str) -> InputError:
-    """Return the error that the suffix of the file `name` is not one of a mesh file."""
+    """Return the error for the file `name`, whose suffix is unknown."""
     what = f"'{suffix}' is not a mesh file suffix" if suffix else "the file has no suffix"
     return InputError("FILE_NOT_RECOGNISED", f"{what}; use one of {' '.join(MESH_SUFFIXES)}", file=name)

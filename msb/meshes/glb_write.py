@@ -89,9 +89,9 @@ class GlbBuilder:
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     """Write an unlit, two-sided mesh with one primitive per texture. Face colours are not written.
 
-    Positions are float32. Colours are linear light as uint8 or uint16, or sRGB in their own type if the style
-    requests it. Texture coordinates are uint16 if that is exact; beside 16-bit colours also if the error is
-    invisible, so that a vertex has 24 bytes.
+    Positions are float32. Colours are linear light as uint8 or uint16, or sRGB as stored if the style
+    requests it. Texture coordinates are uint16 if that is exact. If colours are wider than a byte, they are
+    uint16 also with an invisible error, so that a vertex has 24 bytes.
     """
     if not len(mesh.faces):
         raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")

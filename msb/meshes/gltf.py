@@ -39,7 +39,7 @@ MAX_BUFFER = 1 << 40
 
 IDENTITY = np.eye(4)
 
-# Most nodes of a scene. Real scenes have some thousands; a million take a few seconds.
+# Maximum number of nodes. Real scenes have some thousands; a million take a few seconds.
 MAX_NODES = 1 << 20
 
 # Memory limit for the arrays of a file: 64 bytes per byte of the file, plus 256 MiB. One byte of indices

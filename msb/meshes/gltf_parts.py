@@ -178,7 +178,7 @@ def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
 
 
 def transform_arrays(part: PrimitiveArrays, matrix: NDArray[np.float64]) -> PrimitiveArrays:
-    """Return `part` transform_uvs by `matrix` (4, 4). The identity changes nothing, not even the type.
+    """Return `part` transformed by `matrix` (4, 4). The identity changes nothing, not even the type.
 
     Mirroring transforms would reverse the front sides, so the winding of the faces is reversed, too.
     """

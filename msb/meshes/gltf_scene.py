@@ -118,8 +118,8 @@ def _with_textures(
 
     If the source is read without images, only `face_textures` is set.
     """
-    # Number the images. One with and without alpha cut-off is two textures, because only the former keeps
-    # its alpha channel.
+    # Number the textures. An image that is used with and without an alpha cut-off becomes two textures,
+    # because only one of them keeps its alpha channel.
     numbers: dict[Any, int] = {}
     images: list[tuple[TextureUse | None, bool]] = []
     of_parts = []

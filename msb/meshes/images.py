@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 
 # Largest image file in bytes: 1 GiB.
 MAX_FILE = 1 << 30
-# Memory allowance for all texels of a mesh: 1024 bytes per byte of the image files, the highest ratio of
-# deflate and JPEG, ...
+# Memory limit for all texels of a mesh: 1024 bytes per byte of the image files (the highest compression ratio
+# of deflate and JPEG) plus 256 MiB, and at most 4 GiB in total.
 MAX_BYTES_PER_BYTE = 1 << 10
-# ... plus 256 MiB, ...
 MAX_EXTRA_BYTES = 1 << 28
-# ... but at most 4 GiB.
 MAX_BYTES = 1 << 32
-# Most scans of a progressive JPEG. Every scan is a pass over all texels; encoders write about ten.
+# Maximum number of scans of a progressive JPEG. Every scan is a pass over all texels; encoders write about
+# ten.
 _MAX_SCANS = 100
 
 

@@ -181,7 +181,7 @@ def _uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
 
 
 def _images(text: Source, used: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
-    """Return the decoded images of materials by name. Different names of a file become the first of them."""
+    """Return the decoded images of materials by name. Of several names of a file, only the first is used."""
     decoder, images = Decoder(), {}
     firsts: dict[Path, str] = {}
     first_of: dict[str, str] = {}

@@ -43,7 +43,7 @@ class Body(Protocol):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         """Return the offset (N,) after a property at offset `place` (N,).
 
-        In text, a place outside the table gives one outside, so that damaged rows are found.
+        In a text body, an offset beyond the table stays beyond it, so that damaged rows are detected.
         """
 
     def next_rows(self, element: Element) -> Rows:
@@ -242,7 +242,7 @@ class _TextBody(Body):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         if not wanted.count_type:
             return place + 1
-        # An impossible list length leads behind the table instead of wrapping around.
+        # An impossible list length leads beyond the table.
         size = len(self._table.values)
         length = self._table.values[np.minimum(place, size - 1)]
         possible = (place < size) & (length >= 0) & (length <= size) & (length == np.floor(length))

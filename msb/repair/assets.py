@@ -20,7 +20,7 @@ from msb.meshes import Mesh
 from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
-from msb.repair.run import Outcome, run_plan, list_defects
+from msb.repair.run import Outcome, list_defects, run_plan
 from msb.topology.steps import Change
 from msb.topology.steps.change import with_faces
 
@@ -70,7 +70,7 @@ def repair(
     """Return a repaired copy of an asset that keeps the data of its vertices and faces.
 
     The default plan, "orient,pair", changes nothing visible: faces are turned to a consistent winding, and
-    edges of more than two faces are cut so that the faces that continue each other stay connected.
+    edges of more than two faces are cut so that the flattest pairs of faces stay connected.
     docs/repair.md explains each step and its guarantees.
 
     Parameters
@@ -136,7 +136,7 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
                 warnings=asset.warnings,
                 opened_from=asset.opened_from,
             )
-    # Take over the outcome, with the path and method of the asset in its audits.
+    # Copy the outcome, and add the path and method of the asset to its audits.
     path = None if repaired.path is None else str(repaired.path)
     outcome = {f.name: getattr(done, f.name) for f in fields(done)}
     audits = {

@@ -96,7 +96,7 @@ def repair(
     """Repair a mesh and keep the data of its vertices and faces. ASSET is not changed.
 
     By default, nothing visible changes: faces are turned to a consistent winding, and edges of more than two
-    faces are cut so that the faces that continue each other stay connected. A .triasset keeps its method.
+    faces are cut so that the flattest pairs of faces stay connected. A .triasset keeps its method.
 
     With --compare, no mesh is written: a table shows what each plan keeps and costs.
     """

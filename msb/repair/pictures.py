@@ -47,7 +47,7 @@ def picture(
 
 
 def _colored(original: Asset, done: Repaired) -> Asset:
-    """Return an asset with all faces before and after the repair, coloured by their fate."""
+    """Return an asset with all faces before and after the repair, coloured as kept, removed or added."""
     faces, points = original.buffers["indices"], original.buffers["positions"]
     # The original faces (F, 3), red if no face of the result comes from them.
     is_removed = np.ones(len(faces), bool)
@@ -100,7 +100,7 @@ def _draw_edges(
         column, row = np.floor(np.nan_to_num(places, nan=-1.0)).astype(np.int64).T
     inside = (column >= 0) & (column < image.shape[1]) & (row >= 0) & (row < image.shape[0])
     row, column, sample_depth = row[inside], column[inside], sample_depth[inside]
-    # Draw the samples on or before the visible surface.
+    # Draw the samples on or in front of the visible surface.
     surface = depth[row, column]
     visible = (surface > 0) & (sample_depth <= surface * (1 + _TOLERANCE))
     image[row[visible], column[visible]] = CUT

@@ -44,7 +44,7 @@ _UNTOUCHED_BY = {
 # Steps after which no edge has more than two faces. In plans with one of them, `orient` only turns faces, so
 # that the other step decides which faces stay connected.
 _RESOLVING = frozenset({"pair", "cut", "drop"})
-# Most repetitions of a plan. Plans usually settle after two or three.
+# Maximum number of repetitions of a plan. Plans usually settle after two or three.
 _MAX_ROUNDS = 16
 
 

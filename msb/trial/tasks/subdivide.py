@@ -22,7 +22,7 @@ from msb.trial.renderings import Renderings
 from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
 from msb.trial.tasks.decimate import draw_side_by_side
 
-# Fractions of faces without a neighbour that work, and that work with limitations..
+# Fractions of faces without a neighbour that work, and that work with limitations. They only shrink.
 FEW_LONE, MANY_LONE = 0.01, 0.1
 # Largest area of cracks, relative to the surface, that works with limitations: images mostly hide it.
 SMALL_GAPS = 0.001

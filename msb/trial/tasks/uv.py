@@ -90,10 +90,10 @@ def _judge(mesh: TrialMesh, outputs: Outputs, _: Renderings) -> Judgement:
     charts, stretch = numbers["charts_per_1000_faces"], numbers["stretch_l2"]
     left_out = numbers["faces_left_out"]
     pieces: Outcome = "works" if numbers["charts"] == 1 else grade(charts, FEW_CHARTS, MANY_CHARTS)
-    size = "one face" if charts > 999 else f"{1000 / (charts or 1):.1f} faces on average"
+    few = f"the charts have {1000 / (charts or 1):.1f} faces on average"
     return combine(
         numbers,
-        (pieces, f"the charts have {size}"),
+        (pieces, "every chart is a single face" if charts > 999 else few),
         (
             grade(left_out / max(1, len(mesh.faces)), 0.0, 0.01),
             f"{count_text(left_out, 'face is', 'faces are')} missing in the map",
