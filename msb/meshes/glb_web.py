@@ -18,16 +18,7 @@ from msb.base.extras import need_extra
 from msb.base.soup import is_unindexed
 from msb.meshes.colors import as_floats, with_alpha
 from msb.meshes.formats import Style, Web
-from msb.meshes.glb_write import (
-    INDICES,
-    VERTICES,
-    GlbBuilder,
-    PrimitiveRows,
-    add_mesh,
-    finish,
-    root_of,
-    split,
-)
+from msb.meshes.glb_write import INDICES, VERTICES, GlbBuilder, Primitive, add_mesh, finish, root_of, split
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
 
@@ -180,7 +171,7 @@ def srgb_of(light: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(values, np.float32)
 
 
-def _soup_order(part: PrimitiveRows, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
+def _soup_order(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return an order of vertices (V,) that compresses well, in which every three vertices are a face.
 
     Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
@@ -203,13 +194,13 @@ def _soup_order(part: PrimitiveRows, exponents: NDArray[np.int64]) -> NDArray[np
     return np.take_along_axis(faces, rotated, axis=1).reshape(-1)
 
 
-def _select(part: PrimitiveRows, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> PrimitiveRows:
+def _select(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Primitive:
     """Return the vertices `order` (V,) of `part` with `faces` (F, 3), which are indices into them."""
     rows = {name: np.ascontiguousarray(values[order]) for name, values in part.attributes.items()}
-    return PrimitiveRows(rows, faces, part.texture)
+    return Primitive(rows, faces, part.texture)
 
 
-def _reordered(part: PrimitiveRows) -> PrimitiveRows:
+def _reordered(part: Primitive) -> Primitive:
     """Return `part` with the faces in meshopt's order and the vertices in the order of their first use.
 
     Unused vertices come last.

@@ -37,7 +37,7 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 
 @dataclass(frozen=True)
-class PrimitiveRows:
+class Primitive:
     """A primitive: vertex attributes, name -> (V, K), faces (F, 3), and the number of its texture.
 
     Without faces, every three vertices are a face.
@@ -155,13 +155,13 @@ def _short_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
     return None if is_visible else short
 
 
-def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[PrimitiveRows]:
+def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:
     """Yield one primitive per texture. `attributes` (V, K) are those of all vertices.
 
     Faces and vertices of `mesh` must be grouped by texture, as `with_vertex_uvs` returns them.
     """
     if mesh.face_textures is None:
-        yield PrimitiveRows(attributes, mesh.faces, 0 if mesh.textures else None)
+        yield Primitive(attributes, mesh.faces, 0 if mesh.textures else None)
         return
     used, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
@@ -170,10 +170,10 @@ def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive
     for number, texture in enumerate(used.tolist()):
         selected = slice(first[number], first[number + 1])
         rows = {name: values[selected] for name, values in attributes.items()}
-        yield PrimitiveRows(rows, faces[number] - first[number], texture)
+        yield Primitive(rows, faces[number] - first[number], texture)
 
 
-def add_mesh(builder: GlbBuilder, parts: list[PrimitiveRows], mesh: Mesh, style: Style) -> None:
+def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Style) -> None:
     """Add the primitives `parts` of `mesh` and their materials."""
     primitives: list[dict[str, Any]] = []
     for number, part in enumerate(parts):

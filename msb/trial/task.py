@@ -78,6 +78,11 @@ class Judgement:
     why: str | None = None
     numbers: Numbers = field(default_factory=dict)
 
+    @property
+    def rank(self) -> int:
+        """The rank of the outcome: 0 is the best."""
+        return OUTCOMES.index(self.outcome)
+
 
 @dataclass(frozen=True)
 class Task:

@@ -13,19 +13,7 @@ from msb.topology.faces import face_areas, signed_volume
 from msb.topology.hulls import HULL_CORNERS, hull_directions
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings, random_colors
-from msb.trial.task import (
-    OUTCOMES,
-    Attempt,
-    Judgement,
-    Numbers,
-    Output,
-    Outputs,
-    Task,
-    combine,
-    count_text,
-    grade,
-    worst,
-)
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
 from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
 # Distances from the visible surface to the shape that work, and that work with limitations. They are the 95 %
@@ -168,7 +156,7 @@ def _shares(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
 def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgement:
     # Judge all shapes; the best one counts. Without CoACD's shape, the task works with limitations at best.
     shapes = {library: _judge_shape(mesh, output, renderings) for library, output in outputs.items()}
-    best = min(shapes, key=lambda library: OUTCOMES.index(shapes[library].outcome))
+    best = min(shapes, key=lambda library: shapes[library].rank)
     judgement = shapes[best]
     if best == "coacd":
         return judgement
@@ -181,7 +169,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgeme
     why += f"; {' '.join(kinds[best].split()[:2])}: {judgement.why}" if judgement.why else ""
     instead = {library: shape.numbers for library, shape in shapes.items()}
     numbers = {**judgement.numbers, "best": best, "instead": instead}
-    return Judgement(worst((judgement.outcome, "care")), why, numbers)
+    return Judgement("fails" if judgement.outcome == "fails" else "care", why, numbers)
 
 
 def _judge_shape(mesh: TrialMesh, output: Output, renderings: Renderings) -> Judgement:

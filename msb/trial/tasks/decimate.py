@@ -10,18 +10,7 @@ from msb.base.children import Arrays
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings
-from msb.trial.task import (
-    OUTCOMES,
-    Attempt,
-    Judgement,
-    Numbers,
-    Outcome,
-    Output,
-    Outputs,
-    Task,
-    file_outcome,
-    worst,
-)
+from msb.trial.task import Attempt, Judgement, Numbers, Outcome, Output, Outputs, Task, file_outcome, worst
 
 # A result may have up to this multiple of the requested faces.
 SLACK = 1.05
@@ -88,8 +77,8 @@ def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent
             **output.numbers,
         }
         library_outcome, reason = _grade(entry, target)
-        with_file = worst((library_outcome, file_outcome(mesh, simplified)))
-        rank = (OUTCOMES.index(with_file), not reached, -(likeness["psnr"] or 0.0))
+        with_file = Judgement(worst((library_outcome, file_outcome(mesh, simplified))))
+        rank = (with_file.rank, not reached, -(likeness["psnr"] or 0.0))
         if best is None or rank < best:
             best, outcome, why = rank, library_outcome, reason
             numbers["best"] = library

@@ -8,18 +8,7 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays
 from msb.trial.mesh import TrialMesh
 from msb.trial.renderings import Renderings, facing, random_colors
-from msb.trial.task import (
-    Attempt,
-    Judgement,
-    Numbers,
-    Outcome,
-    Output,
-    Outputs,
-    Task,
-    combine,
-    count_text,
-    grade,
-)
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
 
 # Charts per 1,000 faces that work, and that work with limitations. Charts of ten faces can be painted and
 # filtered. With fewer than 2.5 faces, nearly every edge is a seam, and padding fills the texture.
@@ -89,7 +78,7 @@ def _judge(mesh: TrialMesh, outputs: Outputs, _: Renderings) -> Judgement:
     numbers = outputs["xatlas"].numbers
     charts, stretch = numbers["charts_per_1000_faces"], numbers["stretch_l2"]
     left_out = numbers["faces_left_out"]
-    pieces: Outcome = "works" if numbers["charts"] == 1 else grade(charts, FEW_CHARTS, MANY_CHARTS)
+    pieces = grade(None if numbers["charts"] == 1 else charts, FEW_CHARTS, MANY_CHARTS)
     few = f"the charts have {1000 / (charts or 1):.1f} faces on average"
     return combine(
         numbers,
