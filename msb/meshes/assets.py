@@ -1,4 +1,4 @@
-"""Between meshes and assets: any mesh as an asset, and an asset as the mesh any engine can draw."""
+"""Convert meshes to assets, and assets to standard-tier meshes."""
 
 from dataclasses import replace
 from typing import Any
@@ -21,7 +21,7 @@ from msb.meshes.writing import as_float32, check_indices, check_writable
 
 
 def asset_from_mesh(mesh: Mesh) -> Asset:
-    """Return `mesh` as an asset of method "mesh": float32 positions, its colours as stored."""
+    """Return `mesh` as an asset of method "mesh", with float32 positions and the colours as stored."""
     buffers, domains, appearance = mesh_buffers(mesh)
     description = Description(
         appearance=appearance, coordinate_frame=CoordinateFrame(up=mesh.up or "unknown")
@@ -30,9 +30,9 @@ def asset_from_mesh(mesh: Mesh) -> Asset:
 
 
 def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain], Parameters]:
-    """Return the buffers of `mesh`, their domains, and its appearance.
+    """Return the asset buffers of `mesh`, their domains, and the appearance for the manifest.
 
-    Vertex colours are kept; without any, face colours. Textures are kept with their coordinates.
+    Vertex colours take precedence over face colours. Textures are kept with their coordinates.
     """
     check_indices(mesh)
     with np.errstate(over="ignore"):
@@ -40,7 +40,7 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
     overflow = np.isinf(positions) & np.isfinite(mesh.vertices)
     if overflow.any():
         row = int(np.argmax(overflow.any(axis=1)))
-        text = f"vertex {row} is {mesh.vertices[row].tolist()}; assets hold float32, up to 3.4e38"
+        text = f"vertex {row} is {mesh.vertices[row].tolist()}; assets store float32, up to 3.4e38"
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"positions[{row}]")
     buffers: dict[str, NDArray[Any]] = {"positions": positions, "indices": mesh.faces.astype(np.uint32)}
     domains: dict[str, Domain] = {}
@@ -64,25 +64,24 @@ def mesh_buffers(mesh: Mesh) -> tuple[dict[str, NDArray[Any]], dict[str, Domain]
 
 
 def _check_uvs(mesh: Mesh) -> None:
-    """Refuse textures that are read at no place."""
+    """Raise TRIASSET_VALUE_NONFINITE if a texture coordinate is not finite."""
     uvs = mesh.vertex_uvs if mesh.corner_uvs is None else mesh.corner_uvs
     if mesh.textures and uvs is not None and (at := first_bad(uvs)) is not None:
-        text = f"texture coordinate {at[0]} is {uvs[at[0]].tolist()}; texture coordinates must be finite"
+        text = f"texture coordinate {at[0]} is {uvs[at[0]].tolist()}; it must be finite"
         raise AssetError("TRIASSET_VALUE_NONFINITE", text, pointer=f"uv[{at[0]}]")
 
 
 def mesh_from_asset(asset: Asset) -> Mesh:
     """Return the standard-tier mesh of `asset`: opaque, with static colours.
 
-    Its look is that of `msb.asset.look`, except that no colours are written if the asset brings none. The
-    colour of a soup's face goes to its three vertices. Colours of corners become colours of vertices, which
-    are doubled where these differ. Textures stay textures. Faces that the asset's STE threshold hides are
-    left out.
+    `msb.asset.look` defines the colours, but a mesh without colours stays without colours. Face colours of a
+    triangle soup and corner colours become vertex colours; vertices whose corners differ are split. Textures
+    are kept. Faces below the asset's STE threshold are removed.
 
     Raises
     ------
     Unsupported
-        `UNSUPPORTED_TIER` if the method has no static colour.
+        `UNSUPPORTED_TIER`: the method has no static colours.
     """
     text = refusal(asset.manifest, "standard")
     if text is not None:
@@ -105,7 +104,7 @@ def mesh_from_asset(asset: Asset) -> Mesh:
 
 
 def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
-    """Return `mesh`, whose vertices and faces are those of `asset`, with the textures of `asset`."""
+    """Return `mesh`, which has the vertices and faces of `asset`, with the textures of `asset`."""
     uv, manifest = asset.buffers["uv"], asset.manifest
     by_vertex = manifest.buffers["uv"].domain == "vertex"
     return replace(
@@ -119,9 +118,9 @@ def _with_textures(mesh: Mesh, asset: Asset) -> Mesh:
 
 
 def with_vertex_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with face colours turned into vertex colours, for formats that have only these.
+    """Return `mesh` with vertex colours instead of face colours, for formats without face colours.
 
-    Vertices are doubled where the colours of their faces differ.
+    Vertices are split where the colours of their faces differ.
     """
     if mesh.face_colors is None or mesh.vertex_colors is not None:
         return mesh
@@ -129,56 +128,61 @@ def with_vertex_colors(mesh: Mesh) -> Mesh:
 
 
 def as_held(mesh: Mesh, suffix: str) -> Mesh:
-    """Return `mesh` as a file of the format of `suffix` holds it, which is what a verdict on the file judges.
+    """Return `mesh` as the format of `suffix` can store it. This is the mesh that the audit of the file sees.
 
-    Colours and UVs are where the format has a place for them, mostly at vertices; textures are colours of
-    vertices in formats that have none; the mesh is turned upright if the format says what is up, and where
-    that is known; faces have vertices of their own if it shares none.
+    Colours and UVs are moved to where the format stores them, usually to vertices. Textures become vertex
+    colours if the format has no textures. The mesh is rotated upright if the format defines an up axis and
+    that of the mesh is known. Faces get separate vertices if the format shares none.
     """
-    held = FORMATS[suffix]
+    form = FORMATS[suffix]
     check_writable(mesh)
-    if held.keeps:
+    if form.keeps:
         _check_uvs(mesh)
-    if "textures" not in held.keeps:
-        mesh = with_sampled_colors(mesh) if held.keeps else without_textures(mesh)
-    made = mesh if held.is_soup or "face_colors" in held.keeps else with_vertex_colors(mesh)
-    if "vertex_uvs" in held.keeps:
-        made = with_vertex_uvs(made)
-    if held.up and made.up:
-        made = turned_upright(made, made.up)
-    if held.is_soup and len(made.vertices) != 3 * len(made.faces):
-        made = _unshared(made)
-    return replace(made, vertices=as_float32(made.vertices, held.title)) if held.is_single else made
+    if "textures" not in form.keeps:
+        mesh = with_sampled_colors(mesh) if form.keeps else without_textures(mesh)
+    if not (form.is_soup or "face_colors" in form.keeps):
+        mesh = with_vertex_colors(mesh)
+    if "vertex_uvs" in form.keeps:
+        mesh = with_vertex_uvs(mesh)
+    if form.up and mesh.up:
+        mesh = turned_upright(mesh, mesh.up)
+    if form.is_soup and len(mesh.vertices) != 3 * len(mesh.faces):
+        mesh = _unshared(mesh)
+    return replace(mesh, vertices=as_float32(mesh.vertices, form.title)) if form.is_single else mesh
 
 
 def with_faces(mesh: Mesh, keep: NDArray[np.bool_]) -> Mesh:
-    """Return the faces `keep` (F,) of `mesh` and the vertices they use, in their old order."""
+    """Return the faces of `mesh` selected by the mask `keep` (F,), and the vertices they use, in order."""
     faces = mesh.faces[keep]
     used = np.zeros(len(mesh.vertices), bool)
     used[faces] = True
     number = np.cumsum(used) - 1
-    return mesh.taken(used, keep, number[faces])
+    return mesh.select(used, keep, number[faces])
 
 
 def with_corner_colors(mesh: Mesh, colors: NDArray[Any]) -> Mesh:
-    """Return `mesh` coloured by `colors` (3F, 3 | 4): vertices are doubled where those of corners differ.
+    """Return `mesh` with the corner colours `colors` (3F, 3 | 4) as vertex colours.
 
-    Rows are in the order of the vertices; those that no face uses are left out.
+    Vertices are split where the colours of their corners differ. They keep their order; unused vertices are
+    removed.
     """
+    # Sort the 3F corners by vertex and by the bits of their colour. A new vertex begins at every corner that
+    # differs from the previous one.
     corners = mesh.faces.reshape(-1)
     keys = (*np.ascontiguousarray(colors).view(np.uint8 if colors.itemsize == 1 else np.uint32).T, corners)
     order = np.lexsort(keys)
     differs = np.ones(len(order), bool)
     differs[1:] = np.logical_or.reduce([key[order[1:]] != key[order[:-1]] for key in keys])
+    # number (3F,): the new vertex of each corner; first (V',): a corner of each new vertex.
     number = np.zeros_like(corners)
     number[order] = np.cumsum(differs) - 1
     first = order[differs]
-    made = mesh.taken(corners[first], slice(None), number.reshape(-1, 3))
-    return replace(made, vertex_colors=colors[first], face_colors=None)
+    mesh = mesh.select(corners[first], slice(None), number.reshape(-1, 3))
+    return replace(mesh, vertex_colors=colors[first], face_colors=None)
 
 
 def _unshared(mesh: Mesh) -> Mesh:
-    """Return the faces of `mesh` with three vertices of its own for each, and nothing else."""
+    """Return the triangle soup of `mesh`: three vertices per face, without colours and textures."""
     corners = mesh.faces.reshape(-1)
     faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
     return Mesh(mesh.vertices[corners], faces, up=mesh.up)

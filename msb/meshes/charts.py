@@ -1,27 +1,28 @@
-"""Textures by vertex: their coordinates, which most formats and every engine want so, or their colours."""
+"""Convert textures for formats that store UVs per vertex, or that have vertex colours only."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample, srgb_to_linear
-from msb.meshes.colors import with_alpha
+from msb.asset.texture import Sampler, linear_to_srgb, mip_levels, sample
+from msb.meshes.colors import linear_light, with_alpha
 from msb.meshes.mesh import Mesh
 
-# Levels of mip maps between the size of a face and what its corners see, which was best on a sphere.
-_BLUR = -1.0
-# How far towards the middle of its face a corner's sample lies: beyond a chart's border is another chart.
+# Mip level offset for sampling a texture at a corner: -1 is one level finer than the size of the face. It
+# gave the best result on a textured sphere.
+_MIP_BIAS = -1.0
+# Corners are sampled this fraction of the way towards the centre of the face. At the border of a chart,
+# filtered texels are mixed with other charts.
 _INWARDS = 0.25
 
 
 def with_vertex_uvs(mesh: Mesh) -> Mesh:
-    """Return `mesh` with texture coordinates by vertex, and faces and vertices grouped by texture.
+    """Return `mesh` with texture coordinates per vertex, and faces and vertices grouped by texture.
 
-    A vertex is doubled where its corners differ in their coordinates, bit for bit, or in their texture. One
-    of its rows stays among those of the mesh, in their order; the others follow the last of these in the
-    order of the corners that want them. Faces keep their order within a group.
+    A vertex is split where its corners have different coordinates (compared bit by bit) or textures. Its
+    first copy keeps its place in the order of vertices; the other copies follow after all vertices of the
+    group, in the order of the corners that need them. Faces keep their order within a group.
     """
     if mesh.corner_uvs is None and mesh.face_textures is None:
         return mesh
@@ -38,19 +39,22 @@ def with_vertex_uvs(mesh: Mesh) -> Mesh:
     else:
         uvs = mesh.corner_uvs.reshape(-1, 3, 2)[order].reshape(-1, 2)
     vertices, rows, numbers = _rows(corners, np.repeat(textures, 3), uvs, len(mesh.vertices))
-    made = mesh.taken(vertices, order, numbers.reshape(-1, 3))
-    return replace(made, vertex_uvs=rows, corner_uvs=None)
+    mesh = mesh.select(vertices, order, numbers.reshape(-1, 3))
+    return replace(mesh, vertex_uvs=rows, corner_uvs=None)
 
 
 def _rows(
     corners: NDArray[np.int64], textures: NDArray[np.int64], uvs: NDArray[np.float32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.int64]]:
-    """Return the vertex (N,) and coordinates (N, 2) of each row that corners (C,) need, and their rows (C,).
+    """Return the old vertex (N,) and UVs (N, 2) of each new vertex, and the new vertex of each corner (C,).
 
-    Corners, of `count` vertices, are grouped by texture already.
+    `corners`, `textures` (C,) and `uvs` (C, 2) are the old vertex, texture and UV of each face corner,
+    grouped by texture. `count` is the number of old vertices; unused ones are kept.
     """
+    # Corners with the same vertex, texture and UV bits share a new vertex. Sort them to find the groups:
+    # `first` (N,) is the earliest corner of each group, `numbers` (C,) the group of each corner.
     bits = np.ascontiguousarray(uvs).view(np.uint64)[:, 0]
-    by = np.lexsort((bits, textures, corners))  # of equal corners the first comes first
+    by = np.lexsort((bits, textures, corners))
     differs = np.ones(len(by), bool)
     same = [values[by[1:]] == values[by[:-1]] for values in (bits, textures, corners)]
     differs[1:] = ~np.logical_and.reduce(same)
@@ -58,6 +62,7 @@ def _rows(
     numbers = np.zeros(len(by), np.int64)
     numbers[by] = np.cumsum(differs) - 1
 
+    # The group with the earliest corner of each old vertex keeps the vertex's place (`stays`).
     vertices = corners[first]
     begins = np.flatnonzero(np.diff(vertices, prepend=-1))
     stays = np.zeros(len(first), bool)
@@ -67,6 +72,7 @@ def _rows(
     used[vertices] = True
     unused = np.flatnonzero(~used)
 
+    # Append the unused vertices. Sort by texture; in each group, kept vertices come before copies.
     vertices = np.concatenate((vertices, unused))
     stays = np.concatenate((stays, np.ones(len(unused), bool)))
     place = np.where(stays, vertices, np.concatenate((first, unused)))
@@ -79,62 +85,58 @@ def _rows(
 
 
 def without_textures(mesh: Mesh) -> Mesh:
-    """Return `mesh` without textures and their coordinates."""
+    """Return `mesh` without textures and texture coordinates."""
     bare = Sampler()
     return replace(mesh, vertex_uvs=None, corner_uvs=None, textures=(), face_textures=None, sampler=bare)
 
 
 def with_sampled_colors(mesh: Mesh) -> Mesh:
-    """Return `mesh` with what its textures show at vertices, times its own colours, in place of textures.
+    """Return `mesh` with vertex colours sampled from its textures, instead of the textures.
 
-    A vertex gets the mean, in linear light and by the area of faces, of what its corners see: the texture
-    blurred to the size of the face, times the face's colour where vertices have none. Alpha stays where the
-    sampler looks at it.
+    The colour of a vertex is the average over its corners, in linear light and weighted by face area. A
+    corner has the texture's colour, filtered to the size of the face, times the vertex colour or, if there
+    are none, the face colour. Alpha is kept if the sampler has an alpha cut-off.
     """
     if not mesh.textures:
         return without_textures(mesh)
     corners = mesh.faces.reshape(-1)
     uvs = mesh.vertex_uvs[corners] if mesh.corner_uvs is None else mesh.corner_uvs  # type: ignore[index]
-    seen = _seen(mesh, uvs.reshape(-1, 3, 2).astype(np.float64))
+    # sampled (3F, 4): linear colour and alpha at each corner.
+    sampled = _sample_corners(mesh, uvs.reshape(-1, 3, 2).astype(np.float64))
     if mesh.vertex_colors is None and mesh.face_colors is not None:
-        seen *= np.repeat(_light(mesh.face_colors), 3, axis=0)
+        sampled *= np.repeat(linear_light(with_alpha(mesh.face_colors)), 3, axis=0)
     points = mesh.vertices[mesh.faces].astype(np.float64)
-    # Or products may be infinite.
+    # Weight (3F,): the face area. Coordinates are scaled first, so that products do not overflow.
     points /= np.abs(points).max(initial=np.finfo(np.float64).tiny, where=np.isfinite(points))
     area = np.linalg.norm(np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]), axis=1)
     weight = np.repeat(area + np.finfo(np.float32).tiny, 3)
+    # Average the corners of each vertex; white for unused vertices.
     total = np.bincount(corners, weight, len(mesh.vertices))
     light = np.ones((len(mesh.vertices), 4))
     used = total > 0
     for channel in range(4):
-        light[used, channel] = np.bincount(corners, weight * seen[:, channel], len(mesh.vertices))[used]
+        light[used, channel] = np.bincount(corners, weight * sampled[:, channel], len(mesh.vertices))[used]
     light[used] /= total[used, None]
     if mesh.vertex_colors is not None:
-        light *= _light(mesh.vertex_colors)
+        light *= linear_light(with_alpha(mesh.vertex_colors))
     light[:, :3] = linear_to_srgb(light[:, :3])
     width = 3 if mesh.sampler.alpha_cutoff is None else 4
     colors = np.rint(light[:, :width] * 255).astype(np.uint8)
     return replace(without_textures(mesh), vertex_colors=colors, face_colors=None)
 
 
-def _light(colors: NDArray[Any]) -> NDArray[np.float32]:
-    """Return colours (N, 3 | 4) in sRGB as linear light and alpha (N, 4)."""
-    own = with_alpha(colors)
-    own = own / np.float32(255) if own.dtype == np.uint8 else own
-    return np.concatenate((srgb_to_linear(own[:, :3]), own[:, 3:]), axis=1)
-
-
-def _seen(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return linear light and alpha (3F, 4) at the corners, whose texture coordinates are (F, 3, 2)."""
-    seen = np.zeros((len(uvs), 3, 4), np.float32)
+def _sample_corners(mesh: Mesh, uvs: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return the textures' linear light and alpha (3F, 4) at the corners with coordinates `uvs` (F, 3, 2)."""
+    light = np.zeros((len(uvs), 3, 4), np.float32)
     smooth = replace(mesh.sampler, filter="linear", mipmaps=True)
     inside = uvs + _INWARDS * (uvs.mean(axis=1, keepdims=True) - uvs)
     for number, image in enumerate(mesh.textures):
         shows = slice(None) if mesh.face_textures is None else mesh.face_textures == number
+        # Choose the mip level by the area of each face in texels.
         size = np.array(image.shape[1::-1])
         first, second = (((uvs[shows, k] - uvs[shows, 0]) * size).T for k in (1, 2))
         texels = np.abs(first[0] * second[1] - first[1] * second[0]) / 2
-        lod = 0.5 * np.log2(np.maximum(texels, 1)) + _BLUR
-        own = sample(mip_levels(image), inside[shows].reshape(-1, 2), smooth, np.repeat(lod, 3))
-        seen[shows] = own.reshape(-1, 3, 4)
-    return seen.reshape(-1, 4)
+        lod = 0.5 * np.log2(np.maximum(texels, 1)) + _MIP_BIAS
+        colors = sample(mip_levels(image), inside[shows].reshape(-1, 2), smooth, np.repeat(lod, 3))
+        light[shows] = colors.reshape(-1, 3, 4)
+    return light.reshape(-1, 4)

@@ -1,4 +1,4 @@
-"""Colour values of mesh files -> uint8, or float32 in [0, 1]."""
+"""Convert colours between number types, and between sRGB and linear light."""
 
 from functools import cache
 from typing import Any
@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import LINEAR, linear_to_srgb, srgb_to_linear
 
-# Floats in [0, 1] that differ by less are one number, written by two programs.
+# Floats in [0, 1] are considered equal below this difference: decimals of other programs are rounded.
 _SAME = 1e-6
 
 
 def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (N, 3) or (N, 4) of any number type as uint8 or float32, in the machine's byte order.
+    """Return colours (N, 3 | 4) of any number type as uint8 or as float32 in [0, 1], in native byte order.
 
-    uint8 stays as it is. uint16 is divided by 65535. Other integers mean 0..255 and are clamped to that.
-    Floats mean [0, 1] and are clamped to that, as glTF prescribes, unless they are the 0..255 some programs
-    write: whole numbers, at least one above 1 and none above 255. NaN becomes 0.
+    uint8 is kept. uint16 is divided by 65535. Other integers are clamped to 0..255. Floats are clamped to
+    [0, 1], as glTF prescribes, unless they are whole numbers from 0 to 255 with at least one above 1, which
+    some programs write; these become uint8. NaN becomes 0.
     """
     if values.dtype.kind == "f":
         values = np.nan_to_num(values, nan=0.0)
@@ -33,7 +33,7 @@ def stored_colors(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return colours (N, 3 | 4) as (N, 4); what had no alpha is opaque."""
+    """Return colours (N, 3 | 4) as (N, 4); a missing alpha channel is opaque."""
     if colors.shape[1] == 4:
         return colors
     opaque = 1 if colors.dtype.kind == "f" else np.iinfo(colors.dtype).max
@@ -41,11 +41,23 @@ def with_alpha(colors: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate((colors, alpha), axis=1)
 
 
-def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
-    """Return colours (N, 3 | 4) in linear light, uint8 or float32, as sRGB; alpha is what it was.
+def as_floats(colors: NDArray[Any]) -> NDArray[np.float32]:
+    """Return colours (N, 3 | 4), uint8 or float32, as a new float32 array in [0, 1]."""
+    return np.asarray(colors / np.float32(255 if colors.dtype == np.uint8 else 1), np.float32)
 
-    They are uint8 where these stand for the values that are given, else float32. With `most` 65535 the floats
-    stand for whole numbers up to that.
+
+def linear_light(colors: NDArray[Any]) -> NDArray[np.float32]:
+    """Return sRGB colours (N, 3 | 4) as linear light in float32; alpha is linear already."""
+    light = as_floats(colors)
+    light[:, :3] = LINEAR[colors[:, :3]] if colors.dtype == np.uint8 else srgb_to_linear(colors[:, :3])
+    return light
+
+
+def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
+    """Return linear colours (N, 3 | 4), uint8 or float32, as sRGB; alpha is unchanged.
+
+    The result is uint8 if that represents all given values, else float32. If `most` is 65535, the floats
+    represent uint16 values.
     """
     if linear.dtype == np.uint8:
         stored, most = linear, 255
@@ -53,16 +65,16 @@ def srgb_colors(linear: NDArray[Any], most: int = 0) -> NDArray[Any]:
         stored = _rounded(linear, most).astype(np.uint16)
     else:
         return _of_floats(linear)
-    values, levels, stands = _table(most)
+    values, levels, exact = _table(most)
     color, alpha = stored[:, :3], stored[:, 3:]
     step = most // 255
-    if stands[color].all() and not (alpha % step).any():
+    if exact[color].all() and not (alpha % step).any():
         return np.concatenate((levels[color], (alpha // step).astype(np.uint8)), axis=1)
     return np.concatenate((values[color], alpha / np.float32(most)), axis=1)
 
 
 def _of_floats(linear: NDArray[Any]) -> NDArray[Any]:
-    """Return float32 colours in linear light as sRGB, uint8 where these stand for them."""
+    """Return linear float32 colours as sRGB: uint8 if they convert back to the same values, else float32."""
     levels = _rounded(linear, 255)
     levels[:, :3] = _table(65535)[1][_rounded(linear[:, :3], 65535)]
     back: NDArray[Any] = np.concatenate((LINEAR[levels[:, :3]], levels[:, 3:] / np.float32(255)), axis=1)
@@ -72,31 +84,32 @@ def _of_floats(linear: NDArray[Any]) -> NDArray[Any]:
 
 
 def _rounded(values: NDArray[Any], most: int) -> NDArray[np.intp]:
+    """Return values in [0, 1] as the nearest whole numbers from 0 to `most`."""
     return np.asarray(np.rint(values * np.float32(most)).astype(np.intp))
 
 
 @cache
 def _table(most: int) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return sRGB values of whole linear light, the nearest bytes, and which of these stand for them."""
+    """Return, for each linear level 0..`most`: its sRGB value, the nearest byte, and whether it is exact.
+
+    A byte is exact if it converts back to the same linear level.
+    """
     linear = np.arange(most + 1) / most
     values = linear_to_srgb(linear)
     levels = np.rint(values * 255).astype(np.uint8)
-    stands = np.abs(srgb_to_linear(levels / 255) - linear) < 0.5 / most
-    return values.astype(np.float32), levels, stands
+    exact = np.abs(srgb_to_linear(levels / 255) - linear) < 0.5 / most
+    return values.astype(np.float32), levels, exact
 
 
 def linear_colors(colors: NDArray[Any]) -> NDArray[Any]:
-    """Return sRGB colours (N, 3 | 4) as linear light in whole numbers: bytes where these are off by less than
-    half a level everywhere, else uint16.
+    """Return sRGB colours (N, 3 | 4) as linear light: uint8 if its error is below half a level, else uint16.
 
-    A level is one of the 255 steps of sRGB. Linear bytes are too coarse where it is dark; uint16 is off by a
-    fortieth of a level at most. Alpha is linear as it is.
+    A level is 1/255 of sRGB. Linear bytes are too coarse for dark colours. The error of uint16 is at most
+    1/40 of a level.
     """
-    scale = 255 if colors.dtype == np.uint8 else 1
-    light = colors / np.float32(scale)
-    light[:, :3] = LINEAR[colors[:, :3]] if scale == 255 else srgb_to_linear(colors[:, :3])
+    light = linear_light(colors)
     as_bytes = np.rint(light * 255)
-    off = linear_to_srgb(as_bytes[:, :3] / np.float32(255)) - colors[:, :3] / np.float32(scale)
-    if (np.abs(off) < 0.499 / 255).all():
+    error = linear_to_srgb(as_bytes[:, :3] / np.float32(255)) - as_floats(colors[:, :3])
+    if (np.abs(error) < 0.499 / 255).all():
         return as_bytes.astype(np.uint8)
     return np.rint(light * 65535).astype(np.uint16)

@@ -18,10 +18,11 @@ from msb.meshes.writing import check_writable
 for _format in (ply.FORMAT, obj.FORMAT, off.FORMAT, stl.FORMAT, *gltf_scene.FORMATS, *usd.FORMATS):
     FORMATS.update(dict.fromkeys(_format.suffixes, _format))
 
-# The suffixes of the files `read_mesh` knows, in lower case.
+# The suffixes that `read_mesh` accepts, in lower case.
 MESH_SUFFIXES = FORMATS.keys()
-# Things that are named which a file holds and no reader keeps: it may name any number of them.
-_MOST_LEFT_OUT = 16
+# Maximum number of entries in `Mesh.left_out`. Further ones are only counted, because a hostile file may have
+# millions.
+_MAX_LEFT_OUT = 16
 
 
 def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
@@ -30,31 +31,31 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
     Parameters
     ----------
     path : str or Path
-        A regular file; the suffix, in any case, says the format.
+        A regular file. Its suffix, in upper or lower case, selects the format.
     images : bool
-        False for who needs the surface alone: images are not decoded, `textures` is empty, and texture
-        coordinates are there wherever the file has some.
+        Whether to decode texture images. If False, `textures` is empty, but texture coordinates are read.
 
     Returns
     -------
     mesh : Mesh
-        Polygons are cut into fans around their first corner; docs/meshes.md has the rules of each format.
+        Polygons are split into triangle fans around their first corner. docs/meshes.md has the rules of each
+        format.
 
     Raises
     ------
     InputError
         FILE_NOT_FOUND, FILE_UNREADABLE (not a regular file, or no permission) or FILE_NOT_RECOGNISED.
     MeshFileError
-        The content is not a valid file of its format: one of the MESH_FILE_ codes.
+        The content is invalid: one of the MESH_FILE_ codes.
     MeshError
-        MESH_INDEX_OUT_OF_RANGE, of a file of USD with colours by corner, whose vertices are doubled.
+        MESH_INDEX_OUT_OF_RANGE, for USD files with per-corner colours only: their vertices must be split.
 
     Notes
     -----
-    The file is untrusted. Declared sizes are checked against the file's before memory is taken. Of the paths
-    in it (buffers and images of glTF, materials and images of OBJ) only regular files in its own folder or
-    below it are opened: an absolute path, a scheme or host, "..", and a link to elsewhere are refused. Time
-    and memory are linear in the size of these files.
+    The file is untrusted. Declared sizes are compared with the file size before memory is allocated. Linked
+    files (buffers and images of glTF, materials and images of OBJ) are opened only if they are regular files
+    in the same folder or below. Absolute paths, URLs, ".." and links to other folders are rejected. Time and
+    memory are linear in the size of these files.
     """
     name = os.fspath(path)
     try:
@@ -62,48 +63,48 @@ def read_mesh(path: str | os.PathLike[str], *, images: bool = True) -> Mesh:
         chosen = _known(name, Path(name).suffix)
         if not source.data:
             raise source.error("MESH_FILE_INVALID", "the file is empty")
-        return _in_short(chosen.read(source))
+        return _shorten_left_out(chosen.read(source))
     except MemoryError:
-        message = "this machine has not enough memory for the file"
+        message = "not enough memory to read the file"
         raise MeshFileError("MESH_FILE_TOO_LARGE", message, file=name) from None
 
 
-def _in_short(mesh: Mesh) -> Mesh:
-    """Return `mesh` with the first of what is left out, and how much more that is."""
-    first, more = mesh.left_out[:_MOST_LEFT_OUT], len(mesh.left_out) - _MOST_LEFT_OUT
-    return mesh if more <= 0 else replace(mesh, left_out=(*first, f"{more:,} more things"))
+def _shorten_left_out(mesh: Mesh) -> Mesh:
+    """Return `mesh` with the first entries of `left_out`, and the number of the others as the last entry."""
+    first, more = mesh.left_out[:_MAX_LEFT_OUT], len(mesh.left_out) - _MAX_LEFT_OUT
+    return mesh if more <= 0 else replace(mesh, left_out=(*first, f"{more:,} more properties"))
 
 
 def write_mesh(
     mesh: Mesh, target: str | os.PathLike[str] | BinaryIO, *, suffix: str, style: Style | None = None
 ) -> None:
-    """Write a mesh; the same mesh gives the same bytes.
+    """Write a mesh file. The same mesh always gives the same bytes.
 
     Parameters
     ----------
     mesh : Mesh
-        What to write. Every vertex row and face is kept, in order, as far as the format has them.
+        The mesh. Vertices and faces keep their order as far as the format allows.
     target : str, Path or binary file
-        Where to write. A path is overwritten; give a temporary name if a half-written file would be harmful.
+        The destination. An existing file is overwritten in place, so an error may leave a partial file.
     suffix : str
-        One of `MESH_SUFFIXES`, in any case: the format. Some may be only read.
+        The format: one of `MESH_SUFFIXES`, in upper or lower case.
     style : Style, optional
-        Whether colours are linear light, and what textures are packed as.
+        Colour space, image format and other options.
 
     Raises
     ------
     InputError
-        FILE_NOT_RECOGNISED: no such format, or one that is only read.
+        FILE_NOT_RECOGNISED: the format is unknown or read-only.
     OutputError
-        OUTPUT_FORMAT_LIMIT: the format cannot hold this mesh, or a coordinate that is not finite or too
-        large. OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open file are not translated.
+        OUTPUT_FORMAT_LIMIT: the format cannot store this mesh, or a coordinate is not finite or too large.
+        OUTPUT_UNWRITABLE: the path cannot be written. Errors of an open stream are passed on unchanged.
     MeshError
         MESH_INDEX_OUT_OF_RANGE: a face uses a vertex that does not exist.
     """
     name = os.fspath(target) if isinstance(target, str | os.PathLike) else getattr(target, "name", suffix)
     chosen = _known(str(name), suffix)
     if chosen.write is None:
-        message = f"{chosen.title} is only read; {' '.join(written_suffixes())} are written"
+        message = f"{chosen.title} files cannot be written; use one of {' '.join(written_suffixes())}"
         raise InputError("FILE_NOT_RECOGNISED", message, file=str(name))
     check_writable(mesh)
     style = style or Style()
@@ -116,26 +117,26 @@ def write_mesh(
         with Path(target).open("wb") as stream:
             chosen.write(mesh, stream, style)
     except OSError as error:
-        message = f"it cannot be written: {error.strerror or error}"
+        message = f"the file cannot be written: {error.strerror or error}"
         raise OutputError("OUTPUT_UNWRITABLE", message, file=name) from error
 
 
 def beside(mesh: Mesh, path: Path, style: Style) -> dict[Path, bytes]:
-    """Return the files that `write_whole` writes beside `path`, with what they hold."""
+    """Return the companion files that `write_whole` writes next to `path`, as path -> content."""
     form = _known(str(path), path.suffix)
-    files = form.beside(mesh, replace(style, stem=path.stem)) if form.beside else {}
+    files = form.companions(mesh, replace(style, stem=path.stem)) if form.companions else {}
     return {path.with_name(name): content for name, content in files.items()}
 
 
 def write_whole(mesh: Mesh, path: Path, style: Style | None = None, *, overwrite: bool = True) -> None:
-    """Write a mesh and the files that it needs beside it, in the format of the suffix: all of them or none.
+    """Write a mesh and its companion files in the format of the suffix: either all files or none.
 
     Errors are those of `write_mesh` and of `new_files`.
     """
     style = replace(style or Style(), stem=path.stem)
-    others = beside(mesh, path, style)
-    with new_files([*others, path], overwrite=overwrite) as files:
-        for file, content in zip(files[:-1], others.values(), strict=True):
+    companions = beside(mesh, path, style)
+    with new_files([*companions, path], overwrite=overwrite) as files:
+        for file, content in zip(files[:-1], companions.values(), strict=True):
             file.write(content)
         write_mesh(mesh, files[-1], suffix=path.suffix, style=style)
 
@@ -149,6 +150,6 @@ def _known(name: str, suffix: str) -> Format:
 
 
 def unknown_suffix(name: str, suffix: str) -> InputError:
-    """Return the error that the file `name`, which nothing else recognises, has no suffix of a mesh file."""
-    what = f"'{suffix}' is not the suffix of a mesh file" if suffix else "it has no suffix"
-    return InputError("FILE_NOT_RECOGNISED", f"{what}; {' '.join(MESH_SUFFIXES)} are read", file=name)
+    """Return the error for the file `name`, whose suffix is unknown."""
+    what = f"'{suffix}' is not a mesh file suffix" if suffix else "the file has no suffix"
+    return InputError("FILE_NOT_RECOGNISED", f"{what}; use one of {' '.join(MESH_SUFFIXES)}", file=name)

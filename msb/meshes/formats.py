@@ -1,4 +1,4 @@
-"""The description of a mesh format, and the table of all formats."""
+"""The declaration of a mesh format, and the table of all formats."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Picture = Literal["png", "jpeg", "webp"]
 
 @dataclass(frozen=True)
 class Web:
-    """How much of a mesh is kept in a file for the web, whose arrays are compressed.
+    """The precision of a compressed GLB for the web.
 
     Attributes
     ----------
     quarters : int
-        Quarters of a bit of positions: they lie on a grid of about 2 ** (quarters / 4) steps along the
-        longest side of the mesh; 88 is about float32.
+        Position precision in quarters of a bit: the grid has about 2 ** (quarters / 4) steps along the
+        longest side of the bounding box. 88 is about float32.
     levels : float, optional
-        Colours have a byte of linear light, and a second one where the first is off by more levels of 8-bit
-        sRGB; None: nowhere, which is off by six where it is dark.
+        Largest colour error in levels of 8-bit sRGB. Colours are stored as 8-bit linear light, and as 16-bit
+        where 8 bits would exceed this error. None: always 8 bits, with errors of up to 6 levels in the dark.
     by_distance : bool
-        Of a mesh whose faces share no vertex: the step is finer for faces near its middle and coarser for
-        those far from it, instead of one for all.
+        For triangle soups: use a finer grid for faces near the centre of the scene and a coarser grid far
+        away, instead of one grid.
     """
 
     quarters: int = 64
@@ -40,24 +40,24 @@ class Web:
 
 @dataclass(frozen=True)
 class Style:
-    """What may be chosen of a mesh file that is written.
+    """Options for writing a mesh file.
 
     Attributes
     ----------
     color : {"linear", "srgb"}, optional
-        Whether vertex colours are linear light or sRGB; None: as the format has them.
+        The colour space of vertex colours; None: the format's default.
     texture : {"png", "jpeg", "webp"}
-        What the textures are packed as.
+        The image format of textures.
     web : Web, optional
-        Of a GLB: compressed for the web, with rows in another order; None: as every program opens it.
+        For GLB: compress the arrays and reorder the rows; None: uncompressed, for every program.
     stem : str, optional
-        What the files beside it are called, without their endings; None: there are none.
+        The file name, without suffix, of companion files (materials, images); None: write no companions.
     extras : mapping, optional
-        Of a GLB: JSON data about the mesh that its `asset` carries.
+        For GLB: JSON data for the file's `asset.extras`.
     collision : tuple of Mesh
-        Of USD: what simulators let collide in its place.
+        For USD: collision shapes.
     is_convex : bool
-        Whether each of those is convex.
+        Whether each collision shape is convex.
     """
 
     color: Color | None = None
@@ -71,35 +71,35 @@ class Style:
 
 @dataclass(frozen=True)
 class Format:
-    """One mesh format. Its module declares it, and a line of `msb.meshes.files` registers it.
+    """One mesh format. Its module declares it, and one line in `msb.meshes.files` registers it.
 
     Attributes
     ----------
     title : str
-        The name that messages print, such as "PLY".
+        The name in messages, such as "PLY".
     suffixes : tuple of str
         The suffixes in lower case, the usual one first, such as (".ply",).
     read : callable
-        A function from `Source` to `Mesh`; whatever the bytes are, it returns or raises `MeshFileError`.
+        A function from `Source` to `Mesh`. For invalid bytes it raises `MeshFileError` and nothing else.
     write : callable, optional
-        A function that writes a mesh, whose coordinates and indices are checked, to a binary file; None for a
-        format that is only read.
+        A function that writes a mesh with valid coordinates and indices to a binary stream; None for a
+        read-only format.
     begins : compiled pattern of bytes, optional
-        How every file of the format begins, if no file of another format begins so. A file with a wrong
-        suffix is then recognised by it.
-    beside : callable, optional
-        A function that returns the files which a mesh needs beside its own, name -> content; they are called
-        after the `stem` of the style.
+        The signature at the start of every file of this format and of no other. It identifies files with a
+        wrong suffix.
+    companions : callable, optional
+        A function that returns the companion files of a mesh (materials, images) as name -> content; their
+        names begin with the `stem` of the style.
     keeps : tuple of {"vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"}
-        What the format can hold of a mesh beside its surface.
+        The optional parts of a mesh that the format can store.
     is_soup : bool
-        True if the format writes the vertices of every face anew, so that no two faces share one.
+        True if the format stores three vertices per face, so that faces never share vertices.
     is_single : bool
-        True if the format holds coordinates as float32, whatever the mesh has.
+        True if the format always stores coordinates as float32.
     is_linear : bool
-        True if the format says that vertex colours are linear light.
+        True if the format defines vertex colours as linear light.
     up : str, optional
-        The axis that the format says is up, such as "+y".
+        The axis that the format defines as up, such as "+y".
     """
 
     title: str
@@ -107,7 +107,7 @@ class Format:
     read: Callable[[Source], Mesh]
     write: Callable[[Mesh, BinaryIO, Style], None] | None = None
     begins: re.Pattern[bytes] | None = None
-    beside: Callable[[Mesh, Style], dict[str, bytes]] | None = None
+    companions: Callable[[Mesh, Style], dict[str, bytes]] | None = None
     keeps: tuple[Literal["vertex_colors", "face_colors", "vertex_uvs", "textures", "collision"], ...] = ()
     is_soup: bool = False
     is_single: bool = False
@@ -121,4 +121,4 @@ FORMATS: dict[str, Format] = {}
 
 def written_suffixes() -> list[str]:
     """Return the suffixes of the formats that can be written."""
-    return [suffix for suffix, each in FORMATS.items() if each.write is not None]
+    return [suffix for suffix, form in FORMATS.items() if form.write is not None]

@@ -1,7 +1,7 @@
-"""Meshes written as GLB for the web: positions on a grid, and arrays compressed (EXT_meshopt_compression).
+"""Write GLB files for the web: positions on a grid, and arrays compressed with EXT_meshopt_compression.
 
-Positions are whole numbers of steps, which the node scales: of two bytes (KHR_mesh_quantization) where these
-are enough, else floats by the extension's filter EXPONENTIAL, a mantissa and an exponent of any size.
+Positions are stored as integer grid coordinates, which the node scales. They are uint16 if that is sufficient
+(KHR_mesh_quantization), else floats that the extension's filter EXPONENTIAL stores as mantissa and exponent.
 """
 
 from __future__ import annotations
@@ -16,28 +16,33 @@ from numpy.typing import NDArray
 from msb.asset.texture import linear_to_srgb, srgb_to_linear
 from msb.base.extras import need_extra
 from msb.base.soup import is_unindexed
-from msb.meshes.colors import with_alpha
+from msb.meshes.colors import as_floats, with_alpha
 from msb.meshes.formats import Style, Web
-from msb.meshes.glb_write import INDICES, VERTICES, Part, Parts, add_mesh, finish, root_of, split
+from msb.meshes.glb_write import INDICES, VERTICES, GlbBuilder, Primitive, add_mesh, finish, root_of, split
 from msb.meshes.mesh import Mesh
 from msb.meshes.writing import as_float32
 
 _MESHOPT, _QUANTIZATION = "EXT_meshopt_compression", "KHR_mesh_quantization"
-# Quarters of a bit beyond which neither a mantissa nor a float would hold whole numbers of steps.
+# Finest precision of positions, in quarters of a bit. Beyond it, mantissas of 24 bits could not represent all
+# grid coordinates; a grid that varies by distance needs some bits for its exponents.
 _FINEST, _FINEST_BY_DISTANCE = 88, 76
-# Bits between the step of a face at the usual distance and the finest and coarsest of others.
+# Smallest and largest change of the grid step by distance, in bits: 8 times finer to 32 times coarser than at
+# the median distance.
 _FINER, _COARSER = -3, 5
-# Bits that a step is coarser where the distance is twice as far.
-_STEEP = 1.5
-# Texture coordinates are kept to 2 ** -4 of a texel or better.
-_TEXEL = 4
-# Bits of a mantissa beside its sign: what is tiled very often has coarser texture coordinates.
+# Bits by which the step is coarser at twice the distance.
+_BITS_PER_DOUBLING = 1.5
+# Texture coordinates have a precision of 2 ** -4 texel or better.
+_TEXEL_BITS = 4
+# Bits of the mantissa without its sign. They limit the precision of coordinates that are tiled very often.
 _MANTISSA = 23
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Positions (V, 3) in whole numbers of steps from a corner; row v is a multiple of 2 ** exponents[v]."""
+    """Positions (V, 3) rounded to a grid.
+
+    The position of vertex v is corner + step * whole[v], and whole[v] is a multiple of 2 ** exponents[v].
+    """
 
     whole: NDArray[np.int64]
     exponents: NDArray[np.int64]
@@ -46,122 +51,131 @@ class Grid:
 
     @classmethod
     def of(cls, mesh: Mesh, web: Web) -> Grid:
-        """Return the positions of `mesh`, rounded.
+        """Return the positions of `mesh` rounded with the precision of `web`.
 
-        A step is a power of two, or seven, six or five eighths of one, and no finer than float32 is at the
-        farthest vertex, so that no sum of the corner and so many steps is rounded onto another.
+        The step is a power of two times 8, 7, 6 or 5 eighths. It is not smaller than the float32 spacing at
+        the farthest vertex, so that different grid positions stay different after decoding.
         """
         positions = as_float32(mesh.vertices, "GLB").astype(np.float64)
         coarser = np.zeros(len(positions), np.int64)
         if web.by_distance and is_unindexed(mesh.faces, len(mesh.vertices)):
             coarser = _by_distance(mesh, positions)
+        # Choose the step from the extent of the longest side and the number of bits.
         bits, rest = divmod(min(web.quarters, _FINEST_BY_DISTANCE if coarser.any() else _FINEST), 4)
         low = positions.min(axis=0)
         extent = float((positions.max(axis=0) - low).max())
         step = 2.0 ** (math.ceil(math.log2(extent or 1.0)) - bits + int(coarser.min())) * (8 - rest) / 8
         step = max(step, float(np.spacing(np.abs(positions).max().astype(np.float32))))
+        # Round the coordinates of vertex v to multiples of 2 ** exponents[v].
         corner = np.floor(low / step) * step
         exponents = coarser - coarser.min()
-        own = 2 ** exponents[:, None]
-        return cls(np.rint((positions - corner) / step / own).astype(np.int64) * own, exponents, corner, step)
+        multiple = 2 ** exponents[:, None]
+        whole = np.rint((positions - corner) / step / multiple).astype(np.int64) * multiple
+        return cls(whole, exponents, corner, step)
 
     @property
     def positions(self) -> NDArray[np.float32]:
-        """What is read again."""
+        """The decoded positions (V, 3)."""
         return (self.whole * self.step + self.corner).astype(np.float32)
 
     @property
     def stored(self) -> NDArray[Any]:
-        """Positions (V, 3) as a file has them: uint16, or float32 where these do not fit."""
+        """The grid coordinates (V, 3) as stored: uint16, or float32 if they do not fit."""
         short = self.whole.max() < 1 << 16 and not self.exponents.any()
         return self.whole.astype(np.uint16 if short else np.float32)
 
 
 def _by_distance(mesh: Mesh, positions: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return by how many bits the step of a vertex (V,) of a soup is coarser than the usual one.
+    """Return by how many bits the grid step is coarser than the default, for each vertex (V,) of a soup.
 
-    Cameras of a scene are about its middle, and what is far from it is larger and seen from afar.
+    It grows with the distance of the face from the centre of the scene. Cameras are near the centre, so that
+    distant faces are larger and seen from far away.
     """
-    off = positions[mesh.faces].mean(axis=1) - np.median(positions, axis=0)
-    distance = np.linalg.norm(off, axis=1)
-    usual = float(np.median(distance)) or 1.0
-    bits = _STEEP * np.log2(np.maximum(distance / usual, 2.0**_FINER))
-    made = np.zeros(len(positions), np.int64)
-    made[mesh.faces] = np.rint(bits).clip(_FINER, _COARSER)[:, None]
-    return made
+    offset = positions[mesh.faces].mean(axis=1) - np.median(positions, axis=0)
+    distance = np.linalg.norm(offset, axis=1)
+    median = float(np.median(distance)) or 1.0
+    bits = _BITS_PER_DOUBLING * np.log2(np.maximum(distance / median, 2.0**_FINER))
+    coarser = np.zeros(len(positions), np.int64)
+    coarser[mesh.faces] = np.rint(bits).clip(_FINER, _COARSER)[:, None]
+    return coarser
 
 
 def write_web(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write `mesh`, whose texture coordinates are by vertex. Faces and vertices are put in another order."""
+    """Write `mesh`, which has texture coordinates per vertex. Faces and vertices are reordered."""
     need_extra("compressed", "meshopt", what="a GLB for the web")
     web = style.web
     assert web is not None
-    parts = _Compressed(root_of(mesh, style))
+    builder = _CompressedBuilder(root_of(mesh, style))
     if web.by_distance and mesh.face_textures is not None:
-        web = replace(web, by_distance=False)  # primitives would need exponents of their own
+        web = replace(web, by_distance=False)  # exponents are not split by primitive
+    # Positions: grid coordinates, and a node transform that maps them back.
     grid = Grid.of(mesh, web)
-    parts.root["nodes"][0] |= {"translation": grid.corner.tolist(), "scale": [grid.step] * 3}
+    builder.root["nodes"][0] |= {"translation": grid.corner.tolist(), "scale": [grid.step] * 3}
     attributes: dict[str, NDArray[Any]] = {"POSITION": grid.stored}
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = with_alpha(stored_light(mesh.vertex_colors, web.levels))
     if mesh.vertex_uvs is not None and mesh.textures:
+        # Texture coordinates: multiples of 2 ** -bits, as fine as the mantissa allows for the largest one.
         side = max(max(image.shape[:2]) for image in mesh.textures)
         most = max(float(np.abs(mesh.vertex_uvs).max(initial=0)), 1.0)
-        rounded = most * (1 + 0.5**_MANTISSA)  # the float just below a power of two may become that
-        bits = min(math.ceil(math.log2(side)) + _TEXEL, _MANTISSA - math.frexp(rounded)[1])
-        parts.exponents["TEXCOORD_0"] = np.full(1, -bits)
+        rounded = most * (1 + 0.5**_MANTISSA)  # rounding may reach the next power of two
+        bits = min(math.ceil(math.log2(side)) + _TEXEL_BITS, _MANTISSA - math.frexp(rounded)[1])
+        builder.exponents["TEXCOORD_0"] = np.full(1, -bits)
         attributes["TEXCOORD_0"] = (np.rint(mesh.vertex_uvs * 2.0**bits) * 0.5**bits).astype(np.float32)
-    parts.exponents["POSITION"] = np.zeros(1, np.int64)
-    made = []
+    # Reorder the rows of each primitive.
+    builder.exponents["POSITION"] = np.zeros(1, np.int64)
+    parts = []
     for part in split(mesh, attributes):
         assert part.faces is not None
         if is_unindexed(mesh.faces, len(mesh.vertices)):
             order = _soup_order(part, grid.exponents)
-            made.append(_taken(part, order, None))
+            parts.append(_select(part, order, None))
             if grid.exponents.any():
-                parts.exponents["POSITION"] = grid.exponents[order]
+                builder.exponents["POSITION"] = grid.exponents[order]
         else:
-            made.append(_ordered(part))
-    add_mesh(parts, made, mesh, style)
-    parts.require(_MESHOPT)
+            parts.append(_reordered(part))
+    add_mesh(builder, parts, mesh, style)
+    builder.require(_MESHOPT)
     if attributes["POSITION"].dtype == np.uint16:
-        parts.require(_QUANTIZATION)
-    # Where the arrays would be for who cannot decode them: nowhere.
-    parts.add("buffers", {"byteLength": parts.plain, "extensions": {_MESHOPT: {"fallback": True}}})
-    finish(parts, stream)
+        builder.require(_QUANTIZATION)
+    # The fallback buffer for uncompressed arrays. The extension requires it; it is left empty.
+    builder.add("buffers", {"byteLength": builder.plain, "extensions": {_MESHOPT: {"fallback": True}}})
+    finish(builder, stream)
 
 
 def stored_light(colors: NDArray[Any], levels: float | None) -> NDArray[Any]:
-    """Return sRGB colours (V, 3 | 4) as linear light: uint8, or uint16 where None is no limit of `levels`.
+    """Return sRGB colours (V, 3 | 4) as linear light with an error of at most `levels` of 8-bit sRGB.
 
-    A low byte that is zero, as that of its neighbours, takes no room; it has no more bits than it needs.
+    They are uint16, or uint8 if `levels` is None. Every value is rounded to as few bits as the error allows,
+    because low bytes of zero compress to almost nothing.
     """
-    values = colors / np.float32(255 if colors.dtype == np.uint8 else 1)
+    values = as_floats(colors)
     light = values.astype(np.float64)
     light[:, :3] = srgb_to_linear(values[:, :3])
     if levels is None:
         return np.asarray(np.rint(light * 255).astype(np.uint8))
+    # Round to multiples of 2, 4, ..., 256, and keep the coarsest value of each colour within the error.
     exact = light * 65535
-    made = np.rint(exact)
+    stored = np.rint(exact)
     for bits in range(1, 9):
         coarse = np.minimum(np.rint(exact[:, :3] / (1 << bits)) * (1 << bits), 65536 - (1 << bits))
-        off = np.abs(linear_to_srgb(coarse / 65535) - values[:, :3])
-        made[:, :3] = np.where(off <= levels / 255, coarse, made[:, :3])
-    return np.asarray(made.astype(np.uint16))
+        error = np.abs(linear_to_srgb(coarse / 65535) - values[:, :3])
+        stored[:, :3] = np.where(error <= levels / 255, coarse, stored[:, :3])
+    return np.asarray(stored.astype(np.uint16))
 
 
 def srgb_of(light: NDArray[Any]) -> NDArray[np.float32]:
-    """Return what is shown of colours that are stored so."""
+    """Return the sRGB values (V, 3 | 4) of stored linear colours, as float32 in [0, 1]."""
     values = light / np.float32(np.iinfo(light.dtype).max)
     values[:, :3] = linear_to_srgb(values[:, :3])
     return np.asarray(values, np.float32)
 
 
-def _soup_order(part: Part, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return vertices (V,) in an order in which they compress well and each three are a face.
+def _soup_order(part: Primitive, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return an order of vertices (V,) that compresses well, in which every three vertices are a face.
 
-    Faces of one step follow each other along a curve that fills space, and each begins with the corner that
-    is nearest to where the last one ended.
+    Faces are sorted by grid step, then along a space-filling curve. Each face is rotated to begin with the
+    corner nearest to the last corner of the previous face.
     """
     import meshopt
 
@@ -170,76 +184,83 @@ def _soup_order(part: Part, exponents: NDArray[np.int64]) -> NDArray[np.int64]:
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     order = np.lexsort((rank, exponents[part.faces[:, 0]]))
     faces = part.faces[order]
+    # first (F,): the corner that each face begins with, by L1 distance.
     first, last = [], (0.0, 0.0, 0.0)
     for corners in points[faces].tolist():
-        off = [sum(abs(x - y) for x, y in zip(corner, last, strict=True)) for corner in corners]
-        first.append(off.index(min(off)))
+        distances = [sum(abs(x - y) for x, y in zip(corner, last, strict=True)) for corner in corners]
+        first.append(distances.index(min(distances)))
         last = corners[first[-1] - 1]
-    turned = (np.array(first)[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(faces, turned, axis=1).reshape(-1)
+    rotated = (np.array(first)[:, None] + np.arange(3)) % 3
+    return np.take_along_axis(faces, rotated, axis=1).reshape(-1)
 
 
-def _taken(part: Part, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Part:
-    """Return vertices `order` (V,) of `part`, with `faces` of these."""
+def _select(part: Primitive, order: NDArray[np.int64], faces: NDArray[np.int64] | None) -> Primitive:
+    """Return the vertices `order` (V,) of `part` with `faces` (F, 3), which are indices into them."""
     rows = {name: np.ascontiguousarray(values[order]) for name, values in part.attributes.items()}
-    return Part(rows, faces, part.texture)
+    return Primitive(rows, faces, part.texture)
 
 
-def _ordered(part: Part) -> Part:
-    """Return `part` with faces in the order of meshopt.
+def _reordered(part: Primitive) -> Primitive:
+    """Return `part` with the faces in meshopt's order and the vertices in the order of their first use.
 
-    Vertices come as faces first use them; those that no face uses come last.
+    Unused vertices come last.
     """
     import meshopt
 
     assert part.faces is not None
+    # Sort the faces along a space-filling curve, then let meshopt optimise the order from there.
     points = part.attributes["POSITION"].astype(np.float32)
     rank = meshopt.reorder_points(points[part.faces].mean(axis=1))
     start = np.argsort(rank)
     flat = np.ascontiguousarray(part.faces[start].reshape(-1).astype(np.uint32))
     faces, place, used = meshopt.reorder_mesh(flat, True, True)
+    # place (V,): the new index of each vertex. meshopt omits unused vertices at the end.
     count = len(points)
-    place = np.concatenate((place, np.full(count - len(place), count)))  # of the last, if no face uses them
+    place = np.concatenate((place, np.full(count - len(place), count)))
     is_used = place < used
     order = np.zeros(count, np.int64)
     order[place[is_used]] = np.flatnonzero(is_used)
     order[used:] = np.flatnonzero(~is_used)
-    return _taken(part, order, faces.reshape(-1, 3).astype(np.int64))
+    return _select(part, order, faces.reshape(-1, 3).astype(np.int64))
 
 
 @dataclass
-class _Compressed(Parts):
-    """Parts whose arrays are compressed; `plain` is the size that they would have.
+class _CompressedBuilder(GlbBuilder):
+    """A file whose arrays are compressed. `plain` is the size of the uncompressed arrays in bytes.
 
-    `exponents` (V,) or (1,) holds for each attribute of floats the powers of two that these are multiples of.
+    `exponents` holds for each float attribute the exponents (V,) or (1,) of the powers of two that its values
+    are multiples of.
     """
 
     plain: int = 0
     exponents: dict[str, NDArray[np.int64]] = field(default_factory=dict)
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append an attribute, floats by their mantissas."""
+        """Append the compressed vertex attribute `name` (V, K); return the index of its buffer view."""
         import meshopt
 
         kind: dict[str, Any] = {"mode": "ATTRIBUTES"}
         if rows.dtype.kind == "f":
             kind["filter"] = "EXPONENTIAL"
+            # The filter's format: an exponent of 8 bits, and a mantissa of 24 bits.
             exponents = self.exponents[name][:, None]
             whole = np.rint(rows * 2.0**-exponents).astype(np.int64)
             rows = ((exponents & 0xFF) << 24 | whole & 0xFFFFFF).astype("<u4")
+        # Elements must be multiples of four bytes.
         if odd := rows.strides[0] % 4:
             rows = np.pad(rows, ((0, 0), (0, odd // rows.itemsize)))
         content = meshopt.encode_gltf_buffer(np.ascontiguousarray(rows), "ATTRIBUTES", 0)
         return self._view(content, len(rows), rows.strides[0], kind, VERTICES)
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append faces."""
+        """Append compressed faces (F, 3); return the index of their buffer view."""
         import meshopt
 
         content = meshopt.encode_gltf_buffer(faces.reshape(-1).astype(np.uint32), "TRIANGLES", 0)
         return self._view(content, faces.size, faces.itemsize, {"mode": "TRIANGLES"}, INDICES)
 
     def _view(self, content: bytes, count: int, stride: int, kind: dict[str, Any], target: int) -> int:
+        """Append compressed data of `count` elements of `stride` bytes; return its buffer view's index."""
         packed = self.put(content) | {"byteStride": stride, "count": count} | kind
         plain: dict[str, Any] = {"buffer": 1, "byteOffset": self.plain, "byteLength": count * stride}
         if target == VERTICES:

@@ -1,4 +1,4 @@
-"""Meshes written as GLB."""
+"""Write meshes as GLB."""
 
 import json
 from collections.abc import Iterator
@@ -21,11 +21,12 @@ from msb.meshes.writing import as_float32
 _UNLIT = "KHR_materials_unlit"
 _WEBP = "EXT_texture_webp"
 _COMPONENTS = {kind[1:]: number for number, kind in COMPONENTS.items()}
+# Targets of buffer views.
 VERTICES, INDICES = 34962, 34963
-# Vertices that uint16 can number: the last number is no vertex, but restarts strips.
-_MOST_SHORT = 1 << 16
-# Texels that a texture coordinate may not be off by.
-_SEEN = 1 / 8
+# From this number of vertices on, indices are uint32: index 65535 is reserved for restarting strips.
+_MAX_SHORT = 1 << 16
+# Errors of texture coordinates of this size are visible, in texels.
+_VISIBLE = 1 / 8
 _FILTERS = {
     ("linear", True): 9987,
     ("linear", False): 9729,
@@ -36,10 +37,10 @@ _WRAPS = {"repeat": 10497, "clamp": 33071, "mirror": 33648}
 
 
 @dataclass(frozen=True)
-class Part:
-    """A primitive: attributes of its vertices, name -> (V, K), its faces (F, 3), and their texture.
+class Primitive:
+    """A primitive: vertex attributes, name -> (V, K), faces (F, 3), and the number of its texture.
 
-    Without faces each three vertices are one.
+    Without faces, every three vertices are a face.
     """
 
     attributes: dict[str, NDArray[Any]]
@@ -48,26 +49,26 @@ class Part:
 
 
 @dataclass
-class Parts:
-    """The JSON of a file, and the parts of its binary chunk, each a multiple of four bytes."""
+class GlbBuilder:
+    """A file under construction: its JSON, and the parts of its binary chunk, padded to four bytes."""
 
     root: dict[str, Any]
     binary: list[bytes | memoryview] = field(default_factory=list)
     size: int = 0
 
     def add(self, key: str, entry: dict[str, Any]) -> int:
-        """Append an object to the array `key` of the JSON; return its number."""
+        """Append an object to the array `key` of the JSON; return its index."""
         self.root.setdefault(key, []).append(entry)
         return len(self.root[key]) - 1
 
     def require(self, extension: str) -> None:
-        """Say that nobody can open the file who does not know the extension."""
+        """Mark the extension as required for reading the file."""
         for key in ("extensionsUsed", "extensionsRequired"):
             if extension not in self.root.setdefault(key, []):
                 self.root[key].append(extension)
 
     def put(self, data: bytes | NDArray[Any]) -> dict[str, int]:
-        """Append bytes; return where they lie."""
+        """Append bytes to the binary chunk; return the buffer view that describes their place."""
         content = data if isinstance(data, bytes) else np.ascontiguousarray(data).data.cast("B")
         start, self.size = self.size, self.size + len(content)
         self.binary.append(content)
@@ -77,29 +78,30 @@ class Parts:
         return {"buffer": 0, "byteOffset": start, "byteLength": len(content)}
 
     def rows(self, name: str, rows: NDArray[Any]) -> int:
-        """Append the attribute `name` of vertices (V, K); return its view."""
+        """Append the vertex attribute `name` (V, K); return the index of its buffer view."""
         return self.add("bufferViews", self.put(rows) | {"target": VERTICES})
 
     def indices(self, faces: NDArray[Any]) -> int:
-        """Append faces (F, 3) of uint16 or uint32; return their view."""
+        """Append faces (F, 3), uint16 or uint32; return the index of their buffer view."""
         return self.add("bufferViews", self.put(faces) | {"target": INDICES})
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write one unlit, two-sided mesh, each texture's faces in a primitive; face colours are lost.
+    """Write an unlit, two-sided mesh with one primitive per texture. Face colours are not written.
 
-    Positions become float32. Colours become linear light in whole numbers; as sRGB they keep their type.
-    Texture coordinates have four bytes where these hold them, or, beside colours of eight, are enough.
+    Positions are float32. Colours are linear light as uint8 or uint16, or sRGB as stored if the style
+    requests it. Texture coordinates are uint16 if that is exact. If colours are wider than a byte, they are
+    uint16 also with an invisible error, so that a vertex has 24 bytes.
     """
     if not len(mesh.faces):
-        raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot hold a mesh without faces; use PLY")
+        raise OutputError("OUTPUT_FORMAT_LIMIT", "GLB cannot store a mesh without faces; use PLY")
     mesh = with_vertex_uvs(mesh)
     if style.web is not None:
         from msb.meshes.glb_web import write_web
 
         write_web(mesh, stream, style)
         return
-    parts = Parts(root_of(mesh, style))
+    builder = GlbBuilder(root_of(mesh, style))
     attributes: dict[str, NDArray[Any]] = {"POSITION": as_float32(mesh.vertices, "GLB")}
     if mesh.vertex_colors is not None:
         attributes["COLOR_0"] = _colors(mesh.vertex_colors, style)
@@ -107,19 +109,19 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
         wide = "COLOR_0" in attributes and attributes["COLOR_0"].itemsize > 1
         short = _short_uvs(mesh, only_exact=not wide)
         attributes["TEXCOORD_0"] = mesh.vertex_uvs if short is None else short
-    add_mesh(parts, list(split(mesh, attributes)), mesh, style)
-    finish(parts, stream)
+    add_mesh(builder, list(split(mesh, attributes)), mesh, style)
+    finish(builder, stream)
 
 
 def root_of(mesh: Mesh, style: Style) -> dict[str, Any]:
-    """Return the JSON that every file has."""
-    about: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
+    """Return the JSON that all files have in common."""
+    asset: dict[str, Any] = {"version": "2.0", "generator": "MeshSplatBench"}
     extras = dict(style.extras or {})
     if style.color == "srgb" and mesh.vertex_colors is not None:
         extras["color_space"] = "srgb"
-    about |= {"extras": extras} if extras else {}
+    asset |= {"extras": extras} if extras else {}
     return {
-        "asset": about,
+        "asset": asset,
         "extensionsUsed": [_UNLIT],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -128,16 +130,17 @@ def root_of(mesh: Mesh, style: Style) -> dict[str, Any]:
 
 
 def _colors(colors: NDArray[Any], style: Style) -> NDArray[Any]:
-    """Return colours (V, 3 | 4) as they are stored: whole numbers with alpha, for whole words."""
+    """Return colours (V, 3 | 4) as stored. Integers get alpha, so that elements are aligned to four bytes."""
     if style.color != "srgb":
         colors = linear_colors(colors)
     return with_alpha(colors) if colors.dtype.kind == "u" else colors
 
 
 def _short_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
-    """Return the texture coordinates of vertices as uint16; None where that is seen, or changes them.
+    """Return the texture coordinates (V, 2) as uint16, or None if the difference would be visible.
 
-    It is seen where one is not in 0 to 1 or would be off by an eighth of a texel, or where two became one.
+    It is visible if coordinates are outside [0, 1], if the error reaches 1/8 texel, or if different
+    coordinates become equal. With `only_exact`, coordinates must not change at all.
     """
     uvs = mesh.vertex_uvs
     assert uvs is not None
@@ -148,78 +151,83 @@ def _short_uvs(mesh: Mesh, *, only_exact: bool) -> NDArray[np.uint16] | None:
     if is_exact or only_exact:
         return short if is_exact else None
     side = max((max(image.shape[:2]) for image in mesh.textures), default=0)
-    is_seen = side / 65535 / 2 >= _SEEN or len(np.unique(short, axis=0)) < len(np.unique(uvs, axis=0))
-    return None if is_seen else short
+    is_visible = side / 65535 / 2 >= _VISIBLE or len(np.unique(short, axis=0)) < len(np.unique(uvs, axis=0))
+    return None if is_visible else short
 
 
-def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Part]:
-    """Yield the primitives of `mesh`, grouped by texture; `attributes` (V, K) are of all vertices."""
+def split(mesh: Mesh, attributes: dict[str, NDArray[Any]]) -> Iterator[Primitive]:
+    """Yield one primitive per texture. `attributes` (V, K) are those of all vertices.
+
+    Faces and vertices of `mesh` must be grouped by texture, as `with_vertex_uvs` returns them.
+    """
     if mesh.face_textures is None:
-        yield Part(attributes, mesh.faces, 0 if mesh.textures else None)
+        yield Primitive(attributes, mesh.faces, 0 if mesh.textures else None)
         return
-    shown, starts = np.unique(mesh.face_textures, return_index=True)
+    used, starts = np.unique(mesh.face_textures, return_index=True)
     faces = np.split(mesh.faces, starts[1:])
-    first = [0, *(int(each.min()) for each in faces[1:]), len(mesh.vertices)]
-    for number, texture in enumerate(shown.tolist()):
-        own = slice(first[number], first[number + 1])
-        rows = {name: values[own] for name, values in attributes.items()}
-        yield Part(rows, faces[number] - first[number], texture)
+    # The vertices of a primitive are the rows first[number] to first[number + 1].
+    first = [0, *(int(group.min()) for group in faces[1:]), len(mesh.vertices)]
+    for number, texture in enumerate(used.tolist()):
+        selected = slice(first[number], first[number + 1])
+        rows = {name: values[selected] for name, values in attributes.items()}
+        yield Primitive(rows, faces[number] - first[number], texture)
 
 
-def add_mesh(parts: Parts, split_up: list[Part], mesh: Mesh, style: Style) -> None:
-    """Add the primitives of `mesh` and their materials."""
+def add_mesh(builder: GlbBuilder, parts: list[Primitive], mesh: Mesh, style: Style) -> None:
+    """Add the primitives `parts` of `mesh` and their materials."""
     primitives: list[dict[str, Any]] = []
-    for number, part in enumerate(split_up):
+    for number, part in enumerate(parts):
         entry = {}
         for name, rows in part.attributes.items():
             rows = rows.astype(rows.dtype.newbyteorder("<"), copy=False)
-            described = _described(rows, parts.rows(name, rows))
+            accessor = _accessor(rows, builder.rows(name, rows))
             if name == "POSITION":
-                described.pop("normalized", None)
-                described |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
-            entry[name] = parts.add("accessors", described)
+                accessor.pop("normalized", None)
+                accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
+            entry[name] = builder.add("accessors", accessor)
         primitives.append({"attributes": entry, "material": number})
         if part.faces is not None:
-            faces = part.faces.astype("<u2" if len(part.attributes["POSITION"]) < _MOST_SHORT else "<u4")
-            indices = parts.add("accessors", _described(faces.reshape(-1), parts.indices(faces)))
+            faces = part.faces.astype("<u2" if len(part.attributes["POSITION"]) < _MAX_SHORT else "<u4")
+            indices = builder.add("accessors", _accessor(faces.reshape(-1), builder.indices(faces)))
             primitives[-1]["indices"] = indices
-        _add_material(parts, part.texture, mesh, style)
-    parts.root["meshes"] = [{"primitives": primitives}]
+        _add_material(builder, part.texture, mesh, style)
+    builder.root["meshes"] = [{"primitives": primitives}]
 
 
-def _described(rows: NDArray[Any], view: int) -> dict[str, Any]:
-    """Return the description of an array (N, K) or (N,) that is all of `view`."""
-    made: dict[str, Any] = {"bufferView": view, "componentType": _COMPONENTS[rows.dtype.str[1:]]}
-    made |= {"count": len(rows), "type": "SCALAR" if rows.ndim == 1 else f"VEC{rows.shape[1]}"}
-    return made | ({"normalized": True} if rows.ndim > 1 and rows.dtype.kind == "u" else {})
+def _accessor(rows: NDArray[Any], view: int) -> dict[str, Any]:
+    """Return the accessor of an array (N, K) or (N,) that fills the buffer view `view`."""
+    accessor: dict[str, Any] = {"bufferView": view, "componentType": _COMPONENTS[rows.dtype.str[1:]]}
+    accessor |= {"count": len(rows), "type": "SCALAR" if rows.ndim == 1 else f"VEC{rows.shape[1]}"}
+    return accessor | ({"normalized": True} if rows.ndim > 1 and rows.dtype.kind == "u" else {})
 
 
-def _add_material(parts: Parts, texture: int | None, mesh: Mesh, style: Style) -> None:
-    """Add the material of a primitive: unlit, two-sided, textured; as dull as can be where it is lit."""
+def _add_material(builder: GlbBuilder, texture: int | None, mesh: Mesh, style: Style) -> None:
+    """Add the unlit, two-sided material of a primitive. Viewers that light it anyway see a rough surface."""
     surface: dict[str, Any] = {"metallicFactor": 0, "roughnessFactor": 1}
     material: dict[str, Any] = {"pbrMetallicRoughness": surface}
     material |= {"extensions": {_UNLIT: {}}, "doubleSided": True}
     if texture is not None:
-        surface["baseColorTexture"] = {"index": _add_texture(parts, mesh, texture, style)}
+        surface["baseColorTexture"] = {"index": _add_texture(builder, mesh, texture, style)}
         if mesh.sampler.alpha_cutoff is not None:
             material |= {"alphaMode": "MASK", "alphaCutoff": mesh.sampler.alpha_cutoff}
-    parts.add("materials", material)
+    builder.add("materials", material)
 
 
-def _add_texture(parts: Parts, mesh: Mesh, number: int, style: Style) -> int:
-    """Add a texture with its image and sampler; return its number."""
-    if "samplers" not in parts.root:
-        parts.add("samplers", _sampler(mesh.sampler))
+def _add_texture(builder: GlbBuilder, mesh: Mesh, number: int, style: Style) -> int:
+    """Add texture `number` of `mesh` with its image and sampler; return its index in the file."""
+    if "samplers" not in builder.root:
+        builder.add("samplers", _sampler(mesh.sampler))
     content, kind = packed(mesh.textures[number], style.texture, mesh.sampler)
-    view = parts.add("bufferViews", parts.put(content))
-    image = parts.add("images", {"bufferView": view, "mimeType": f"image/{kind}"})
+    view = builder.add("bufferViews", builder.put(content))
+    image = builder.add("images", {"bufferView": view, "mimeType": f"image/{kind}"})
     if kind != "webp":
-        return parts.add("textures", {"sampler": 0, "source": image})
-    parts.require(_WEBP)
-    return parts.add("textures", {"sampler": 0, "extensions": {_WEBP: {"source": image}}})
+        return builder.add("textures", {"sampler": 0, "source": image})
+    builder.require(_WEBP)
+    return builder.add("textures", {"sampler": 0, "extensions": {_WEBP: {"source": image}}})
 
 
 def _sampler(sampler: Sampler) -> dict[str, int]:
+    """Return the JSON of a sampler."""
     return {
         "magFilter": _FILTERS[sampler.filter, False],
         "minFilter": _FILTERS[sampler.filter, sampler.mipmaps],
@@ -228,17 +236,17 @@ def _sampler(sampler: Sampler) -> dict[str, int]:
     }
 
 
-def finish(parts: Parts, stream: BinaryIO) -> None:
-    """Write the file."""
-    parts.root["buffers"] = [{"byteLength": parts.size}, *parts.root.get("buffers", [])]
-    text = json.dumps(parts.root, separators=(",", ":")).encode("ascii")
+def finish(builder: GlbBuilder, stream: BinaryIO) -> None:
+    """Write the file: the header, the JSON chunk and the binary chunk."""
+    builder.root["buffers"] = [{"byteLength": builder.size}, *builder.root.get("buffers", [])]
+    text = json.dumps(builder.root, separators=(",", ":")).encode("ascii")
     text += b" " * (-len(text) % 4)
-    total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + parts.size
+    total = HEADER.size + CHUNK.size + len(text) + CHUNK.size + builder.size
     if total >= 2**32:
         raise OutputError(
-            "OUTPUT_FORMAT_LIMIT", f"a GLB has at most 4 GiB, this one would have {total} bytes"
+            "OUTPUT_FORMAT_LIMIT", f"a GLB file is limited to 4 GiB; this one would have {total} bytes"
         )
     stream.write(HEADER.pack(b"glTF", 2, total) + CHUNK.pack(len(text), b"JSON") + text)
-    stream.write(CHUNK.pack(parts.size, b"BIN\0"))
-    for content in parts.binary:
+    stream.write(CHUNK.pack(builder.size, b"BIN\0"))
+    for content in builder.binary:
         stream.write(content)

@@ -1,4 +1,4 @@
-"""Materials of glTF: of each its base colour, and what else it has by name."""
+"""Read the base colours of glTF materials, and name their other properties."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -19,22 +19,22 @@ _NEAREST, _LINEAR = 9728, 9729
 _NEAREST_FILTERS = (_NEAREST, 9984, 9986)
 _WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _UNLIT, _TRANSFORM, _WEBP = "KHR_materials_unlit", "KHR_texture_transform", "EXT_texture_webp"
-# Keys of materials that are not read -> what they are.
-_BEYOND = {
+# Keys of material properties that are not read -> their names.
+_OTHERS = {
     "normalTexture": "normal maps",
     "occlusionTexture": "occlusion maps",
     "emissiveTexture": "emission",
     "emissiveFactor": "emission",
-    "metallicRoughnessTexture": "maps of metal and roughness",
+    "metallicRoughnessTexture": "metallic-roughness maps",
 }
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A texture as a material shows it.
+class TextureUse:
+    """The use of a texture by a material.
 
-    `image` is the number of the image, `sampler` how it is read, `uv_set` the number of the texture
-    coordinates, `transform` (2, 3) what they are multiplied with, as (u, v, 1).
+    `image` is the number of the image, `uv_set` the number of the texture coordinates, and `transform` (2, 3)
+    the matrix to multiply (u, v, 1) with, or None for the identity.
     """
 
     image: int
@@ -44,22 +44,23 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Look:
-    """What is drawn of a material: `factor` in linear light, `cutoff` None where alpha has no effect.
+class BaseColor:
+    """The base colour of a material: `factor` (RGBA in linear light) and `texture`.
 
-    `is_lost` says that it has a texture, and that this cannot be shown.
+    `cutoff` is the alpha cut-off, or None if alpha has no effect. `is_lost` is set if the material has a
+    texture that cannot be read.
     """
 
     factor: tuple[float, ...] = _WHITE
     cutoff: float | None = None
-    shown: Shown | None = None
+    texture: TextureUse | None = None
     is_lost: bool = False
 
 
-def look_of(document: Document, primitive: dict[str, Any], pointer: str) -> Look:
-    """Return the look of a primitive; without a material it is white."""
+def read_base_color(document: Document, primitive: dict[str, Any], pointer: str) -> BaseColor:
+    """Return the base colour of a primitive; white without a material."""
     if "material" not in primitive:
-        return Look()
+        return BaseColor()
     material, where = document.entry("materials", document.integer(primitive, "material", pointer))
     surface = document.object(material, "pbrMetallicRoughness", where)
     where_surface = f"{where}/pbrMetallicRoughness"
@@ -67,16 +68,16 @@ def look_of(document: Document, primitive: dict[str, Any], pointer: str) -> Look
     cutoff = None
     if material.get("alphaMode") == "MASK":
         cutoff = max(document.number(material, "alphaCutoff", where, _CUTOFF), 0) or None
-    shown = None
+    texture = None
     if "baseColorTexture" in surface:
         entry = document.object(surface, "baseColorTexture", where_surface)
-        shown = _shown(document, entry, f"{where_surface}/baseColorTexture")
-    is_lost = "baseColorTexture" in surface and shown is None
-    return Look(tuple(factor.tolist()), cutoff, shown, is_lost)
+        texture = _texture_use(document, entry, f"{where_surface}/baseColorTexture")
+    is_lost = "baseColorTexture" in surface and texture is None
+    return BaseColor(tuple(factor.tolist()), cutoff, texture, is_lost)
 
 
-def _shown(document: Document, entry: dict[str, Any], pointer: str) -> Shown | None:
-    """Return the texture of a `textureInfo`; None where its image is of no kind that is read (KTX2)."""
+def _texture_use(document: Document, entry: dict[str, Any], pointer: str) -> TextureUse | None:
+    """Return the use of the texture in a `textureInfo`; None if its image format is unsupported (KTX2)."""
     texture, where = document.entry("textures", document.integer(entry, "index", pointer))
     extensions = document.object(texture, "extensions", where)
     webp = document.object(extensions, _WEBP, f"{where}/extensions")
@@ -91,7 +92,7 @@ def _shown(document: Document, entry: dict[str, Any], pointer: str) -> Shown | N
     uv_set = document.integer(entry, "texCoord", pointer, default=0)
     extensions = document.object(entry, "extensions", pointer)
     if _TRANSFORM not in extensions:
-        return Shown(image, sampler, uv_set, None)
+        return TextureUse(image, sampler, uv_set, None)
     where = f"{pointer}/extensions/{_TRANSFORM}"
     moved = document.object(extensions, _TRANSFORM, f"{pointer}/extensions")
     uv_set = document.integer(moved, "texCoord", where, default=uv_set)
@@ -99,13 +100,13 @@ def _shown(document: Document, entry: dict[str, Any], pointer: str) -> Shown | N
     along_u, along_v = document.numbers(moved, "scale", where, (1, 1)).tolist()
     angle = document.number(moved, "rotation", where, 0.0)
     cos, sin = math.cos(angle), math.sin(angle)
-    # Counter-clockwise as the texture is seen, with v downwards.
+    # Scale, then rotate counter-clockwise (v points downwards), then translate.
     transform = (cos * along_u, sin * along_v, u), (-sin * along_u, cos * along_v, v)
-    return Shown(image, sampler, uv_set, transform)
+    return TextureUse(image, sampler, uv_set, transform)
 
 
 def _sampler(entry: dict[str, Any], pointer: str, document: Document) -> Sampler:
-    """Return a sampler of glTF; a number it does not define is as if absent."""
+    """Return a sampler; undefined numbers mean the defaults."""
     least = entry.get("minFilter")
     nearest = entry.get("magFilter", least) in _NEAREST_FILTERS
     filter_: Filter = "nearest" if nearest else "linear"
@@ -114,17 +115,17 @@ def _sampler(entry: dict[str, Any], pointer: str, document: Document) -> Sampler
     return Sampler(filter_, least not in (_NEAREST, _LINEAR), u, v)
 
 
-def transformed(uvs: NDArray[np.float32], shown: Shown) -> NDArray[np.float32]:
+def transform_uvs(uvs: NDArray[np.float32], texture: TextureUse) -> NDArray[np.float32]:
     """Return texture coordinates (V, 2) with the transform of a texture applied."""
-    if shown.transform is None:
+    if texture.transform is None:
         return uvs
-    matrix = np.array(shown.transform)
+    matrix = np.array(texture.transform)
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(uvs.astype(np.float64) @ matrix[:, :2].T + matrix[:, 2], np.float32)
 
 
 def stored_image(document: Document, index: int) -> tuple[bytes | memoryview, str]:
-    """Return the bytes of image `index`, of a view or a file, and its JSON pointer."""
+    """Return the bytes of image `index`, from a buffer view or a file, and its JSON pointer."""
     entry, pointer = document.entry("images", index)
     if "bufferView" in entry:
         return document.view(document.integer(entry, "bufferView", pointer))[0], pointer
@@ -132,13 +133,13 @@ def stored_image(document: Document, index: int) -> tuple[bytes | memoryview, st
 
 
 def image_key(document: Document, index: int) -> Any:
-    """Return what two images that are one have in common: where they are stored."""
+    """Return the storage place of image `index`. Entries with the same key are the same image."""
     entry, _ = document.entry("images", index)
     return str(entry["bufferView"]) if "bufferView" in entry else ("uri", str(entry.get("uri")))
 
 
-def beyond(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator[str]:
-    """Yield what the materials of primitives have beside their base colour; malformed ones have nothing."""
+def other_properties(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator[str]:
+    """Yield the names of material properties other than the base colour; malformed materials are skipped."""
     materials = document.root.get("materials")
     for primitive in primitives:
         number = primitive.get("material")
@@ -149,9 +150,9 @@ def beyond(document: Document, primitives: Iterable[dict[str, Any]]) -> Iterator
             continue
         surface = material.get("pbrMetallicRoughness")
         for owner in (material, surface if isinstance(surface, dict) else {}):
-            yield from (what for key, what in _BEYOND.items() if owner.get(key) not in (None, [0, 0, 0]))
+            yield from (title for key, title in _OTHERS.items() if owner.get(key) not in (None, [0, 0, 0]))
         if material.get("alphaMode") == "BLEND":
-            yield "blending by alpha"
+            yield "alpha blending"
         extensions = material.get("extensions")
         if isinstance(extensions, dict):
             yield from (shorten(str(name), 40) for name in extensions if name != _UNLIT)

@@ -1,4 +1,4 @@
-"""Primitives of glTF: which there are, checked, and then their arrays."""
+"""Read the primitives of glTF meshes: first validated descriptions, then their arrays."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -8,18 +8,19 @@ from numpy.typing import NDArray
 
 from msb.meshes.colors import stored_colors
 from msb.meshes.gltf import IDENTITY, Accessor, Document, accessor
-from msb.meshes.gltf_materials import Look, look_of, transformed
+from msb.meshes.gltf_materials import BaseColor, read_base_color, transform_uvs
 from msb.meshes.polygons import fan_triangulate
 
 TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _MODES = 7
-# What each primitive counts beside its arrays, so that a limit of memory bounds the number of steps too.
+# Bytes that every primitive counts in addition to its arrays, so that the memory limit also bounds the number
+# of primitives.
 _PRIMITIVE_BYTES = 1 << 10
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """One drawable part of a mesh: V vertices and F triangles."""
+    """The description of a primitive with triangles."""
 
     pointer: str
     mode: int
@@ -27,16 +28,16 @@ class Primitive:
     indices: Accessor | None
     colors: Accessor | None
     uvs: Accessor | None
-    look: Look
+    base: BaseColor
 
     @property
     def corners(self) -> int:
-        """The number of corners drawn."""
+        """The number of face corners."""
         return self.positions.count if self.indices is None else self.indices.count
 
     @property
     def bytes(self) -> int:
-        """The most bytes that the arrays of this part can take in a `Mesh`."""
+        """Upper bound of the memory of its arrays in a `Mesh`, in bytes."""
         triangles = self.corners // 3 if self.mode == TRIANGLES else self.corners
         colors = 0 if self.colors is None else self.colors.width * 4
         uvs = 0 if self.uvs is None else 8
@@ -44,10 +45,21 @@ class Primitive:
 
 
 @dataclass(frozen=True)
-class Part:
-    """A primitive's arrays: (V, 3) floats, (F, 3) vertex numbers of its own, (V, 3 | 4) colours, (V, 2) UVs.
+class PrimitiveArrays:
+    """The arrays of a primitive: V vertices and F triangles.
 
-    The colours are as stored, in linear light; `most` is what 1 was stored as, 0 of floats.
+    Attributes
+    ----------
+    vertices : (V, 3) float32 or float64
+    faces : (F, 3) int64
+        Indices into the vertices of this primitive.
+    colors : (V, 3 | 4) uint8 or float32, optional
+        Vertex colours in linear light, as stored.
+    most : int
+        65535 if the colours were stored as uint16, else 0.
+    uvs : (V, 2) float32, optional
+    base : BaseColor
+        The material.
     """
 
     vertices: NDArray[Any]
@@ -55,51 +67,52 @@ class Part:
     colors: NDArray[Any] | None
     most: int
     uvs: NDArray[np.float32] | None
-    look: Look
+    base: BaseColor
 
 
 def primitives_of(document: Document, mesh: int) -> list[Primitive]:
-    """Return the parts of mesh number `mesh` that have triangles."""
+    """Return the primitives of mesh number `mesh` that have triangles."""
     owner, pointer = document.entry("meshes", mesh)
     primitives = []
     for number, entry in enumerate(document.array(owner, "primitives", pointer)):
         where = f"{pointer}/primitives/{number}"
         if not isinstance(entry, dict):
-            raise document.error("MESH_FILE_INVALID", where, "a primitive is an object")
+            raise document.error("MESH_FILE_INVALID", where, "a primitive must be an object")
         if document.integer(entry, "mode", where, default=TRIANGLES, below=_MODES) >= TRIANGLES:
             primitives.append(_primitive(document, entry, where))
     return primitives
 
 
 def _primitive(document: Document, entry: dict[str, Any], pointer: str) -> Primitive:
-    """Return the description of a primitive; its arrays are known to be there."""
+    """Return the validated description of a primitive."""
     attributes = document.object(entry, "attributes", pointer)
     where = f"{pointer}/attributes"
     number = document.integer(attributes, "POSITION", where)
     unpacked = document.packed.get(pointer, {})
     mode = document.integer(entry, "mode", pointer, default=TRIANGLES)
     if unpacked:
-        mode = TRIANGLES  # also where what was compressed was a strip
+        mode = TRIANGLES  # Draco decodes triangle strips to triangles
     positions = accessor(
         document, number, kinds="VEC3", components="i1 u1 i2 u2 f4", unpacked=unpacked.get("POSITION")
     )
     indices = None
     if "indices" in entry:
         number = document.integer(entry, "indices", pointer)
-        there = unpacked.get("indices")
-        indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=there)
-    look = look_of(document, entry, pointer)
-    uv_set = 0 if look.shown is None else look.shown.uv_set
+        decoded = unpacked.get("indices")
+        indices = accessor(document, number, kinds="SCALAR", components="u1 u2 u4", unpacked=decoded)
+    # Read the UV set that the texture uses. A texture without UVs cannot be used.
+    base = read_base_color(document, entry, pointer)
+    uv_set = 0 if base.texture is None else base.texture.uv_set
     name = f"TEXCOORD_{uv_set}"
     uvs = _attribute(document, attributes, where, name, positions.count, unpacked.get(name))
-    if look.shown is not None and uvs is None:
-        look = replace(look, shown=None, is_lost=True)
+    if base.texture is not None and uvs is None:
+        base = replace(base, texture=None, is_lost=True)
     colors = _attribute(document, attributes, where, "COLOR_0", positions.count, unpacked.get("COLOR_0"))
-    made = Primitive(pointer, mode, positions, indices, colors, uvs, look)
-    if mode == TRIANGLES and made.corners % 3:
-        text = f"{made.corners} corners are no whole number of triangles"
+    primitive = Primitive(pointer, mode, positions, indices, colors, uvs, base)
+    if mode == TRIANGLES and primitive.corners % 3:
+        text = f"the number of corners, {primitive.corners}, is not a multiple of 3"
         raise document.error("MESH_FILE_INVALID", pointer, text)
-    return made
+    return primitive
 
 
 def _attribute(
@@ -110,21 +123,21 @@ def _attribute(
     count: int,
     unpacked: NDArray[Any] | None,
 ) -> Accessor | None:
-    """Return the colours or texture coordinates of `count` vertices, None if there are none."""
+    """Return the colours or texture coordinates of `count` vertices, or None if they are missing."""
     if name not in attributes:
         return None
     is_color = name.startswith("COLOR")
     kinds, components = ("VEC3 VEC4", "u1 u2 f4") if is_color else ("VEC2", "i1 u1 i2 u2 f4")
     number = document.integer(attributes, name, pointer)
-    found = accessor(document, number, kinds=kinds, components=components, unpacked=unpacked)
-    if found.count != count:
+    values = accessor(document, number, kinds=kinds, components=components, unpacked=unpacked)
+    if values.count != count:
         what = "colours" if is_color else "texture coordinates"
-        text = f"there are {found.count} {what} for {count} vertices"
+        text = f"there are {values.count} {what} for {count} vertices"
         raise document.error("MESH_FILE_INVALID", f"{pointer}/{name}", text)
-    return found
+    return values
 
 
-def read_part(primitive: Primitive) -> Part:
+def read_arrays(primitive: Primitive) -> PrimitiveArrays:
     """Return the arrays of `primitive`."""
     if primitive.indices is None:
         corners = np.arange(primitive.positions.count)
@@ -136,14 +149,14 @@ def read_part(primitive: Primitive) -> Part:
         most = 65535 if primitive.colors.dtype.itemsize == 2 else 0
     if primitive.uvs is not None:
         uvs = _numbers(primitive.uvs).astype(np.float32)
-        if primitive.look.shown is not None:
-            uvs = transformed(uvs, primitive.look.shown)
+        if primitive.base.texture is not None:
+            uvs = transform_uvs(uvs, primitive.base.texture)
     faces = _triangles(corners, primitive.mode)
-    return Part(_numbers(primitive.positions), faces, colors, most, uvs, primitive.look)
+    return PrimitiveArrays(_numbers(primitive.positions), faces, colors, most, uvs, primitive.base)
 
 
 def _numbers(stored: Accessor) -> NDArray[Any]:
-    """Return floats as float32, and integers as the float64 they stand for."""
+    """Return floats as float32, and integers as float64, scaled to [-1, 1] if they are normalized."""
     values = stored.read()
     if values.dtype.kind == "f":
         return values.astype(np.float32)
@@ -153,20 +166,21 @@ def _numbers(stored: Accessor) -> NDArray[Any]:
 
 
 def _triangles(corners: NDArray[np.int64], mode: int) -> NDArray[np.int64]:
-    """Return the triangles (F, 3) drawn with `corners` (C,)."""
+    """Return the triangles (F, 3) of the vertex indices `corners` (C,) in the drawing mode `mode`."""
     if mode == TRIANGLES:
         return corners.reshape(-1, 3)
     if mode == _FAN:
         return fan_triangulate(corners, np.array([len(corners)]))[0]
+    # In a strip, every corner forms a triangle with the next two; every other triangle is reversed.
     first = np.arange(max(len(corners) - 2, 0))
     odd = first % 2
     return np.stack((corners[first], corners[first + 1 + odd], corners[first + 2 - odd]), axis=1)
 
 
-def moved(part: Part, matrix: NDArray[np.float64]) -> Part:
-    """Return `part` with the transform (4, 4) applied; the identity changes nothing, not even the type.
+def transform_arrays(part: PrimitiveArrays, matrix: NDArray[np.float64]) -> PrimitiveArrays:
+    """Return `part` transformed by `matrix` (4, 4). The identity changes nothing, not even the type.
 
-    A mirrored part has its front where its corners go clockwise, so these are turned round.
+    Mirroring transforms would reverse the front sides, so the winding of the faces is reversed, too.
     """
     if np.array_equal(matrix, IDENTITY):
         return part

@@ -1,6 +1,7 @@
-"""glTF 2.0: what a file shows, as one mesh with its triangles, colours and textures.
+"""glTF 2.0: read the default scene of a file as one mesh with colours and textures.
 
-GLB is all in one binary file; JSON, whose buffers and images lie beside it or in its text, is only read.
+GLB (one binary file) is read and written. glTF as JSON, with embedded or linked buffers and images, is only
+read.
 """
 
 import re
@@ -13,19 +14,19 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
-from msb.meshes.colors import srgb_colors, with_alpha
+from msb.meshes.colors import as_floats, srgb_colors, with_alpha
 from msb.meshes.formats import Format
 from msb.meshes.glb_write import write
 from msb.meshes.gltf import Document, document_of, open_document, placed_meshes
-from msb.meshes.gltf_materials import Look, Shown, beyond, image_key, stored_image
+from msb.meshes.gltf_materials import BaseColor, TextureUse, image_key, other_properties, stored_image
 from msb.meshes.gltf_packed import DRACO, MESHOPT, unpack
-from msb.meshes.gltf_parts import Part, moved, primitives_of, read_part
+from msb.meshes.gltf_parts import PrimitiveArrays, primitives_of, read_arrays, transform_arrays
 from msb.meshes.images import Decoder
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import joined_faces
+from msb.meshes.polygons import join_faces
 from msb.meshes.source import Source
 
-# Prefixes of extensions that a file may require: they change no geometry, or we read what they add.
+# Prefixes of extensions that a file may require: they do not change the geometry, or they are supported.
 _HARMLESS = (
     "KHR_materials_",
     "KHR_texture_",
@@ -37,7 +38,7 @@ _HARMLESS = (
     "MSFT_texture_",
 )
 
-# Attribute without its number -> what it is.
+# Attribute that is not read, without its number -> its name.
 _ATTRIBUTES = {
     "NORMAL": "normals",
     "TANGENT": "tangents",
@@ -46,125 +47,133 @@ _ATTRIBUTES = {
     "JOINTS": "a skin",
     "WEIGHTS": "a skin",
 }
-# Says that a node is drawn at several places; a file that does not require it is read as if it did not.
+# The extension for instances of a node. A file that uses but does not require it is read without instances.
 _INSTANCES = "EXT_mesh_gpu_instancing"
-# The texture of faces without one, where others have one.
+# The white texture of faces without a texture, if other faces have one.
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 _BEGINS = re.compile(rb"\s*\{")
 
 
 def read_scene(document: Document) -> Mesh:
-    """Return the triangles of the default scene, primitive after primitive, in ascending order of nodes.
+    """Return the triangles of the default scene: the primitives one after the other, in the order of nodes.
 
-    Vertices are float32 as long as no node moves any, else float64. Every primitive brings its own vertices;
-    where only some have colours, the others are white, as the format defines. An index outside its primitive
-    stays outside the whole mesh.
+    Vertices are float32, or float64 if a node has a transform. Primitives do not share vertices. If only some
+    have colours, the others are white, as the format defines. Indices outside their primitive stay invalid
+    for the mesh.
     """
     _refuse_extensions(document)
     placed = list(placed_meshes(document))
-    shown = list(dict.fromkeys(mesh for mesh, _ in placed))
-    unpack(document, shown)
-    primitives = {mesh: primitives_of(document, mesh) for mesh in shown}
-    sizes = {mesh: sum(each.bytes for each in primitives[mesh]) for mesh in primitives}
-    document.check_total("the arrays of its nodes", sum(sizes[mesh] for mesh, _ in placed))
+    used = list(dict.fromkeys(mesh for mesh, _ in placed))
+    unpack(document, used)
+    # Check all descriptions and the total size before any array is read.
+    primitives = {mesh: primitives_of(document, mesh) for mesh in used}
+    sizes = {mesh: sum(primitive.bytes for primitive in primitives[mesh]) for mesh in primitives}
+    document.check_total("the arrays of all nodes", sum(sizes[mesh] for mesh, _ in placed))
     if not any(primitives.values()) and document.root.get("meshes"):
-        text = "the scene shows no mesh with triangles, although the file has meshes"
+        text = "the scene contains no mesh with triangles, although the file has meshes"
         raise document.source.error("MESH_FILE_INVALID", text)
-    read = {mesh: [read_part(each) for each in primitives[mesh]] for mesh in primitives}
-    parts = [moved(part, matrix) for mesh, matrix in placed for part in read[mesh]]
+    read = {mesh: [read_arrays(primitive) for primitive in primitives[mesh]] for mesh in primitives}
+    parts = [transform_arrays(part, matrix) for mesh, matrix in placed for part in read[mesh]]
     if not parts:
         joined = Mesh(np.zeros((0, 3), dtype=np.float32), np.zeros((0, 3), dtype=np.int64))
     else:
         joined = _join(document, parts)
-    looks = [part.look for part in parts]
-    return replace(joined, left_out=tuple(_left_out(document, shown, looks)), up="+y")
+    colors = [part.base for part in parts]
+    return replace(joined, left_out=tuple(_left_out(document, used, colors)), up="+y")
 
 
 def _refuse_extensions(document: Document) -> None:
-    """Refuse a file that requires what we do not know: its accessors may hold nothing without that."""
+    """Reject files that require an unsupported extension: their accessors may be meaningless without it."""
     for name in document.array(document.root, "extensionsRequired", ""):
         if not str(name).startswith(_HARMLESS):
-            text = f"the file requires extension {shorten(str(name))}, which is not read; export without it"
+            text = f"the required extension {shorten(str(name))} is not supported; export without it"
             raise document.error("MESH_FILE_UNSUPPORTED", "/extensionsRequired", text)
 
 
-def _join(document: Document, parts: list[Part]) -> Mesh:
-    """Return the mesh of all parts, one after the other."""
+def _join(document: Document, parts: list[PrimitiveArrays]) -> Mesh:
+    """Return the concatenation of all parts as a mesh."""
     uvs = None
     if any(part.uvs is not None for part in parts):
         blank = [
             np.zeros((len(part.vertices), 2), np.float32) if part.uvs is None else part.uvs for part in parts
         ]
         uvs = np.concatenate(blank)
-    cutoffs = [part.look.cutoff for part in parts if part.look.cutoff is not None]
-    is_textured = any(part.look.shown for part in parts)
+    # The mesh has one alpha cut-off: the smallest of all materials. `_colors` scales alpha accordingly.
+    cutoffs = [part.base.cutoff for part in parts if part.base.cutoff is not None]
+    is_textured = any(part.base.texture for part in parts)
     cutoff = min([1.0, *cutoffs]) if cutoffs and is_textured else None
     mesh = Mesh(
         np.concatenate([part.vertices for part in parts]),
-        joined_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
-        _join_colors([_colors(part, cutoff, says_srgb(document)) for part in parts], parts),
+        join_faces((part.faces for part in parts), [len(part.vertices) for part in parts]),
+        _join_colors([_colors(part, cutoff, _says_srgb(document)) for part in parts], parts),
         vertex_uvs=uvs,
     )
     return _with_textures(mesh, document, parts, cutoff) if is_textured else mesh
 
 
-def _with_textures(mesh: Mesh, document: Document, parts: list[Part], cutoff: float | None) -> Mesh:
-    """Return `mesh` with the images that its parts show, each once, and the sampler of the first of them.
+def _with_textures(
+    mesh: Mesh, document: Document, parts: list[PrimitiveArrays], cutoff: float | None
+) -> Mesh:
+    """Return `mesh` with the distinct images of its parts, and the sampler of the first texture.
 
-    Where no images are wanted it is only said which faces show the same one.
+    If the source is read without images, only `face_textures` is set.
     """
+    # Number the textures. An image that is used with and without an alpha cut-off becomes two textures,
+    # because only one of them keeps its alpha channel.
     numbers: dict[Any, int] = {}
-    images: list[tuple[Shown | None, bool]] = []
+    images: list[tuple[TextureUse | None, bool]] = []
     of_parts = []
     for part in parts:
-        shown, masked = part.look.shown, cutoff is not None and part.look.cutoff is not None
-        key = None if shown is None else (image_key(document, shown.image), masked)
+        texture, masked = part.base.texture, cutoff is not None and part.base.cutoff is not None
+        key = None if texture is None else (image_key(document, texture.image), masked)
         if key not in numbers:
             numbers[key] = len(images)
-            images.append((shown, masked))
+            images.append((texture, masked))
         of_parts.append(numbers[key])
     face_textures = np.repeat(np.array(of_parts, np.uint32), [len(part.faces) for part in parts])
     mesh = replace(mesh, face_textures=face_textures if len(images) > 1 else None)
     if not document.source.images:
         return mesh
     if len(images) > MAX_TEXTURES:
-        text = f"the scene shows {len(images)} textures; {MAX_TEXTURES} are the most that a mesh has here"
+        text = f"the scene has {len(images)} textures; at most {MAX_TEXTURES} are supported"
         raise document.error("MESH_FILE_TOO_LARGE", "/images", text)
     decoder = Decoder()
-    textures = tuple(_texture(document, decoder, shown, masked) for shown, masked in images)
-    samplers = [shown.sampler for shown, _ in images if shown is not None]
+    textures = tuple(_texture(document, decoder, texture, masked) for texture, masked in images)
+    samplers = [texture.sampler for texture, _ in images if texture is not None]
     return replace(mesh, textures=textures, sampler=replace(samplers[0], alpha_cutoff=cutoff))
 
 
-def _texture(document: Document, decoder: Decoder, shown: Shown | None, masked: bool) -> NDArray[np.uint8]:
-    """Return the texels of an image; alpha counts only where something is cut off by it."""
-    if shown is None:
+def _texture(
+    document: Document, decoder: Decoder, texture: TextureUse | None, masked: bool
+) -> NDArray[np.uint8]:
+    """Return the texels of a texture, with alpha only if `masked`; white for None."""
+    if texture is None:
         return _PLAIN
-    data, pointer = stored_image(document, shown.image)
+    data, pointer = stored_image(document, texture.image)
     try:
         return decoder.decode(data, alpha=masked)
     except MeshFileError as error:
         raise document.error(error.code, pointer, error.message) from None
 
 
-def says_srgb(document: Document) -> bool:
-    """Return whether the file says that its vertex colours are sRGB, as ours do where that was asked for."""
-    about = document.root.get("asset")
-    extras = about.get("extras") if isinstance(about, dict) else None
+def _says_srgb(document: Document) -> bool:
+    """Return whether vertex colours are marked as sRGB, as in files written with `--color srgb`."""
+    asset = document.root.get("asset")
+    extras = asset.get("extras") if isinstance(asset, dict) else None
     return isinstance(extras, dict) and extras.get("color_space") == "srgb"
 
 
-def _colors(part: Part, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
-    """Return the colours (V, 3 | 4) of a part in sRGB: those of its vertices times its factor; None is white.
+def _colors(part: PrimitiveArrays, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | None:
+    """Return the sRGB colours (V, 3 | 4) of a part: vertex colours times the base factor; None for white.
 
-    Of a mesh with a `cutoff` alpha is scaled as that differs from the part's own, and 1 where the part has
-    none; else it is as stored, and has no effect.
+    `cutoff` is the alpha cut-off of the mesh. If the part's cut-off differs, alpha is scaled by their ratio;
+    if the part has none, alpha is 1. Without a `cutoff`, alpha is kept as stored and has no effect.
     """
-    factor, own = np.array(part.look.factor, np.float32), part.look.cutoff
-    if cutoff is None or own is None:
+    factor, part_cutoff = np.array(part.base.factor, np.float32), part.base.cutoff
+    if cutoff is None or part_cutoff is None:
         factor[3] = 1
-    else:  # in doubles: a cut-off may be too small or too large for the floats of a colour
-        factor[3] = part.look.factor[3] * (cutoff / own)
+    else:  # in float64: the cut-offs may be too small or too large for float32
+        factor[3] = part.base.factor[3] * (cutoff / part_cutoff)
     colors = part.colors
     if colors is None:
         if (factor == 1).all():
@@ -172,59 +181,62 @@ def _colors(part: Part, cutoff: float | None, is_srgb: bool) -> NDArray[Any] | N
         width = 3 if factor[3] == 1 else 4
         return np.repeat(srgb_colors(factor[None, :width]), len(part.vertices), axis=0)
     if cutoff is not None:
-        colors = with_alpha(colors) if own is not None else colors[:, :3]
+        colors = with_alpha(colors) if part_cutoff is not None else colors[:, :3]
     width = colors.shape[1]
     if (factor[:width] == 1).all():
         return colors if is_srgb else srgb_colors(colors, part.most)
-    linear = colors if colors.dtype == np.float32 else colors / np.float32(255)
-    return srgb_colors(linear * factor[:width])
+    return srgb_colors(as_floats(colors) * factor[:width])
 
 
-def _join_colors(colors: list[NDArray[Any] | None], parts: list[Part]) -> NDArray[Any] | None:
-    """Return the colours (V, 3 | 4) of all parts in the widest type and width; None if all are white."""
-    given = [each for each in colors if each is not None]
-    if not given:
+def _join_colors(colors: list[NDArray[Any] | None], parts: list[PrimitiveArrays]) -> NDArray[Any] | None:
+    """Return the concatenated colours (V, 3 | 4) in the widest type and width; None if all are white."""
+    stored = [rows for rows in colors if rows is not None]
+    if not stored:
         return None
-    as_bytes = all(each.dtype == np.uint8 for each in given)
-    wide = any(each.shape[1] == 4 for each in given)
+    as_bytes = all(rows.dtype == np.uint8 for rows in stored)
+    wide = any(rows.shape[1] == 4 for rows in stored)
     joined = []
-    for part, each in zip(parts, colors, strict=True):
-        own = np.full((len(part.vertices), 3), 255, dtype=np.uint8) if each is None else each
-        if not as_bytes and own.dtype == np.uint8:
-            own = (own / 255).astype(np.float32)
-        joined.append(with_alpha(own) if wide else own)
+    for part, rows in zip(parts, colors, strict=True):
+        part_colors = np.full((len(part.vertices), 3), 255, dtype=np.uint8) if rows is None else rows
+        part_colors = part_colors if as_bytes else as_floats(part_colors)
+        joined.append(with_alpha(part_colors) if wide else part_colors)
     return np.concatenate(joined)
 
 
-def _left_out(document: Document, meshes: Iterable[int], looks: list[Look]) -> Iterable[str]:
-    """Return what is not read of the `meshes` of a scene, and of the file beside meshes.
+def _left_out(document: Document, meshes: Iterable[int], colors: list[BaseColor]) -> Iterable[str]:
+    """Return the names of everything in the `meshes` of the scene, and in the file, that is not read.
 
-    What is malformed here is no error: it is not read.
+    Malformed entries are skipped, because they are not read anyway.
     """
     parts: dict[str, None] = {}
-    shown = [look.shown for look in looks if look.shown is not None]
-    read = {f"TEXCOORD_{each.uv_set}" for each in shown}
+    textures = [color.texture for color in colors if color.texture is not None]
+    read = {f"TEXCOORD_{texture.uv_set}" for texture in textures}
     primitives = [
-        each for mesh in meshes for each in _objects(document.entry("meshes", mesh)[0].get("primitives"))
+        primitive
+        for mesh in meshes
+        for primitive in _objects(document.entry("meshes", mesh)[0].get("primitives"))
     ]
+    # Attributes and morph targets of the primitives.
     for primitive in primitives:
         for name in _keys(primitive.get("attributes")):
             word = str(name).partition("_")[0]
             if name not in ("POSITION", "COLOR_0", *read):
-                what = "further UVs" if read and word == "TEXCOORD" else _ATTRIBUTES.get(word)
-                parts[what or "further attributes"] = None
+                title = "further UVs" if read and word == "TEXCOORD" else _ATTRIBUTES.get(word)
+                parts[title or "further attributes"] = None
         if primitive.get("targets"):
             parts["morph targets"] = None
-    if any(look.is_lost for look in looks):
-        parts["textures that are no PNG, JPEG or WebP or have no UVs"] = None
-    if not shown and any(look.cutoff is not None for look in looks):
-        parts["a cut-off by alpha"] = None
-    if len({each.sampler for each in shown}) > 1:
+    # Properties of the materials.
+    if any(color.is_lost for color in colors):
+        parts["textures without UVs or in formats other than PNG, JPEG and WebP"] = None
+    if not textures and any(color.cutoff is not None for color in colors):
+        parts["an alpha cut-off"] = None
+    if len({texture.sampler for texture in textures}) > 1:
         parts["further samplers"] = None
-    parts.update(dict.fromkeys(beyond(document, primitives)))
+    parts.update(dict.fromkeys(other_properties(document, primitives)))
+    # Instances and animations.
     nodes = _objects(document.root.get("nodes"))
     if any(_INSTANCES in _keys(node.get("extensions")) for node in nodes):
-        parts[f"further copies of meshes ({_INSTANCES})"] = None
+        parts[f"instances of meshes ({_INSTANCES})"] = None
     animations = document.root.get("animations")
     if isinstance(animations, list) and animations:
         parts[f"{len(animations)} animation{'' if len(animations) == 1 else 's'}"] = None
@@ -232,26 +244,28 @@ def _left_out(document: Document, meshes: Iterable[int], looks: list[Look]) -> I
 
 
 def _objects(entries: Any) -> list[dict[str, Any]]:
-    return [each for each in entries if isinstance(each, dict)] if isinstance(entries, list) else []
+    """Return the objects in a JSON array; nothing for other values."""
+    return [entry for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
 def _keys(entry: Any) -> list[Any]:
+    """Return the keys of a JSON object; nothing for other values."""
     return list(entry) if isinstance(entry, dict) else []
 
 
 def _read_glb(source: Source) -> Mesh:
-    """Read what a binary file shows."""
+    """Read the default scene of a GLB file."""
     return read_scene(open_document(source))
 
 
 def _read_gltf(source: Source) -> Mesh:
-    """Read what a file of JSON shows."""
+    """Read the default scene of a glTF file in JSON."""
     if _BEGINS.match(source.data) is None:
-        raise source.not_a("glTF", "it does not begin with '{'")
+        raise source.not_a("glTF", "the content does not begin with '{'")
     document = document_of(source, source.data)
     version = str(document.object(document.root, "asset", "").get("version", "2.0"))
     if not version.startswith("2."):
-        text = f"version {shorten(version)} is not read; 2.0 is"
+        text = f"glTF version {shorten(version)} is not supported; export version 2.0"
         raise document.error("MESH_FILE_UNSUPPORTED", "/asset/version", text)
     return read_scene(document)
 

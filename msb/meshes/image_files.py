@@ -1,4 +1,4 @@
-"""Textures as image files."""
+"""Encode textures as image files."""
 
 import re
 from io import BytesIO
@@ -11,19 +11,18 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import Picture, Style
 from msb.meshes.mesh import Mesh
 
-# How little is lost: what it costs in bytes is less than what blocks and bled colours cost in dB.
+# Pillow's encoder options. The qualities are high: lower ones lose more dB through block artefacts and colour
+# bleeding than their smaller files are worth.
 _OPTIONS: dict[Picture, dict[str, Any]] = {
     "png": {},
     "jpeg": {"quality": 95, "subsampling": 0},
     "webp": {"quality": 90, "method": 6, "exact": True},
 }
-
-
 ENDINGS: dict[Picture, str] = {"png": ".png", "jpeg": ".jpg", "webp": ".webp"}
 
 
 def image_names(mesh: Mesh, style: Style) -> list[str]:
-    """Return what the images of a mesh are called: after the style's stem, of many by number."""
+    """Return the file names of a mesh's images: the style's stem, numbered if there are several."""
     several, stem = len(mesh.textures) > 1, plain_stem(style)
     kinds = [_kind(image, style.texture, mesh.sampler) for image in mesh.textures]
     numbers = [f"_{number}" if several else "" for number in range(len(kinds))]
@@ -31,20 +30,20 @@ def image_names(mesh: Mesh, style: Style) -> list[str]:
 
 
 def images_of(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the images of a mesh as files, by these names."""
+    """Return the encoded images of a mesh, as file name -> content."""
     contents = (packed(image, style.texture, mesh.sampler)[0] for image in mesh.textures)
     return dict(zip(image_names(mesh, style), contents, strict=True))
 
 
 def plain_stem(style: Style) -> str:
-    """Return what files beside a mesh file are called; what a line of text cannot hold is replaced."""
+    """Return the style's stem with "_" for characters that OBJ and MTL files cannot hold, such as spaces."""
     return re.sub(r"[^\w.()+-]", "_", style.stem or "texture")
 
 
 def packed(image: NDArray[np.uint8], kind: Picture, sampler: Sampler) -> tuple[bytes, Picture]:
-    """Return an image file of `image` (H, W, 3 | 4), and its kind: PNG where JPEG would lose alpha.
+    """Return `image` (H, W, 3 | 4) as an image file, and the format used: PNG if JPEG would lose alpha.
 
-    PNG keeps all of an image; WebP keeps alpha only where the sampler looks at it.
+    PNG keeps all channels. JPEG and WebP drop alpha if the sampler has no alpha cut-off.
     """
     from PIL import Image
 

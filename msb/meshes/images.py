@@ -1,4 +1,4 @@
-"""Images of textures: decoded only after their header has said how large they are."""
+"""Decode texture images from untrusted files. The size in the header is checked before decoding."""
 
 from __future__ import annotations
 
@@ -17,80 +17,85 @@ from msb.errors import MeshFileError
 if TYPE_CHECKING:
     from PIL import Image
 
-# Most bytes of one image as it is stored.
+# Largest image file in bytes: 1 GiB.
 MAX_FILE = 1 << 30
+# Memory limit for all texels of a mesh: 1024 bytes per byte of the image files (the highest compression ratio
+# of deflate and JPEG) plus 256 MiB, and at most 4 GiB in total.
 MAX_BYTES_PER_BYTE = 1 << 10
 MAX_EXTRA_BYTES = 1 << 28
-# The memory that the texels of a mesh may take: 1024 bytes per byte of its images (as much as deflate and
-# JPEG can stand for) and 256 MiB, in total at most 4 GiB.
 MAX_BYTES = 1 << 32
-# Of a progressive JPEG, each of which is a pass over all texels. Programs write ten.
-_MOST_SCANS = 100
+# Maximum number of scans of a progressive JPEG. Every scan is a pass over all texels; encoders write about
+# ten.
+_MAX_SCANS = 100
 
 
 class Decoder:
-    """Decodes the images of one mesh, which share an allowance of memory."""
+    """Decodes the images of one mesh, which share one memory allowance."""
 
     def __init__(self) -> None:
         self._left = MAX_EXTRA_BYTES
         self._total = MAX_BYTES
 
     def decode(self, data: bytes | memoryview, *, alpha: bool) -> NDArray[np.uint8]:
-        """Return the texels (H, W, 3) of a PNG, JPEG or WebP; (H, W, 4) if it has alpha, and `alpha` counts.
+        """Return the texels (H, W, 3) of a PNG, JPEG or WebP file, or (H, W, 4) with `alpha` if it has some.
 
         Raises
         ------
         MeshFileError
-            Of no file. MESH_FILE_INVALID: it is damaged, or another kind of image. MESH_FILE_TOO_LARGE: it
-            says that it has more texels than are read.
+            Without a file name. MESH_FILE_INVALID: the image is damaged or has another format.
+            MESH_FILE_TOO_LARGE: it exceeds the size limit or the memory allowance.
         """
         from PIL import Image, JpegImagePlugin, PngImagePlugin, UnidentifiedImageError, WebPImagePlugin
 
-        # These are imported here, or Pillow imports all that it has, to look for WebP.
+        # Importing these three keeps Pillow from importing all its plugins.
         plugins = PngImagePlugin.PngImageFile, JpegImagePlugin.JpegImageFile, WebPImagePlugin.WebPImageFile
-        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # the size is checked here
+        limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None  # `_take` checks the size
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of odd metadata
+                warnings.simplefilter("ignore")  # about unusual metadata
                 if canvas := _webp_canvas(data):
-                    self._take(canvas, 8, len(data))  # Pillow's decoder makes two canvases as it opens
-                elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MOST_SCANS:
-                    text = f"it has more than {_MOST_SCANS} scans; save it as an ordinary JPEG"
+                    self._take(canvas, 8, len(data))  # Pillow allocates two canvases when it opens a WebP
+                elif bytes(data[:2]) == b"\xff\xd8" and bytes(data).count(b"\xff\xda") > _MAX_SCANS:
+                    text = f"the JPEG has more than {_MAX_SCANS} scans; save it as a baseline JPEG"
                     raise MeshFileError("MESH_FILE_TOO_LARGE", text)
-                with Image.open(io.BytesIO(data), formats=[each.format for each in plugins]) as image:
+                with Image.open(io.BytesIO(data), formats=[plugin.format for plugin in plugins]) as image:
                     if not canvas:
                         self._take(image.size, 4, len(data))
                     return _texels(image, alpha=alpha)
         except MeshFileError:
             raise
         except MemoryError:
-            text = "this machine has not enough memory for its texels"
+            text = "not enough memory to decode the image"
             raise MeshFileError("MESH_FILE_TOO_LARGE", text) from None
         except UnidentifiedImageError:
-            text = "it is no PNG, JPEG or WebP image, or damaged within its header"
+            text = "it is not a PNG, JPEG or WebP image, or its header is damaged"
             raise MeshFileError("MESH_FILE_INVALID", text) from None
-        except Exception as error:  # decoders raise all kinds of things about damaged files
-            text = f"it cannot be decoded: {library_reason(error)}"
+        except Exception as error:  # decoders raise many exception types for damaged files
+            text = f"the image cannot be decoded: {library_reason(error)}"
             raise MeshFileError("MESH_FILE_INVALID", text) from None
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 
     def _take(self, size: tuple[int, int], width: int, stored: int) -> None:
-        """Refuse an image of this size, `width` bytes a texel, that is larger than its file can stand for."""
+        """Reserve memory for an image of `size` (width, height) and `width` bytes per texel.
+
+        The file has `stored` bytes. Raise MESH_FILE_TOO_LARGE if the allowance is exceeded.
+        """
         if not 0 < min(size) <= max(size) <= MAX_SIDE:
-            text = f"it is {size[0]} x {size[1]}; a texture has at most {MAX_SIDE} texels a side"
+            text = f"the image is {size[0]} x {size[1]}; at most {MAX_SIDE} texels a side are supported"
             raise MeshFileError("MESH_FILE_TOO_LARGE", text)
         self._left += stored * MAX_BYTES_PER_BYTE
         needed = size[0] * size[1] * width
         if needed > min(self._left, self._total):
-            text = f"its {size[0]} x {size[1]} texels need {needed} bytes, too many for files of this size"
+            text = f"{size[0]} x {size[1]} texels need {needed} bytes, too many for image files of this size"
             raise MeshFileError("MESH_FILE_TOO_LARGE", text)
         self._left -= needed
         self._total -= needed
 
 
 def _texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
-    if image.mode.startswith("I"):  # 16 bits of grey, which Pillow would cut off at 255
+    """Return the texels (H, W, 3 | 4) of an opened image as uint8."""
+    if image.mode.startswith("I"):  # 16-bit grey; Pillow would clip it at 255 instead of scaling
         grey = (np.asarray(image, np.uint32) * 255 + 32767) // 65535
         return np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
     has_alpha = image.mode in ("LA", "PA", "RGBA") or "transparency" in image.info
@@ -99,9 +104,9 @@ def _texels(image: Image.Image, *, alpha: bool) -> NDArray[np.uint8]:
 
 
 def _webp_canvas(data: bytes | memoryview) -> tuple[int, int] | None:
-    """Return width and height of a WebP, None of another file (RFC 9649).
+    """Return width and height of a WebP file (RFC 9649), or None for other files.
 
-    Pillow takes memory for the canvas as soon as it opens one.
+    They must be known before Pillow opens the file, because it then allocates the canvas.
     """
     head = bytes(data[:30]).ljust(30, b"\0")
     if head[:4] != b"RIFF" or head[8:12] != b"WEBP":

@@ -1,4 +1,4 @@
-"""What a mesh file that is written does not have of its source."""
+"""Describe the information that is lost when a mesh is written to a file."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,65 +10,69 @@ from msb.asset.texture import Sampler
 from msb.meshes.formats import FORMATS
 from msb.meshes.mesh import Mesh
 
-# Buffer of an asset that a mesh file has no place for -> what it is.
+# Asset buffer that no mesh format can store -> its description.
 _UNWRITTEN = {"opacity": "opacity", "sigma": "soft edges (sigma)"}
 
 
 def beyond_a_mesh(asset: Asset) -> list[str]:
-    """Return what the standard-tier mesh of `asset` does not have."""
+    """Return descriptions of everything in `asset` that its standard-tier mesh lacks."""
     manifest, beyond = asset.manifest, []
     if manifest.sh_degree:
-        beyond.append(f"colours that change with the view (SH degree {manifest.sh_degree})")
+        beyond.append(f"view-dependent colours (SH degree {manifest.sh_degree})")
     beyond += [what for name, what in _UNWRITTEN.items() if name in asset.buffers]
-    shown = shown_faces(asset, stored_threshold(asset))
-    if shown is not None:
-        beyond.append(f"{manifest.face_count - len(shown):,} faces that the STE threshold hides")
+    visible = shown_faces(asset, stored_threshold(asset))
+    if visible is not None:
+        beyond.append(f"{manifest.face_count - len(visible):,} faces below the STE threshold")
     return beyond
 
 
 def why_split(suffix: str) -> str:
-    """Return why files of `suffix` split what shares vertices, and which do not."""
+    """Return why files of `suffix` split merged vertices, and which formats do not."""
     soup = FORMATS[suffix].is_soup
-    reason = "repeats the vertices of every face" if soup else "holds no colours of faces"
-    return f"{suffix} {reason}: {_keeping_face_colors()} keep the merged mesh"
+    reason = "stores separate vertices for every face" if soup else "cannot store face colours"
+    return f"{suffix} {reason}; use {_keeping_face_colors()} to keep vertices merged"
 
 
 def _keeping_face_colors() -> str:
-    names = [name for name, each in FORMATS.items() if "face_colors" in each.keeps and each.write]
-    return f"{', '.join(names)} and .triasset"
+    """Return the suffixes of formats with face colours, as a list in words."""
+    names = [name for name, form in FORMATS.items() if "face_colors" in form.keeps and form.write]
+    return f"{', '.join(names)} or .triasset"
 
 
 def losses(mesh: Mesh, written: Mesh, suffix: str, left_out: Sequence[str]) -> Iterator[str]:
-    """Yield what is lost between `mesh` and `written`, and what of the source was `left_out` before."""
+    """Yield a note for each loss between `mesh` and `written`, the mesh that a file of `suffix` stores.
+
+    `left_out` lists parts of the source that were already missing in `mesh`.
+    """
     form = FORMATS[suffix]
-    doubles = not np.array_equal(written.faces, mesh.faces)
-    if doubles and form.is_soup:
-        yield f"{suffix} repeats the vertices of every face: it is a soup again until they are merged"
-    elif doubles and mesh.face_colors is not None and written.face_colors is None:
+    is_split = not np.array_equal(written.faces, mesh.faces)
+    if is_split and form.is_soup:
+        yield f"{suffix} stores separate vertices for every face (a triangle soup); merge them after reading"
+    elif is_split and mesh.face_colors is not None and written.face_colors is None:
         yield (
-            f"{suffix} holds no colours of faces: vertices are doubled where these differ; "
-            f"{_keeping_face_colors()} keep them"
+            f"{suffix} cannot store face colours: vertices are split where colours differ; "
+            f"use {_keeping_face_colors()} to keep face colours"
         )
     if suffix == ".obj" and mesh.textures and mesh.sampler != Sampler(alpha_cutoff=mesh.sampler.alpha_cutoff):
-        yield f"how its textures are filtered and repeated, {suffix} cannot say"
-    # UVs that no texture needs are no part of a look, but a GLB has them all the same.
-    lost = [each for each in left_out if each != "UVs" or not _has_uvs(written)]
+        yield f"{suffix} cannot store texture filtering and wrapping"
+    # UVs without a texture are listed in `left_out`, but a GLB stores them anyway.
+    lost = [part for part in left_out if part != "UVs" or not _has_uvs(written)]
     if not form.keeps and mesh.textures:
-        lost.append(f"textures, which {suffix} has no place for")
+        lost.append(f"textures ({suffix} cannot store them)")
     elif not form.keeps and (mesh.vertex_colors is not None or mesh.face_colors is not None):
-        lost.append(f"colours, which {suffix} has no place for")
+        lost.append(f"colours ({suffix} cannot store them)")
     if lost:
-        yield f"left out: {', '.join(lost)}"
+        yield f"not written: {', '.join(lost)}"
 
 
 def left_behind(mesh: Mesh, engine: str) -> Iterator[str]:
-    """Yield what `engine` does not hold of `mesh`, or not as it was."""
+    """Yield a note for each property of `mesh` that `engine` loses or changes."""
     if engine == "godot" and mesh.vertex_colors is not None:
-        yield "godot keeps vertex colours in eight bits of linear light, which is coarse where it is dark"
+        yield "Godot stores vertex colours as 8-bit linear light, which is coarse in dark areas"
     if engine == "blender" and mesh.textures and mesh.sampler.mipmaps:
-        yield "blender reads textures without mip maps"
+        yield "Blender does not use mip maps"
     if engine == "web":
-        yield "rows of vertices and faces are in another order"
+        yield "vertices and faces are reordered"
 
 
 def _has_uvs(mesh: Mesh) -> bool:
@@ -76,11 +80,11 @@ def _has_uvs(mesh: Mesh) -> bool:
 
 
 def what_is_up(mesh: Mesh, suffix: str, *, known: bool) -> Iterator[str]:
-    """Yield what became of up where a format fixes it but it is not `known`, or cannot say it."""
+    """Yield a note if the up axis is a guess (not `known`), or if the format of `suffix` cannot store it."""
     if FORMATS[suffix].up is None:
         if known and mesh.up not in (None, "+y"):
-            yield f"{mesh.up} is up in it, which {suffix} cannot say; msb convert --up={mesh.up} turns it"
+            yield f"{mesh.up} is up, which {suffix} cannot store; msb convert --up={mesh.up} rotates it to +y"
     elif mesh.up is None:
-        yield "what is up is not known, so nothing is turned: msb convert --up=-y if it comes from COLMAP"
+        yield "the up axis is unknown, so the mesh is not rotated; for COLMAP scenes use msb convert --up=-y"
     elif not known:
-        yield f"what is up is not known and taken to be {mesh.up}; msb convert --up says otherwise"
+        yield f"the up axis is unknown; assuming {mesh.up}. Set another one with msb convert --up"

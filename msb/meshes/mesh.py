@@ -1,4 +1,4 @@
-"""What a mesh file holds, as arrays."""
+"""The arrays of a mesh file."""
 
 from __future__ import annotations
 
@@ -21,32 +21,33 @@ class Mesh:
     vertices : (V, 3) float32 or float64
         Positions in the file's units and precision; unreferenced and non-finite rows included.
     faces : (F, 3) int64
-        Vertex numbers. They may be negative or at least V if the file says so: the audit reports that.
+        Vertex indices as stored. They may be out of range (negative, or V and more); the audit reports that.
     vertex_colors : (V, 3) or (V, 4) uint8 or float32 in [0, 1], optional
         None where the file has none.
     face_colors : (F, 3) or (F, 4) uint8 or float32 in [0, 1], optional
-        One row per triangle, that is per row of `faces`.
+        One row per triangle.
     vertex_uvs : (V, 2) float32, optional
         Texture coordinates, v downwards as in glTF.
     corner_uvs : (3F, 2) float32, optional
-        The same by corner, for a format that has them so; a mesh has one of the two.
+        Texture coordinates per face corner, for formats that store them per corner. A mesh has either these
+        or `vertex_uvs`.
     textures : tuple of (H, W, 3) or (H, W, 4) uint8
-        sRGB images that the texture coordinates are about; colours are multiplied with them in linear light.
+        sRGB images. They are multiplied with the colours in linear light.
     face_textures : (F,) uint32, optional
-        Which texture a face shows; None where there are fewer than two.
+        The texture number of each face; None if there are fewer than two textures.
     sampler : Sampler
-        How the textures are read.
+        Filter, wrap modes and alpha cut-off of the textures.
     left_out : tuple of str
-        What else the file holds, which no reader keeps: "normals", "UVs", "2 textures".
+        Parts of the file that were not read, such as "normals", "UVs" or "2 textures".
     up : str, optional
-        The axis that points up, such as "+y"; None where that is not known.
+        The axis that points up, such as "+y"; None if unknown.
     wrong_face : str, optional
-        Of a text file, the line of the first face that uses a vertex which is not there.
+        For text files: the line and the index of the first face with a vertex index out of range.
 
     Raises
     ------
     MeshError
-        MESH_ARRAY: an array has another shape or type.
+        MESH_ARRAY: an array has the wrong shape or type.
     """
 
     vertices: NDArray[Any]
@@ -71,10 +72,10 @@ class Mesh:
         _check("vertex_uvs", self.vertex_uvs, vertices, (2,), (np.float32,))
         _check("corner_uvs", self.corner_uvs, 3 * faces, (2,), (np.float32,))
 
-    def taken(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
-        """Return rows `vertices` and `faces` of it, each a mask or numbers of rows; corners go with faces.
+    def select(self, vertices: Any, faces: Any, numbers: NDArray[np.int64]) -> Mesh:
+        """Return the mesh with the selected vertex and face rows, each given as a mask or as row indices.
 
-        `numbers` (F, 3) are the vertices of these faces among those that are taken.
+        `numbers` (F', 3) are the new `faces`: indices into the selected vertices.
         """
         rows: dict[str, Any] = {"faces": numbers}
         by_face = ("face_colors", "face_textures")
@@ -87,35 +88,35 @@ class Mesh:
 
     @property
     def attributes(self) -> dict[str, NDArray[Any]]:
-        """What its vertices may be doubled for at seams, by an asset's names."""
-        held = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
-        held["face_texture"] = self.face_textures
-        return {name: values for name, values in held.items() if values is not None}
+        """The arrays that may split vertices at seams, under an asset's buffer names."""
+        stored = {"uv": self.vertex_uvs, "corner_uv": self.corner_uvs, "color": self.vertex_colors}
+        stored["face_texture"] = self.face_textures
+        return {name: values for name, values in stored.items() if values is not None}
 
 
 def left_out_finding(mesh: Mesh) -> tuple[Finding, ...]:
-    """Return a warning of what else the file of `mesh` holds, or none if that is nothing."""
+    """Return the finding that lists the parts of the file that were not read, if there are any."""
     if not mesh.left_out:
         return ()
-    text = f"only triangles, their colours and textures are read, not its {', '.join(mesh.left_out)}"
+    text = f"Ignored: {', '.join(mesh.left_out)}. Only triangles, their colours and textures are read"
     return (finding("MESH_FILE_LEFT_OUT", text, severity="info", value=list(mesh.left_out)),)
 
 
 def _check(
     name: str, array: NDArray[Any] | None, rows: int | None, widths: tuple[int, ...], types: tuple[type, ...]
 ) -> None:
-    """Raise MESH_ARRAY unless `array` is (rows, one of widths) of one of `types`; rows None is any number.
+    """Raise MESH_ARRAY unless `array` has shape (rows, one of `widths`) and one of `types`.
 
-    An array that may be left out, of which the rows are known, may be None.
+    If `rows` is None, any number of rows is valid, and the array is required; otherwise it may be None.
     """
     if array is None and rows is not None:
         return
     if not isinstance(array, np.ndarray):
-        text = f"{name} is of type {type(array).__name__}; it must be a NumPy array"
+        text = f"{name} is a {type(array).__name__}; it must be a NumPy array"
         raise MeshError("MESH_ARRAY", text)
     ok = array.ndim == 2 and array.shape[1] in widths and array.dtype in types and rows in (None, len(array))
     if not ok:
         shape = f"({'N' if rows is None else rows}, {' or '.join(map(str, widths))})"
         kinds = " or ".join(np.dtype(kind).name for kind in types)
-        text = f"{name} is {array.shape} {array.dtype}, not {shape} {kinds}"
+        text = f"{name} has shape {array.shape} and type {array.dtype}; it must be {shape} {kinds}"
         raise MeshError("MESH_ARRAY", text)

@@ -1,4 +1,4 @@
-"""Wavefront OBJ: polygon meshes as text, with materials and images in files beside it."""
+"""Wavefront OBJ: polygon meshes as text, with materials and images in companion files."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO
@@ -16,20 +16,19 @@ from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import write_rows
 
-# Number of values on a `v` line -> how many of the last ones are a colour.
+# Number of values in a `v` line -> the number of colour channels at its end.
 _COLOR_WIDTHS = {6: 3, 7: 4}
 
-# Words of lines that are not read -> what these hold.
+# First word of lines that are not read -> the name of their data.
 _LEFT_OUT = {b"vn": "normals", b"vt": "UVs", b"usemtl": "materials and their textures", b"l": "lines"}
 
-# Words of lines that are refused: free-form surfaces, which are no polygons; other files and shell commands,
-# which we never open or run.
+# First words of lines that are rejected: free-form surfaces, other files, and shell commands.
 _UNSUPPORTED = (b"surf", b"call", b"csh")
 
 
 @dataclass
 class _Parts:
-    """The parts that were read from the blocks of a file so far."""
+    """The arrays read from the blocks of a file up to now."""
 
     vertex_count: int = 0
     vertices: list[NDArray[np.float64]] = field(default_factory=list)
@@ -41,10 +40,11 @@ class _Parts:
 
 
 def read(source: Source) -> Mesh:
-    """Read `v` and `f` lines, and where materials have images or colours `vt` and `usemtl`, too.
+    """Read `v` and `f` lines, and also `vt` and `usemtl` lines if materials have images or colours.
 
-    Vertices are float64. Colours come from `v x y z r g b [a]`, if every `v` line has them.
+    Vertices are float64. Colours are read from `v x y z r g b [a]` lines if all `v` lines have them.
     """
+    # Join lines that end with a backslash; the byte offsets of the rest stay the same.
     text = source.as_text("OBJ")
     if b"\\" in text.data:
         joined = text.data.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
@@ -59,7 +59,7 @@ def read(source: Source) -> Mesh:
             word for word in _LEFT_OUT.keys() - parts.left_out if words.lines_beginning(word).any()
         }
     if not parts.vertex_count:
-        raise source.not_a("OBJ", "it has no 'v x y z' line")
+        raise source.not_a("OBJ", "there is no 'v x y z' line")
     faces, polygon = fan_triangulate(np.concatenate(parts.corners), np.concatenate(parts.counts))
     wrong = wrong_polygon(faces, polygon, parts.vertex_count)
     wrong_face = None if wrong is None else _wrong_face(text, *wrong, parts.vertex_count)
@@ -79,26 +79,28 @@ def read(source: Source) -> Mesh:
 
 
 def _refuse_unsupported(words: Words) -> None:
+    """Raise MESH_FILE_UNSUPPORTED for the first line that begins with a word of `_UNSUPPORTED`."""
     for keyword in _UNSUPPORTED:
         lines = np.flatnonzero(words.lines_beginning(keyword))
         if lines.size:
             name = keyword.decode()
-            text = f"'{name}' is not read; only polygons ('f' lines) in this one file are"
+            text = f"'{name}' is not supported; only polygons ('f' lines) in a single file are"
             raise words.line_error("MESH_FILE_UNSUPPORTED", int(lines[0]), text)
 
 
 def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
-    """Append the vertices of the `is_vertex` (L,) lines."""
+    """Append the vertices of the lines selected by `is_vertex` (L,)."""
     widths = words.count[is_vertex] - 1
     wrong = np.flatnonzero((widths < 3) | (widths > 7) | (widths == 5))
     if wrong.size:
         line = int(np.flatnonzero(is_vertex)[wrong[0]])
-        text = f"'v' has {widths[wrong[0]]} numbers; x y z, x y z w, x y z r g b or x y z r g b a is right"
+        text = f"'v' has {widths[wrong[0]]} numbers; valid are x y z, x y z w, x y z r g b and x y z r g b a"
         raise words.line_error("MESH_FILE_INVALID", line, text)
     values = words.numbers(words.arguments(is_vertex))
     first = np.cumsum(widths) - widths
     parts.vertices.append(values[first[:, None] + np.arange(3)])
     parts.vertex_count += len(widths)
+    # Colours are kept for blocks with one line width; `read` uses them if all blocks agree.
     widths_here = {_COLOR_WIDTHS.get(width, 0) for width in np.unique(widths).tolist()}
     parts.color_widths |= widths_here
     if widths_here in ({3}, {4}):
@@ -106,7 +108,10 @@ def _add_vertices(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> 
 
 
 def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> None:
-    """Append the polygons of the `f` and `fo` lines; `is_vertex` (L,) says where vertices come between."""
+    """Append the polygons of the `f` and `fo` lines.
+
+    `is_vertex` (L,) selects the `v` lines, which are counted because negative indices are relative to them.
+    """
     is_face = face_lines(words)
     chosen = words.arguments(is_face)
     above = parts.vertex_count + np.cumsum(is_vertex)
@@ -115,7 +120,7 @@ def _add_faces(parts: _Parts, words: Words, is_vertex: NDArray[np.bool_]) -> Non
 
 
 def _wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
-    """Return where the polygon stands that names no vertex; the file is gone through again for it."""
+    """Return the text of `Mesh.wrong_face` for a polygon with an invalid index; the file is parsed again."""
     for words in word_blocks(text, comments=True):
         lines = np.flatnonzero(face_lines(words))
         if polygon < len(lines):
@@ -126,10 +131,10 @@ def _wrong_face(text: Source, polygon: int, index: int, vertices: int) -> str:
 
 
 def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write `v`, `vt` and `f` lines; float32 and float64 coordinates read back as exactly the same number.
+    """Write `v`, `vt` and `f` lines. Coordinates read back exactly.
 
-    Colours are written after the coordinates, as 0..1 with nine digits. A textured mesh names its materials
-    if the style says what files beside it are called.
+    Colours follow the coordinates as 0..1 with nine digits. A textured mesh refers to its materials if the
+    style has a stem for companion files.
     """
     columns, form = mesh.vertices, "v %r %r %r"
     if mesh.vertex_colors is not None:
@@ -151,15 +156,16 @@ def write(mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if not has_materials:
         write_rows(stream, form, faces)
         return
-    shown = np.zeros(len(faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
-    starts = np.flatnonzero(np.diff(shown, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
+    # Write a `usemtl` line wherever the texture changes from one face to the next.
+    textures = np.zeros(len(faces), np.uint32) if mesh.face_textures is None else mesh.face_textures
+    starts = np.flatnonzero(np.diff(textures, prepend=-1)) if len(faces) else np.zeros(0, np.intp)
     for start, end in zip(starts, [*starts[1:], len(faces)], strict=True):
-        stream.write(b"usemtl texture_%d\n" % shown[start])
+        stream.write(b"usemtl texture_%d\n" % textures[start])
         write_rows(stream, form, faces[start:end])
 
 
 def _written_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return the different texture coordinates (N, 2), and which of them each corner (F, 3) has."""
+    """Return the distinct texture coordinates (N, 2), and their index for each corner (F, 3)."""
     if mesh.corner_uvs is None:
         assert mesh.vertex_uvs is not None
         return mesh.vertex_uvs, mesh.faces
@@ -168,16 +174,16 @@ def _written_coordinates(mesh: Mesh) -> tuple[NDArray[np.float32], NDArray[np.in
     return mesh.corner_uvs[first], numbers.reshape(-1, 3)
 
 
-def beside(mesh: Mesh, style: Style) -> dict[str, bytes]:
-    """Return the files that an OBJ of `mesh` needs beside it, by name: its materials and their images."""
+def companions(mesh: Mesh, style: Style) -> dict[str, bytes]:
+    """Return the companion files of an OBJ file as name -> content: the MTL file and its images."""
     if not mesh.textures:
         return {}
     images, materials = images_of(mesh, style), []
     for number, name in enumerate(images):
         cut_off = f"map_d {name}\n" if mesh.sampler.alpha_cutoff is not None else ""
-        # Constant colour, which asks for no light.
+        # illum 0: constant colour without lighting.
         materials.append(f"newmtl texture_{number}\nKd 1 1 1\nKs 0 0 0\nillum 0\nmap_Kd {name}\n{cut_off}")
     return images | {f"{plain_stem(style)}.mtl": "\n".join(materials).encode()}
 
 
-FORMAT = Format("OBJ", (".obj",), read, write, beside=beside, keeps=("vertex_colors", "textures"))
+FORMAT = Format("OBJ", (".obj",), read, write, companions=companions, keeps=("vertex_colors", "textures"))

@@ -1,4 +1,4 @@
-"""Materials of OBJ: the images and colours of MTL files, as textures."""
+"""Materials of OBJ files: the images and colours of MTL files as textures."""
 
 import codecs
 import re
@@ -11,57 +11,62 @@ from numpy.typing import NDArray
 
 from msb.asset.texture import MAX_TEXTURES
 from msb.errors import MeshFileError, shorten
-from msb.meshes.beside import place_beside, read_beside
 from msb.meshes.images import MAX_FILE, Decoder
+from msb.meshes.linked_files import place_beside, read_beside
 from msb.meshes.mesh import Mesh
 from msb.meshes.polygons import fan_triangulate
 from msb.meshes.source import Source
 from msb.meshes.text import Words, word_blocks
 
 _STATEMENT = re.compile(rb"^[ \t]*(mtllib|usemtl)[ \t]+([^\n]*)", re.MULTILINE)
-# What stands between the names of libraries, which may have spaces in them.
+# The separator of library names, which may contain spaces.
 _BETWEEN = re.compile(r"(?<=\.mtl)\s+", re.IGNORECASE)
-# Bytes of all libraries together.
+# Limits for hostile files. Total size of all libraries: 16 MiB.
 _MAX_LIBRARIES = 1 << 24
-# Libraries that are looked for, and images.
+# Number of libraries, and of images.
 _MAX_FILES = 1 << 10
-# Characters of a line map_Kd, as many as the path of a file has.
+# Length of a map_Kd line in characters: the longest path that Linux accepts.
 _MAX_WORDS = 1 << 12
 _WHITE = (255, 255, 255)
-# Options of a map with more than one argument; `-o`, `-s` and `-t` may have fewer than three.
+# Map options with more than one argument -> most arguments; `-o`, `-s` and `-t` may have fewer.
 _OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
+# Map option -> the value that leaves the image unchanged.
 _NEUTRAL = {"-o": 0.0, "-t": 0.0, "-s": 1.0, "-clamp": "off", "-blendu": "on", "-blendv": "on"}
 _NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)(e[+-]?\d++)?", re.IGNORECASE)
 _FURTHER_MAP = re.compile(r"map_\w+|bump|disp|decal|refl|norm")
 
-# The name of an image as the file has it, or a colour in bytes of sRGB.
+# The name of an image as in the file, or an sRGB colour in bytes.
 Texture = str | tuple[int, ...]
 LeftOut = dict[str, None]
 
 
 @dataclass
 class _Material:
+    """A material: its sRGB colour in bytes, and the name of its image."""
+
     color: tuple[int, ...] = _WHITE
     image: str | None = None
 
 
 def face_lines(words: Words) -> NDArray[np.bool_]:
-    """Return which lines are polygons: (L,) bool."""
+    """Return a mask (L,) of the lines that are polygons."""
     return words.lines_beginning(b"f") | words.lines_beginning(b"fo")
 
 
 def names_materials(text: Source) -> bool:
-    """Return whether an OBJ file uses materials and names the files of them."""
-    return {each[1] for each in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
+    """Return whether an OBJ file both uses materials and refers to material libraries."""
+    return {statement[1] for statement in _STATEMENT.finditer(text.data)} == {b"mtllib", b"usemtl"}
 
 
 def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
-    """Return `mesh`, read from `text`, with textures of its materials, and what is left out of these.
+    """Return `mesh`, read from `text`, with the textures of its materials, and the parts not read.
 
-    A material is its image, or a texel of its colour. A file or an image that cannot be read is left out, and
-    so are colours, if nothing has an image, where vertices have some and where there are very many.
+    A material becomes its image, or a single texel of its colour. Libraries and images that cannot be read
+    are skipped. If no material has an image, colours are skipped where vertices have colours, or if there are
+    too many.
     """
-    found: dict[str, _Material] = {}
+    # Collect the `usemtl` statements with their byte offsets, and the names of the libraries.
+    known: dict[str, _Material] = {}
     left_out: LeftOut = {}
     uses: list[tuple[int, str]] = [(-1, "")]
     libraries: dict[str, None] = {}
@@ -72,13 +77,17 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
         else:
             names = [name for name in _BETWEEN.split(words) if name.lower().endswith(".mtl")]
             libraries |= dict.fromkeys(names or [words])
-    _read_libraries(text, libraries, found, left_out)
-    unknown = next((name for _, name in uses[1:] if name not in found), "")
-    if unknown and not any(each.startswith("materials (") for each in left_out):
-        left_out[f"material {shorten(unknown, 60)} (no file of materials has it)"] = None
-    shown = {name: found.get(name, _Material()) for _, name in uses}
-    images = _images(text, shown, left_out)
-    textures = {name: each.image if each.image in images else each.color for name, each in shown.items()}
+    _read_libraries(text, libraries, known, left_out)
+    unknown = next((name for _, name in uses[1:] if name not in known), "")
+    if unknown and not any(part.startswith("materials (") for part in left_out):
+        left_out[f"material {shorten(unknown, 60)} (not defined in any library)"] = None
+    # Replace every used material by its image or its colour.
+    used = {name: known.get(name, _Material()) for _, name in uses}
+    images = _images(text, used, left_out)
+    textures = {
+        name: material.image if material.image in images else material.color
+        for name, material in used.items()
+    }
     distinct = set(textures.values())
     if (
         not images
@@ -93,7 +102,7 @@ def with_materials(mesh: Mesh, text: Source) -> tuple[Mesh, LeftOut]:
 
 
 def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
-    """Return `mesh` with the texture coordinates of its corners."""
+    """Return `mesh`, read from `text`, with the texture coordinates of its corners."""
     uvs, corners, counts, _ = _coordinates(text)
     triangles, _ = fan_triangulate(corners, counts)
     return replace(mesh, corner_uvs=uvs[triangles.reshape(-1)])
@@ -102,23 +111,23 @@ def with_coordinates(mesh: Mesh, text: Source) -> Mesh:
 def _with_textures(
     mesh: Mesh, text: Source, uses: list[tuple[int, Texture]], images: dict[str, NDArray[np.uint8]]
 ) -> Mesh:
-    """Return `mesh` with what its faces show from each byte of the file on."""
+    """Return `mesh` with textures. Each of `uses` is a texture and the byte offset of its `usemtl` line."""
     uvs, corners, counts, lines = _coordinates(text)
     triangles, polygon = fan_triangulate(corners, counts)
+    # The last use before a polygon's line is its texture. Number the textures that polygons use.
     used = np.searchsorted([at for at, _ in uses], lines, side="right") - 1
     numbers: dict[Texture, int] = {}
     of_use = [numbers.setdefault(uses[use][1], len(numbers)) for use in np.unique(used).tolist()]
     if len(numbers) > MAX_TEXTURES:
-        what = (
-            f"the file shows {len(numbers)} textures and colours; {MAX_TEXTURES} are the most a mesh has here"
-        )
-        raise text.error("MESH_FILE_TOO_LARGE", what)
+        message = f"the file has {len(numbers)} textures and colours; at most {MAX_TEXTURES} are supported"
+        raise text.error("MESH_FILE_TOO_LARGE", message)
     of_polygon = np.array(of_use, np.uint32)[np.unique(used, return_inverse=True)[1]]
     return replace(
         mesh,
         corner_uvs=uvs[triangles.reshape(-1)],
         textures=tuple(
-            images[each] if isinstance(each, str) else np.array([[each]], np.uint8) for each in numbers
+            images[texture] if isinstance(texture, str) else np.array([[texture]], np.uint8)
+            for texture in numbers
         ),
         face_textures=of_polygon[polygon] if len(numbers) > 1 else None,
     )
@@ -127,57 +136,58 @@ def _with_textures(
 def _coordinates(
     text: Source,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return what the polygons have of texture coordinates.
+    """Return the texture coordinates of an OBJ file and the polygons that use them.
 
-    These are (T + 1, 2), v downwards, the last of which stands for none; which of them the corners (C,) have;
-    how many corners each polygon has (P,), and the byte at which it begins.
+    These are the coordinates (T + 1, 2), with v downwards and a last row for corners without coordinates; the
+    row of each corner (C,); the number of corners of each polygon (P,); and its byte offset (P,).
     """
     uvs, corners, counts, lines, above = [], [], [], [], 0
     for words in word_blocks(text, comments=True):
         is_uv, is_face = words.lines_beginning(b"vt"), face_lines(words)
         uvs.append(_uvs(words, is_uv))
         chosen = words.arguments(is_face)
+        # A corner is "v", "v/vt", "v//vn" or "v/vt/vn": `named` is the second part, -1 if it is empty.
         named = words.after(b"/").without_suffix(b"/")
-        has = chosen & (named.end > named.start)
-        of_words = np.full(len(words.start), -1, np.int64)
-        of_words[has] = named.indices(has, above + np.cumsum(is_uv), "texture coordinate")
-        corners.append(of_words[chosen])
+        has_uv = chosen & (named.end > named.start)
+        rows = np.full(len(words.start), -1, np.int64)
+        rows[has_uv] = named.indices(has_uv, above + np.cumsum(is_uv), "texture coordinate")
+        corners.append(rows[chosen])
         counts.append(words.count[is_face] - 1)
         lines.append(words.base + words.start[words.first[is_face]])
         above += int(is_uv.sum())
     joined = np.concatenate(corners)
     if joined.size and joined.max() >= above:
-        what = f"a face names texture coordinate {joined.max() + 1}; the file has {above}"
-        raise text.error("MESH_FILE_INVALID", what)
+        message = f"a face uses texture coordinate {joined.max() + 1}, but the file has {above}"
+        raise text.error("MESH_FILE_INVALID", message)
     stored = np.concatenate([*uvs, np.zeros((1, 2))])
     with np.errstate(over="ignore"):
         return stored.astype(np.float32), joined, np.concatenate(counts), np.concatenate(lines)
 
 
 def _uvs(words: Words, is_uv: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the texture coordinates (N, 2) of the `is_uv` (L,) lines, with v downwards."""
+    """Return the texture coordinates (N, 2) of the lines selected by `is_uv` (L,), with v downwards."""
     widths = words.count[is_uv] - 1
     wrong = np.flatnonzero((widths < 1) | (widths > 3))
     if wrong.size:
-        what = f"'vt' has {widths[wrong[0]]} numbers; u, u v or u v w is right"
-        raise words.line_error("MESH_FILE_INVALID", int(np.flatnonzero(is_uv)[wrong[0]]), what)
+        message = f"'vt' has {widths[wrong[0]]} numbers; it must have u, u v or u v w"
+        raise words.line_error("MESH_FILE_INVALID", int(np.flatnonzero(is_uv)[wrong[0]]), message)
     values = words.numbers(words.arguments(is_uv))
     first = np.cumsum(widths) - widths
-    made = np.zeros((len(widths), 2))
-    made[:, 0] = values[first]
-    made[widths > 1, 1] = values[first[widths > 1] + 1]
-    made[:, 1] = 1 - made[:, 1]
-    return made
+    uvs = np.zeros((len(widths), 2))
+    uvs[:, 0] = values[first]
+    uvs[widths > 1, 1] = values[first[widths > 1] + 1]
+    uvs[:, 1] = 1 - uvs[:, 1]
+    return uvs
 
 
-def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
-    """Return the texels of the images of materials by name; names of one file become the first of them."""
+def _images(text: Source, used: dict[str, _Material], left_out: LeftOut) -> dict[str, NDArray[np.uint8]]:
+    """Return the decoded images of materials by name. Of several names of a file, only the first is used."""
     decoder, images = Decoder(), {}
     firsts: dict[Path, str] = {}
     first_of: dict[str, str] = {}
-    for name in dict.fromkeys(each.image for each in shown.values() if each.image is not None):
+    for name in dict.fromkeys(material.image for material in used.values() if material.image is not None):
         if len(firsts) == _MAX_FILES:
-            left_out[f"images beyond {_MAX_FILES:,}"] = None
+            left_out[f"images after the first {_MAX_FILES:,}"] = None
             break
         path = name.replace("\\", "/")
         try:
@@ -187,44 +197,45 @@ def _images(text: Source, shown: dict[str, _Material], left_out: LeftOut) -> dic
                 images[name] = decoder.decode(read_beside(text, path, "map_Kd", MAX_FILE), alpha=False)
         except MeshFileError as error:
             left_out[f"image {shorten(name, 60)} ({shorten(error.message, 200)})"] = None
-    for material in shown.values():
+    for material in used.values():
         material.image = first_of.get(material.image or "")
     return images
 
 
 def _read_libraries(
-    text: Source, names: Iterable[str], found: dict[str, _Material], left_out: LeftOut
+    text: Source, names: Iterable[str], known: dict[str, _Material], left_out: LeftOut
 ) -> None:
-    """Add the materials of the files `names` to those `found`; the first of a name counts."""
+    """Add the materials of the libraries `names` to `known`; the first definition of a name counts."""
     room = _MAX_LIBRARIES
     for number, name in enumerate(names):
         if number == _MAX_FILES:
-            left_out[f"materials beyond {_MAX_FILES:,} files"] = None
+            left_out[f"materials after the first {_MAX_FILES:,} files"] = None
             return
         try:
             data = read_beside(text, name.replace("\\", "/"), "mtllib", room)
         except MeshFileError as error:
             left_out[f"materials ({shorten(error.message, 200)})"] = None
             continue
-        _read_library(data[:room], found, left_out)
+        _read_library(data[:room], known, left_out)
         if len(data) > room:
-            left_out[f"materials beyond {_MAX_LIBRARIES >> 20} MiB of files"] = None
+            left_out[f"materials after the first {_MAX_LIBRARIES >> 20} MiB"] = None
             return
         room -= len(data)
 
 
-def _read_library(data: bytes, found: dict[str, _Material], left_out: LeftOut) -> None:
+def _read_library(data: bytes, known: dict[str, _Material], left_out: LeftOut) -> None:
+    """Add the materials of an MTL file to `known`."""
     material = _Material()
     for line in data.removeprefix(codecs.BOM_UTF8).splitlines():
         word, _, rest = _decoded(line).partition(" ")
         rest = rest.strip()
         if word == "newmtl":
             material = _Material()
-            found.setdefault(rest, material)
+            known.setdefault(rest, material)
         elif word == "Kd":
             material.color = _color(rest)
         elif word.lower() == "map_kd" and len(rest) > _MAX_WORDS:
-            left_out[f"an image whose name has more than {_MAX_WORDS:,} letters"] = None
+            left_out[f"an image with a name of more than {_MAX_WORDS:,} characters"] = None
         elif word.lower() == "map_kd":
             material.image, is_plain = _without_options(rest)
             if not is_plain:
@@ -234,15 +245,15 @@ def _read_library(data: bytes, found: dict[str, _Material], left_out: LeftOut) -
 
 
 def _color(words: str) -> tuple[int, ...]:
-    """Return the colour of a line Kd in bytes; white where it is no three numbers (a spectral curve)."""
+    """Return the colour of a Kd line in bytes, or white for anything but three numbers (a spectral curve)."""
     values = words.split()[:3]
-    if len(values) < 3 or not all(_NUMBER.fullmatch(each) for each in values):
+    if len(values) < 3 or not all(_NUMBER.fullmatch(value) for value in values):
         return _WHITE
-    return tuple(round(255 * min(max(float(each), 0), 1)) for each in values)
+    return tuple(round(255 * min(max(float(value), 0), 1)) for value in values)
 
 
 def _without_options(words: str) -> tuple[str, bool]:
-    """Return the name of the image in a line map_Kd, and whether its options leave the image as it is."""
+    """Return the image name in a map_Kd line, and whether its options leave the image unchanged."""
     is_plain = True
     while words.startswith("-"):
         option, _, words = words.partition(" ")
@@ -250,16 +261,16 @@ def _without_options(words: str) -> tuple[str, bool]:
             value, _, rest = words.lstrip().partition(" ")
             if number and not _NUMBER.fullmatch(value):
                 break
-            wanted = _NEUTRAL.get(option)
-            is_number = isinstance(wanted, float) and _NUMBER.fullmatch(value)
-            is_plain &= float(value) == wanted if is_number else value == wanted
+            neutral = _NEUTRAL.get(option)
+            is_number = isinstance(neutral, float) and _NUMBER.fullmatch(value)
+            is_plain &= float(value) == neutral if is_number else value == neutral
             words = rest
         words = words.lstrip()
     return words, is_plain
 
 
 def _decoded(line: bytes) -> str:
-    """Return the words of a line; names are UTF-8, or else Latin-1."""
+    """Return a line as text: UTF-8, or Latin-1 if it is not valid UTF-8."""
     try:
         text = line.decode()
     except UnicodeDecodeError:

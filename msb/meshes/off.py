@@ -1,4 +1,4 @@
-"""OFF: the Object File Format of Geomview, as text, with its colour, normal and texture variants."""
+"""OFF: the Object File Format of Geomview as text, with its variants for colours, normals and UVs."""
 
 import re
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from msb.errors import shorten
 from msb.meshes.colors import stored_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.mesh import Mesh
-from msb.meshes.polygons import fan_triangulate, steps, wrong_polygon
+from msb.meshes.polygons import fan_triangulate, ranges, wrong_polygon
 from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
 from msb.meshes.writing import write_rows
@@ -26,7 +26,7 @@ _LINE = re.compile(rb"[^\n]*\n?")
 
 @dataclass(frozen=True)
 class _Header:
-    """The content of the first lines; `body` is the byte after them."""
+    """The parsed header; `body` is the offset of the first byte after it."""
 
     prefixes: frozenset[str]
     vertices: int
@@ -34,31 +34,31 @@ class _Header:
     body: int
 
 
-# Prefix of OFF -> what the vertices then have that is not read.
+# Prefix of "OFF" -> the vertex data it declares, which is not read.
 _LEFT_OUT = {"N": "normals", "ST": "UVs"}
 
 
 def read(source: Source) -> Mesh:
-    """Read an OFF file with any of the prefixes ST, C and N; vertices are float64.
+    """Read an OFF file with any of the prefixes ST, C and N. Vertices are float64.
 
-    A COFF file without vertex colours is one that has them on its faces (the dialect of Triangle-Splatting's
-    exporter). Face colours are kept where every face has as many.
+    A COFF file may have colours at its faces instead of its vertices, as Triangle-Splatting's exporter writes
+    them. Face colours are kept if all faces have the same number of channels.
     """
     if _BINARY.match(source.data):
-        raise source.error("MESH_FILE_UNSUPPORTED", "OFF BINARY is not read; save it as text")
+        raise source.error("MESH_FILE_UNSUPPORTED", "binary OFF is not supported; save the file as text")
     text = source.as_text("OFF")
     header = _read_header(text)
     room = len(text.data) - header.body + 1
     if header.vertices * len("0 0 0\n") + header.faces * len("0\n") > room:
         declared = f"{header.vertices} vertices and {header.faces} faces"
-        raise source.error("MESH_FILE_TRUNCATED", f"it declares {declared}, more than the file has bytes for")
+        raise source.error("MESH_FILE_TRUNCATED", f"the file is too short for {declared}")
     table = read_table(text, header.body, comments=True)
-    rows, wanted = len(table.byte), header.vertices + header.faces
-    if rows < wanted:
-        missing = f"it declares {header.vertices} vertices and {header.faces} faces, but has {rows} lines"
-        raise source.error("MESH_FILE_TRUNCATED", missing)
-    if rows > wanted:
-        raise table.row_error("MESH_FILE_INVALID", wanted, "there is more after the last face")
+    rows, declared_rows = len(table.byte), header.vertices + header.faces
+    if rows < declared_rows:
+        missing = f"the header declares {header.vertices} vertices and {header.faces} faces, but only {rows} "
+        raise source.error("MESH_FILE_TRUNCATED", missing + "lines follow")
+    if rows > declared_rows:
+        raise table.row_error("MESH_FILE_INVALID", declared_rows, "lines follow after the last face")
     vertices, vertex_colors = _vertices(table, header)
     faces, polygon, face_colors = _faces(table, header)
     wrong = wrong_polygon(faces, polygon, header.vertices)
@@ -71,9 +71,9 @@ def read(source: Source) -> Mesh:
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
-    """Write OFF, or COFF where vertices have colours; face colours follow the indices.
+    """Write OFF, or COFF if vertices have colours. Face colours follow the indices.
 
-    Coordinates read back as exactly the same number. uint8 colours are integers, float32 colours decimals.
+    Coordinates read back exactly. uint8 colours are written as integers, float32 colours as decimals.
     """
     keyword = "OFF" if mesh.vertex_colors is None else "COFF"
     stream.write(f"{keyword}\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode("ascii"))
@@ -82,15 +82,15 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _with_colors(form: str, columns: NDArray[Any], colors: NDArray[Any] | None) -> tuple[str, NDArray[Any]]:
-    """Return the line format and the columns with the colours appended."""
+    """Return the line format and the columns (N, K), with `colors` (N, 3 | 4) appended to both."""
     if colors is None:
         return form, columns
-    each = " %d" if colors.dtype == np.uint8 else " %r"
-    return form + each * colors.shape[1], np.column_stack((columns, colors))
+    conversion = " %d" if colors.dtype == np.uint8 else " %r"
+    return form + conversion * colors.shape[1], np.column_stack((columns, colors))
 
 
 def _lines(data: bytes) -> Iterator[tuple[bytes, int]]:
-    """Yield each line that is not blank, without its comment, and the byte after the line."""
+    """Yield each non-blank line without its comment, and the byte offset after the line."""
     for line in _LINE.finditer(data):
         content = line[0].partition(b"#")[0].strip()
         if content:
@@ -98,7 +98,7 @@ def _lines(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 
 def _read_header(text: Source) -> _Header:
-    """Read the keyword and the counts, which stand on the same line or on the next one."""
+    """Read the keyword and the counts, which are on the same line or on the next one."""
     lines = _lines(text.data)
     content, end = next(lines, (b"", 0))
     prefixes, words = _read_keyword(text, content)
@@ -108,27 +108,30 @@ def _read_header(text: Source) -> _Header:
         raise text.error("MESH_FILE_TRUNCATED", "the file ends before the counts of vertices and faces")
     counts = _COUNTS.fullmatch(words)
     if counts is None:
-        shown = shorten(words.decode("latin-1"))
-        message = f"the counts are '{shown}'; 'VERTICES FACES EDGES', none negative, is right"
+        message = f"the counts are '{shorten(words.decode('latin-1'))}'; "
+        message += "they must be 'VERTICES FACES EDGES', not negative"
         raise text.line_error("MESH_FILE_INVALID", end - 1, message)
     return _Header(prefixes, int(counts[1]), int(counts[2]), end)
 
 
 def _read_keyword(text: Source, content: bytes) -> tuple[frozenset[str], bytes]:
-    """Return the prefixes of "OFF" in the first line with content, and what follows it there."""
+    """Return the prefixes of "OFF" in the first line, and the rest of the line after the keyword."""
     keyword = _KEYWORD.fullmatch(content)
     if keyword is None:
-        raise text.not_a("OFF", "it does not begin with OFF, COFF, NOFF or STOFF")
+        raise text.not_a("OFF", "the first word is not OFF, COFF, NOFF or STOFF")
     prefixes = frozenset(_PREFIXES.findall(keyword[1].decode("ascii")))
     if prefixes & {"4", "n"}:
         name = keyword[1].decode("ascii") + "OFF"
-        message = f"{name} has vertices of other than three dimensions; only three are read"
+        message = f"{name} has vertices of other than three dimensions, which are not supported"
         raise text.error("MESH_FILE_UNSUPPORTED", message)
     return prefixes, keyword[2].strip()
 
 
 def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
-    """Return the vertices (V, 3) and their colours; the order is x y z, normal, colour, texture."""
+    """Return the vertices (V, 3) and their colours, or None if there are no colours.
+
+    A line has the position, then the optional normal, colour and texture coordinates.
+    """
     V = header.vertices
     begin = table.row[:V]
     widths = np.diff(table.row[: V + 1])
@@ -138,8 +141,8 @@ def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArr
     wrong = np.flatnonzero(widths != (width if width in allowed else -1))
     if wrong.size:
         numbers = int(widths[wrong[0]])
-        right = " or ".join(str(count) for count in allowed)
-        message = f"a vertex has {numbers} numbers; {right}, the same for all vertices, is right here"
+        valid = " or ".join(str(count) for count in allowed)
+        message = f"a vertex has {numbers} numbers; all vertices must have {valid}"
         raise table.row_error("MESH_FILE_INVALID", int(wrong[0]), message)
     vertices = table.values[begin[:, None] + np.arange(3)]
     if width == plain:
@@ -149,7 +152,10 @@ def _vertices(table: Table, header: _Header) -> tuple[NDArray[np.float64], NDArr
 
 
 def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[Any] | None]:
-    """Return the triangles (F, 3), the line of each and their colours, from lines `n i1 ... in [colour]`."""
+    """Return the triangles (F, 3), the face line of each (F,), and their colours (F, 3 | 4) or None.
+
+    A face line has the number of corners, their vertex indices, and an optional colour.
+    """
     begin = table.row[header.vertices : -1]
     counts = table.integers(begin, "the number of corners")
     extra = np.diff(table.row[header.vertices :]) - 1 - counts
@@ -157,12 +163,13 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np
     if wrong.size:
         face = int(wrong[0])
         message = (
-            f"face {face} announces {counts[face]} corners; {counts[face] + extra[face]} numbers follow."
+            f"face {face} declares {counts[face]} corners, but {counts[face] + extra[face]} values follow; "
         )
-        message += " The corners, then 0, 1, 3 or 4 numbers of a colour, is right"
+        message += "after the corners, only a colour of 1, 3 or 4 values may follow"
         raise table.row_error("MESH_FILE_INVALID", header.vertices + face, message)
-    corners = table.integers(np.repeat(begin + 1, counts) + steps(counts), "an index")
+    corners = table.integers(np.repeat(begin + 1, counts) + ranges(counts), "an index")
     faces, polygon = fan_triangulate(corners, counts)
+    # Colours are read if all faces with triangles have the same number of channels, 3 or 4.
     drawn = counts >= 3
     width = int(extra[drawn][0]) if drawn.any() else 0
     if width < 3 or (extra[drawn] != width).any():
@@ -172,7 +179,7 @@ def _faces(table: Table, header: _Header) -> tuple[NDArray[np.int64], NDArray[np
 
 
 def _colors(table: Table, places: NDArray[np.int64]) -> NDArray[Any]:
-    """Return the colours at `places` (N, 3 | 4); Geomview's rule: integers are 0..255, decimals 0..1."""
+    """Return the colours at `places` (N, 3 | 4). As in Geomview, integers are 0..255 and decimals 0..1."""
     values = table.values[places]
     if table.has_fraction[places].any():
         return stored_colors(values)

@@ -1,4 +1,4 @@
-"""PLY: the Stanford polygon format, as text and in both binary byte orders."""
+"""PLY: the Stanford polygon format, as text and as binary in both byte orders."""
 
 import re
 from typing import Any, BinaryIO
@@ -23,15 +23,15 @@ _COLOR_NAMES = (
 )
 _MAX_INT = 2**31 - 1
 _UVS = ("s", "t", "u", "v", "texture_u", "texture_v", "texcoord", "texnumber")
-# Property that is not read -> what it is a part of.
+# Property that is not read -> the name of the data it belongs to.
 _KNOWN = {"nx": "normals", "ny": "normals", "nz": "normals", **dict.fromkeys(_UVS, "UVs")}
 
 
 def read(source: Source) -> Mesh:
-    """Read the vertex and face elements; other elements and properties are stepped over.
+    """Read the vertex and face elements; other elements and properties are skipped.
 
-    Vertices are float32 where a binary file stores x, y and z as float, else float64: text keeps the digits
-    it has, whatever type the header names.
+    Vertices are float32 if a binary file stores x, y and z as float, else float64. Text is always read as
+    float64, so that it keeps all digits, whatever type the header declares.
     """
     header = read_header(source)
     _check_elements(source, header)
@@ -57,9 +57,9 @@ def read(source: Source) -> Mesh:
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
-    """Write binary little-endian PLY with the vertices' and colours' own types.
+    """Write binary little-endian PLY. Vertices and colours keep their number types.
 
-    Indices are `int`, which every reader knows, unless V needs `uint`.
+    Indices are `int`, which every reader supports, unless there are too many vertices for it.
     """
     coordinate = "double" if mesh.vertices.dtype == np.float64 else "float"
     index = "int" if len(mesh.vertices) <= _MAX_INT else "uint"
@@ -76,7 +76,7 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _color_lines(colors: NDArray[Any] | None) -> list[str]:
-    """Return the header lines of colours (N, 3 | 4)."""
+    """Return the header lines for colours (N, 3 | 4)."""
     if colors is None:
         return []
     kind = "uchar" if colors.dtype == np.uint8 else "float"
@@ -86,7 +86,7 @@ def _color_lines(colors: NDArray[Any] | None) -> list[str]:
 def _write_records(
     stream: BinaryIO, count: int | None, values: NDArray[Any], kind: str, colors: NDArray[Any] | None
 ) -> None:
-    """Write a row for each of `values` (N, 3): the list count if any, the values, the colours."""
+    """Write N binary rows: the list count if not None, then `values` (N, 3), then `colors` (N, 3 | 4)."""
     fields: list[tuple[Any, ...]] = [("values", kind, 3)]
     if count is not None:
         fields.insert(0, ("count", "u1"))
@@ -104,40 +104,40 @@ def _write_records(
 
 
 def _left_out(header: Header) -> tuple[str, ...]:
-    """Return what the file has beside the mesh: parts of vertices and faces by name, other elements."""
+    """Return the names of skipped vertex and face properties and of skipped elements."""
     read = {"x", "y", "z", *_INDEX_NAMES, *(name for names in _COLOR_NAMES for name in names)}
     parts: dict[str, None] = {}
-    for element in (each for each in header.elements if each.count):
+    for element in (candidate for candidate in header.elements if candidate.count):
         if element.name not in ("vertex", "face"):
             parts[f"element {shorten(element.name, 30)}"] = None
             continue
-        for each in (each.name for each in element.properties if each.name not in read):
-            parts[_KNOWN.get(each, f"property {shorten(each, 30)}")] = None
+        for name in (entry.name for entry in element.properties if entry.name not in read):
+            parts[_KNOWN.get(name, f"property {shorten(name, 30)}")] = None
     return tuple(parts)
 
 
 def _check_elements(source: Source, header: Header) -> None:
-    """Check that the header describes a mesh."""
+    """Raise an error unless the header declares a triangle or polygon mesh."""
     elements = {element.name: element for element in header.elements}
     strips = elements.get("tristrips")
     if strips is not None and strips.count:
-        text = "element 'tristrips' (triangle strips) is not read; save triangles instead"
+        text = "triangle strips (element 'tristrips') are not supported; save triangles instead"
         raise source.error("MESH_FILE_UNSUPPORTED", text)
     if "vertex" not in elements:
         raise source.error("MESH_FILE_INVALID", "the header has no element 'vertex'")
     for axis in "xyz":
         property_ = elements["vertex"].find(axis)
         if property_ is None or property_.count_type:
-            text = f"element 'vertex' has no property '{axis}' that is one number"
+            text = f"element 'vertex' has no scalar property '{axis}'"
             raise source.error("MESH_FILE_INVALID", text)
     face = elements.get("face")
     if face is not None and face.count and not _index_name(face):
-        text = "element 'face' has no list of integers 'vertex_indices' or 'vertex_index'"
+        text = "element 'face' has no integer list 'vertex_indices' or 'vertex_index'"
         raise source.error("MESH_FILE_INVALID", text)
 
 
 def _index_name(face: Element) -> str:
-    """Return the name of the list of corners, or ""."""
+    """Return the name of the list of vertex indices, or "" if there is none."""
     for name in _INDEX_NAMES:
         property_ = face.find(name)
         if property_ is not None and property_.count_type and np.dtype(property_.type).kind in "iu":
@@ -146,21 +146,22 @@ def _index_name(face: Element) -> str:
 
 
 def _positions(rows: Rows, body: Body) -> NDArray[Any]:
-    """Return x, y, z (V, 3) in the file's precision."""
+    """Return the coordinates (V, 3) in the precision of the file."""
     columns = [body.column(rows, axis) for axis in "xyz"]
     single = all(column.dtype == np.float32 for column in columns)
     return np.stack(columns, axis=1, dtype=np.float32 if single else np.float64)
 
 
 def _colors(rows: Rows, body: Body) -> NDArray[Any] | None:
-    """Return the colours (N, 3 | 4) of the element's rows, or None."""
+    """Return the colours (N, 3 | 4) of the rows, or None if the element has no colours."""
     for names in _COLOR_NAMES:
         channels = [rows.element.find(name) for name in names]
-        if any(each is None or each.count_type for each in channels[:3]):
+        if any(channel is None or channel.count_type for channel in channels[:3]):
             continue
         width = 3 if channels[3] is None or channels[3].count_type else 4
         values = np.stack([body.column(rows, name) for name in names[:width]], axis=1)
-        declared = np.result_type(*(each.type for each in channels[:width] if each))
+        # Text is parsed as float64: convert it to the declared integer type.
+        declared = np.result_type(*(channel.type for channel in channels[:width] if channel))
         if values.dtype.kind == "f" and declared.kind != "f":
             values = np.clip(np.nan_to_num(values), 0, np.iinfo(declared).max).astype(declared)
         return stored_colors(values)

@@ -1,8 +1,8 @@
-"""The body of a PLY file: where each row lies, and the values of one property over all rows.
+"""The body of a PLY file: find the rows of each element, and read one property over all rows at a time.
 
-A binary body is counted in bytes, a text body in numbers. Within a row the properties follow each other
-without gaps, so once the rows' places are known, those of any property follow by adding up widths; that is
-done for all rows at a time.
+Offsets count bytes in a binary body and numbers in a text body. The properties of a row follow each other
+without gaps. So the offsets of a property are the offsets of the rows plus the widths of the properties
+before it, computed for all rows at once.
 """
 
 import struct
@@ -15,63 +15,66 @@ from numpy.typing import NDArray
 
 from msb.errors import MeshFileError
 from msb.meshes.ply_header import Element, Header, Property
-from msb.meshes.polygons import steps
+from msb.meshes.polygons import ranges
 from msb.meshes.source import Source
 from msb.meshes.text import Table, read_table
 
 
 @dataclass(frozen=True)
 class Rows:
-    """The rows of `element`; `place` (N,) int64 is where each begins in the body."""
+    """The rows of `element`; `place` (N,) int64 is the offset of each row in the body."""
 
     element: Element
     place: NDArray[np.int64]
 
 
 class Body(Protocol):
-    """What both kinds of body have."""
+    """The common interface of binary and text bodies."""
 
     def _find(self, rows: Rows, name: str) -> tuple[Property, NDArray[np.int64]]:
-        """Return property `name` and its place (N,) in every row."""
+        """Return property `name` and its offset (N,) in every row."""
         place = rows.place
-        for each in rows.element.properties:
-            if each.name == name:
-                return each, place
-            place = self._after(place, each)
+        for entry in rows.element.properties:
+            if entry.name == name:
+                return entry, place
+            place = self._after(place, entry)
         raise KeyError(name)
 
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
-        """Return the place (N,) behind a property at `place`; in text one outside the table stays outside."""
+        """Return the offset (N,) after a property at offset `place` (N,).
+
+        In a text body, an offset beyond the table stays beyond it, so that damaged rows are detected.
+        """
 
     def next_rows(self, element: Element) -> Rows:
-        """Return the rows of the element that comes next."""
+        """Return the rows of the next element in the file."""
 
     def finish(self) -> None:
-        """Raise MESH_FILE_INVALID if anything follows the last element."""
+        """Raise MESH_FILE_INVALID if data follows after the last element."""
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
-        """Return the values (N,) of a property that is one number: float64, or the type in the file."""
+        """Return the values (N,) of a scalar property: float64 for text, else the type in the file."""
 
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the lengths (N,) and the integers (C,) of a list property."""
+        """Return the lengths (N,) and the concatenated integers (C,) of a list property."""
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str | None:
-        """Return on which line of text the row is that names vertex `index`, which is not there.
+        """Return the text of `Mesh.wrong_face` for a row with the invalid vertex `index`.
 
-        Bytes have no lines.
+        Binary files have no lines, and thus no text.
         """
         return None
 
 
 def open_body(source: Source, header: Header) -> Body:
-    """Return the body behind `header`."""
+    """Return the body after `header`."""
     if header.order:
         return _BinaryBody(source, header)
     return _TextBody(source, header)
 
 
 class _BinaryBody(Body):
-    """A body of bytes."""
+    """A binary body."""
 
     def __init__(self, source: Source, header: Header) -> None:
         self._source = source
@@ -80,10 +83,10 @@ class _BinaryBody(Body):
 
     def next_rows(self, element: Element) -> Rows:
         start, room = self._at, len(self._source.data) - self._at
-        least = sum(_width(each.count_type or each.type) for each in element.properties)
+        least = sum(_width(entry.count_type or entry.type) for entry in element.properties)
         if element.count * least > room:
-            text = f"{element} declares {element.count} rows of at least {least} bytes, "
-            text += f"but only {room} bytes are left"
+            text = f"{element} has {element.count} rows of at least {least} bytes, "
+            text += f"but only {room} bytes are left in the file"
             raise self._source.error("MESH_FILE_TRUNCATED", text, pointer=f"byte {start}")
         if not element.count or not least:
             return Rows(element, np.zeros(0, dtype=np.int64))
@@ -98,7 +101,7 @@ class _BinaryBody(Body):
     def finish(self) -> None:
         left = len(self._source.data) - self._at
         if self._source.data[self._at :].strip():
-            text = f"{left} bytes follow the last declared row"
+            text = f"{left} bytes follow after the last row"
             raise self._source.error("MESH_FILE_INVALID", text, pointer=f"byte {self._at}")
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
@@ -113,7 +116,7 @@ class _BinaryBody(Body):
         if counts.size and (counts == counts[0]).all():
             corners = (place[:, None] + width * np.arange(counts[0])).ravel()
         else:
-            corners = np.repeat(place, counts) + width * steps(counts)
+            corners = np.repeat(place, counts) + width * ranges(counts)
         return counts, self._take(corners, wanted.type).astype(np.int64)
 
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
@@ -123,29 +126,31 @@ class _BinaryBody(Body):
         return place + _width(wanted.count_type) + counts * _width(wanted.type)
 
     def _take(self, place: NDArray[np.int64], kind: str) -> NDArray[Any]:
-        """Return the values of type `kind` at the byte numbers `place` (N,), in the machine's byte order."""
+        """Return the values (N,) of type `kind` at the byte offsets `place` (N,), in native byte order."""
         width = _width(kind)
         data = self._source.data
         if not place.size:
             return np.zeros(0, dtype=kind)
-        # Every byte of the file is seen as the start of a value: a view, not a copy.
-        everywhere = np.ndarray((len(data) - width + 1,), self._order + kind, data, strides=(1,))
-        return everywhere[place].astype(kind)
+        # View every byte of the file as the start of a value, and pick the values at `place`.
+        overlapping = np.ndarray((len(data) - width + 1,), self._order + kind, data, strides=(1,))
+        return overlapping[place].astype(kind)
 
     def _common_row_size(self, element: Element) -> int | None:
-        """Return the row's size in bytes if every list is as long in all rows as in the first, else None."""
+        """Return the size of all rows in bytes if their lists are as long as in the first row, else None."""
         data, start, at = self._source.data, self._at, self._at
+        # Measure the first row: offset, length and count type of its lists.
         lists: list[tuple[int, int, str]] = []
-        for each in element.properties:
-            if not each.count_type:
-                at += _width(each.type)
+        for entry in element.properties:
+            if not entry.count_type:
+                at += _width(entry.type)
                 continue
-            if at + _width(each.count_type) > len(data):
+            if at + _width(entry.count_type) > len(data):
                 return None
-            length = int(self._take(np.array([at]), each.count_type)[0])
-            lists.append((at, length, each.count_type))
-            at += _width(each.count_type) + max(length, 0) * _width(each.type)
+            length = int(self._take(np.array([at]), entry.count_type)[0])
+            lists.append((at, length, entry.count_type))
+            at += _width(entry.count_type) + max(length, 0) * _width(entry.type)
         size = at - start
+        # Compare the list lengths of all rows, assuming that rows have this size.
         if start + size * element.count > len(data):
             return None
         for place, length, kind in lists:
@@ -155,7 +160,7 @@ class _BinaryBody(Body):
         return size
 
     def _walk(self, element: Element) -> NDArray[np.int64]:
-        """Return where each row begins, found one after the other because their sizes differ."""
+        """Return the byte offset of each row, found row by row because their sizes differ."""
         lists, tail = _list_layout(element, self._order)
         data, at = self._source.data, self._at
         places = array("q")
@@ -167,7 +172,7 @@ class _BinaryBody(Body):
                     raise self._short(element, row)
                 length = count.unpack_from(data, at)[0]
                 if length < 0:
-                    text = f"row {row} of {element} has a list of {length} values"
+                    text = f"row {row} of {element} has a list of length {length}"
                     raise self._source.error("MESH_FILE_INVALID", text, pointer=f"byte {at}")
                 at += count.size + length * width
             at += tail
@@ -177,12 +182,13 @@ class _BinaryBody(Body):
         return np.array(places, dtype=np.int64)
 
     def _short(self, element: Element, row: int) -> MeshFileError:
-        text = f"the file ends within row {row} of the {element.count} rows of {element}"
+        """Return the error that the file ends within a row."""
+        text = f"the file ends in row {row} of the {element.count} rows of {element}"
         return self._source.error("MESH_FILE_TRUNCATED", text)
 
 
 class _TextBody(Body):
-    """A body of numbers, one row to a line."""
+    """A text body: one row of numbers per line."""
 
     def __init__(self, source: Source, header: Header) -> None:
         self._source = source
@@ -190,7 +196,7 @@ class _TextBody(Body):
         rows = sum(element.count for element in header.elements if element.properties)
         room = len(source.data) - header.body + 1
         if rows * len("0\n") > room:
-            text = f"the header declares {rows} rows, more than the {room} bytes after it can hold"
+            text = f"the header declares {rows} rows, too many for the {room} bytes after it"
             raise source.error("MESH_FILE_TRUNCATED", text)
         self._table: Table = read_table(source.as_text("PLY"), header.body)
         if len(self._table.byte) < rows:
@@ -204,20 +210,21 @@ class _TextBody(Body):
         first = self._lines
         self._lines += element.count
         rows = Rows(element, self._table.row[first : self._lines])
+        # Every row must end where the next line begins.
         end = rows.place
-        for each in element.properties:
-            end = self._after(end, each)
+        for entry in element.properties:
+            end = self._after(end, entry)
         wrong = np.flatnonzero(end != self._table.row[first + 1 : self._lines + 1])
         if wrong.size:
             row = int(wrong[0])
             count = int(np.diff(self._table.row[first + row : first + row + 2])[0])
-            text = f"row {row} of {element} has {count} numbers, not those of its properties"
+            text = f"row {row} of {element} has {count} numbers, which does not match its properties"
             raise self._table.row_error("MESH_FILE_INVALID", first + row, text)
         return rows
 
     def finish(self) -> None:
         if len(self._table.byte) > self._lines:
-            text = "there is more after the last declared row"
+            text = "lines follow after the last declared row"
             raise self._table.row_error("MESH_FILE_INVALID", self._lines, text)
 
     def column(self, rows: Rows, name: str) -> NDArray[Any]:
@@ -226,7 +233,7 @@ class _TextBody(Body):
     def indices(self, rows: Rows, name: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         _, place = self._find(rows, name)
         counts = self._table.integers(place, "the length of a list")
-        return counts, self._table.integers(np.repeat(place + 1, counts) + steps(counts), "an index")
+        return counts, self._table.integers(np.repeat(place + 1, counts) + ranges(counts), "an index")
 
     def wrong_face(self, rows: Rows, row: int, index: int, vertices: int) -> str:
         line = int(np.searchsorted(self._table.row, rows.place[row], side="right")) - 1
@@ -235,6 +242,7 @@ class _TextBody(Body):
     def _after(self, place: NDArray[np.int64], wanted: Property) -> NDArray[np.int64]:
         if not wanted.count_type:
             return place + 1
+        # An impossible list length leads beyond the table.
         size = len(self._table.values)
         length = self._table.values[np.minimum(place, size - 1)]
         possible = (place < size) & (length >= 0) & (length <= size) & (length == np.floor(length))
@@ -242,17 +250,21 @@ class _TextBody(Body):
 
 
 def _width(kind: str) -> int:
+    """Return the bytes of a value of type `kind`, such as "f4"."""
     return int(kind[1])
 
 
 def _list_layout(element: Element, order: str) -> tuple[list[tuple[int, struct.Struct, int]], int]:
-    """Return for each list the bytes before it, its count, an item's bytes; and the bytes behind the last."""
+    """Return the layout of a row: its lists, and the bytes after the last list.
+
+    A list has the bytes before it, the struct of its count, and the bytes of an item.
+    """
     lists, gap = [], 0
-    for each in element.properties:
-        if not each.count_type:
-            gap += _width(each.type)
+    for entry in element.properties:
+        if not entry.count_type:
+            gap += _width(entry.type)
         else:
-            code = np.dtype(each.count_type).char
-            lists.append((gap, struct.Struct(order + code), _width(each.type)))
+            code = np.dtype(entry.count_type).char
+            lists.append((gap, struct.Struct(order + code), _width(entry.type)))
             gap = 0
     return lists, gap

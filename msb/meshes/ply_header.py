@@ -24,8 +24,7 @@ TYPES = {name: kind for kind, names in _NAMES.items() for name in names.split()}
 # Format names -> NumPy byte order; text has none.
 FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
-# Most bytes of a header. Real headers have some thousand; the limit bounds the work on one that never
-# ends.
+# Largest header in bytes. Real headers have a few thousand; the limit bounds the work for endless ones.
 MAX_HEADER_BYTES = 1 << 20
 
 _COUNT = re.compile(r"\d{1,18}")
@@ -33,7 +32,7 @@ _COUNT = re.compile(r"\d{1,18}")
 
 @dataclass(frozen=True)
 class Property:
-    """A property: `type` is a value of `TYPES`; `count_type` too for a list, "" for a single number."""
+    """A property. `type` is a value of `TYPES`, and so is `count_type` for a list; else it is empty."""
 
     name: str
     type: str
@@ -42,15 +41,15 @@ class Property:
 
 @dataclass(frozen=True)
 class Element:
-    """An element: `count` rows, each with one value or list for every property, in order."""
+    """An element: `count` rows with one number or list for each property, in order."""
 
     name: str
     count: int
     properties: list[Property] = field(default_factory=list)
 
     def find(self, name: str) -> Property | None:
-        """Return the property called `name`, if there is one."""
-        return next((each for each in self.properties if each.name == name), None)
+        """Return the property called `name`, or None."""
+        return next((entry for entry in self.properties if entry.name == name), None)
 
     def __str__(self) -> str:
         return f"element '{shorten(self.name)}'"
@@ -58,7 +57,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """The content of the header; `body` is the byte after it and `order` a value of `FORMATS`."""
+    """The parsed header. `order` is a value of `FORMATS`, and `body` the offset of the body in bytes."""
 
     order: str
     elements: list[Element]
@@ -66,9 +65,10 @@ class Header:
 
 
 def read_header(source: Source) -> Header:
-    """Read the lines from "ply" to "end_header"; names of elements and of their properties are unique.
+    """Read the lines from "ply" to "end_header".
 
-    The line end after "ply", LF, CRLF or CR, is that of the whole header.
+    All lines must end like the first one: with LF, CRLF or CR. Names of elements, and of the properties of an
+    element, must be unique.
     """
     lines, body = _split_lines(source)
     order: str | None = None
@@ -86,31 +86,31 @@ def read_header(source: Source) -> Header:
             case ["property", *rest] if elements:
                 elements[-1].properties.append(_read_property(source, where, rest))
             case _:
-                text = f"'{shorten(line)}' is not a header line, or stands in the wrong place"
+                text = f"'{shorten(line)}' is not a header line, or is in the wrong place"
                 raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if order is None:
         text = "the header has no line 'format ascii 1.0' or 'format binary_little_endian 1.0'"
         raise source.error("MESH_FILE_INVALID", text)
-    for twice in _repeated(each.name for each in elements):
+    for twice in _repeated(element.name for element in elements):
         raise source.error("MESH_FILE_INVALID", f"{Element(twice, 0)} is declared twice")
     for element in elements:
-        for twice in _repeated(each.name for each in element.properties):
+        for twice in _repeated(entry.name for entry in element.properties):
             text = f"property '{shorten(twice)}' of {element} is declared twice"
             raise source.error("MESH_FILE_INVALID", text)
     return Header(order, elements, body)
 
 
 def _split_lines(source: Source) -> tuple[list[str], int]:
-    """Return the lines between "ply" and "end_header", and the byte after the latter's line end."""
+    """Return the lines between "ply" and "end_header", and the offset of the first byte after them."""
     data = source.data
     if not data.startswith((b"ply\n", b"ply\r")):
-        raise source.not_a("PLY", "it does not begin with a line 'ply'")
+        raise source.not_a("PLY", "the first line is not 'ply'")
     line_end = b"\r\n" if data.startswith(b"ply\r\n") else data[3:4]
     last = re.compile(line_end + rb"[ \t]*end_header[ \t\r]*?" + line_end)
     head = data[: MAX_HEADER_BYTES + 1]
     end = last.search(head)
     if end is None and len(data) > MAX_HEADER_BYTES:
-        text = f"'end_header' does not come within {MAX_HEADER_BYTES} bytes"
+        text = f"there is no 'end_header' within the first {MAX_HEADER_BYTES} bytes"
         raise source.error("MESH_FILE_TOO_LARGE", text)
     if end is None:
         raise source.error("MESH_FILE_TRUNCATED", "the file ends before 'end_header'")
@@ -119,42 +119,44 @@ def _split_lines(source: Source) -> tuple[list[str], int]:
 
 
 def _read_format(source: Source, where: str, name: str, version: str) -> str:
+    """Return the byte order of the format `name`."""
     if name not in FORMATS:
-        text = f"format '{shorten(name)}' is unknown; {', '.join(FORMATS)} are read"
+        text = f"format '{shorten(name)}' is unknown; it must be one of {', '.join(FORMATS)}"
         raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if version != "1.0":
-        text = f"version '{shorten(version)}' is not read; only 1.0 exists"
+        text = f"version '{shorten(version)}' is not supported; only 1.0 exists"
         raise source.error("MESH_FILE_UNSUPPORTED", text, pointer=where)
     return FORMATS[name]
 
 
 def _read_element(source: Source, where: str, name: str, count: str) -> Element:
+    """Return the element that a line "element NAME COUNT" declares."""
     if not _COUNT.fullmatch(count):
-        text = f"element '{shorten(name)}' has the count '{shorten(count)}', not a whole number"
+        text = f"element '{shorten(name)}' has the count '{shorten(count)}'; it must be a whole number"
         raise source.error("MESH_FILE_INVALID", text, pointer=where)
     return Element(name, int(count))
 
 
 def _read_property(source: Source, where: str, words: list[str]) -> Property:
-    """Return the property that `words`, those after "property", declare."""
+    """Return the property that a header line declares; `words` follow after "property"."""
     match words:
         case ["list", count_type, kind, name]:
             names = [count_type, kind]
         case [kind, name]:
             names = [kind]
         case _:
-            text = "'property TYPE NAME' or 'property list TYPE TYPE NAME' is right"
+            text = "the line must be 'property TYPE NAME' or 'property list TYPE TYPE NAME'"
             raise source.error("MESH_FILE_INVALID", text, pointer=where)
-    for each in names:
-        if each not in TYPES:
-            text = f"'{shorten(each)}' is not a type; {', '.join(TYPES)} are"
+    for type_name in names:
+        if type_name not in TYPES:
+            text = f"'{shorten(type_name)}' is not a type; it must be one of {', '.join(TYPES)}"
             raise source.error("MESH_FILE_INVALID", text, pointer=where)
     if len(names) == 2 and TYPES[names[0]].startswith("f"):
-        text = f"the count of list '{shorten(name)}' is {names[0]}; an integer type is right"
+        text = f"the count of list '{shorten(name)}' has type {names[0]}; it must be an integer type"
         raise source.error("MESH_FILE_INVALID", text, pointer=where)
     return Property(name, TYPES[names[-1]], TYPES[names[0]] if len(names) == 2 else "")
 
 
 def _repeated(names: Iterable[str]) -> list[str]:
-    """Return the names that stand there more than once."""
+    """Return the names that occur more than once."""
     return [name for name, count in Counter(names).items() if count > 1]

@@ -1,4 +1,4 @@
-"""STL: triangles one by one, binary or as text. Three vertex rows per face, nothing merged."""
+"""STL: separate triangles, binary or as text. Each face has three vertices; nothing is merged."""
 
 import re
 import struct
@@ -14,10 +14,10 @@ from msb.meshes.text import Words, word_blocks
 from msb.meshes.writing import ROWS_AT_A_TIME, as_float32
 
 _HEADER_BYTES = 84
-# What a binary file holds of each face, behind 80 bytes of anything and the number of faces.
+# The record of a face in a binary file. 80 arbitrary bytes and the number of faces precede the records.
 _FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
-# How the lines of one face begin, in this order.
+# The first words of the lines of a face, in order.
 _LINES = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
 
 _KEYWORDS = (b"facet", b"outer", b"vertex", b"endloop", b"endfacet", b"solid", b"endsolid")
@@ -26,10 +26,10 @@ _FACE_CODES = [_CODES[keyword] for keyword in _LINES]
 
 
 def read(source: Source) -> Mesh:
-    """Read a binary or text STL file; solids follow each other, normals and attributes are ignored.
+    """Read a binary or text STL file. Several solids are concatenated; normals and attributes are ignored.
 
-    Vertices are float32, in text too: with float64 the areas of published files are off by 2e-8. V = 3F and
-    the faces are 0, 1, 2, ....
+    Vertices are float32, also in text: with float64, the areas of published files are off by 2e-8. There are
+    3F vertices, and the faces are (0, 1, 2), (3, 4, 5), and so on.
     """
     data = source.data
     declared = struct.unpack_from("<I", data, 80)[0] if len(data) >= _HEADER_BYTES else 0
@@ -40,17 +40,18 @@ def read(source: Source) -> Mesh:
     if like is FORMAT and b"\0" not in data:
         return _soup(_read_text(source.as_text("STL")))
     if len(data) < _HEADER_BYTES or like not in (FORMAT, None):
-        text = f"it has {len(data)} bytes; binary has at least {_HEADER_BYTES}, text begins with 'solid'"
+        text = f"it has {len(data)} bytes and does not begin with 'solid'; binary files have at least "
+        text += f"{_HEADER_BYTES} bytes"
         raise source.not_a("STL", text)
     code = "MESH_FILE_TRUNCATED" if len(data) < size else "MESH_FILE_INVALID"
-    text = f"it declares {declared} faces, which take {size} bytes; it has {len(data)} bytes"
+    text = f"the header declares {declared} faces, which take {size} bytes; the file has {len(data)} bytes"
     raise source.error(code, text, pointer="byte 80")
 
 
 def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
-    """Write binary STL: float32 corners of every face and their normals, no colours.
+    """Write binary STL: the float32 corners and normal of every face, without colours.
 
-    Vertices no face uses are lost: the format has no vertices. Faces without area have no normal: it is 0.
+    Unused vertices are lost. The normal of a face without area is zero.
     """
     vertices = as_float32(mesh.vertices, "STL")
     stream.write(struct.pack("<80xI", len(mesh.faces)))
@@ -66,13 +67,13 @@ def write(mesh: Mesh, stream: BinaryIO, _style: Style) -> None:
 
 
 def _soup(corners: NDArray[np.float32]) -> Mesh:
-    """Return the mesh of `corners`, three in a row to a face."""
+    """Return the mesh of consecutive `corners` (3F, 3) or (F, 3, 3), three per face."""
     rows = np.ascontiguousarray(corners, np.float32).reshape(-1, 3)
     return Mesh(rows, np.arange(len(rows)).reshape(-1, 3))
 
 
 def _read_text(text: Source) -> NDArray[np.float32]:
-    """Return the corners (3F, 3) of a text file, which begins with "solid"."""
+    """Return the corners (3F, 3) of a text file."""
     corners, codes, places = [np.zeros((0, 3))], [], []
     for words in word_blocks(Source(text.path, text.data.lower())):
         code = _codes(words)
@@ -85,7 +86,7 @@ def _read_text(text: Source) -> NDArray[np.float32]:
 
 
 def _codes(words: Words) -> NDArray[np.uint8]:
-    """Return the number of the keyword each line (L,) begins with."""
+    """Return the code of the first word of each line (L,), or 0 if it is not a keyword."""
     codes = np.zeros(len(words.first), dtype=np.uint8)
     for keyword, code in _CODES.items():
         codes[words.lines_beginning(keyword)] = code
@@ -93,32 +94,37 @@ def _codes(words: Words) -> NDArray[np.uint8]:
 
 
 def _vertices(words: Words, is_vertex: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the coordinates (N, 3) of the N `is_vertex` (L,) lines."""
+    """Return the coordinates (N, 3) of the lines selected by `is_vertex` (L,)."""
     wrong = np.flatnonzero(is_vertex & (words.count != 4))
     if wrong.size:
         numbers = int(words.count[wrong[0]]) - 1
-        text = f"'vertex' has {numbers} numbers; three are right"
+        text = f"'vertex' has {numbers} numbers; it must have three"
         raise words.line_error("MESH_FILE_INVALID", int(wrong[0]), text)
     return words.numbers(words.arguments(is_vertex)).reshape(-1, 3)
 
 
 def _check_order(text: Source, codes: NDArray[np.uint8], places: NDArray[np.int64]) -> None:
-    """Check that the lines (L,) are whole faces, with "solid" and "endsolid" only between them."""
+    """Raise an error unless the lines are complete faces with "solid" and "endsolid" only between them.
+
+    `codes` (L,) are the codes of the lines' first words, `places` (L,) the byte offsets of the lines.
+    """
     between = codes >= _CODES[b"solid"]
+    # All other lines must repeat the lines of a face in order, ...
     in_faces = np.flatnonzero(~between)
     expected = np.resize(_FACE_CODES, len(in_faces))
     wrong = in_faces[codes[in_faces] != expected]
+    # ... and "solid" or "endsolid" must not interrupt one.
     inside = np.flatnonzero(between & (np.cumsum(~between) % len(_LINES) != 0))
     if wrong.size or inside.size:
         line = int(min(wrong[:1].tolist() + inside[:1].tolist()))
         keyword = _LINES[int(np.count_nonzero(~between[:line])) % len(_LINES)].decode()
-        message = f"a line that begins with '{keyword}' is right here; a face is the lines "
-        message += ", ".join(each.decode() for each in _LINES)
+        message = f"a line that begins with '{keyword}' is expected here; a face has the lines "
+        message += ", ".join(word.decode() for word in _LINES)
         raise text.line_error("MESH_FILE_INVALID", int(places[line]), message)
     if codes[-1] != _CODES[b"endsolid"]:
         raise text.line_error("MESH_FILE_TRUNCATED", int(places[-1]), "the file ends without 'endsolid'")
 
 
-# Binary files begin with anything.
+# The signature of text files; binary files have none.
 _BEGINS = re.compile(rb"\s*+solid\b", re.IGNORECASE)
 FORMAT = Format("STL", (".stl",), read, write, begins=_BEGINS, is_soup=True, is_single=True)

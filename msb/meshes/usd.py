@@ -1,6 +1,6 @@
-"""USD: meshes of a stage, read and written by usd-core.
+"""USD: read and write meshes with usd-core.
 
-What is written is a stage with one mesh, its unlit look, and what it collides as.
+A written stage has one mesh with unlit materials, and optional collision shapes.
 """
 
 import io
@@ -15,51 +15,52 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset.texture import LINEAR, Sampler, srgb_to_linear
+from msb.asset.texture import Sampler
 from msb.asset.writer import stored_member
 from msb.base.children import run_apart
 from msb.base.extras import need_extra
 from msb.base.limits import Limits
 from msb.errors import MeshFileError, about, shorten
-from msb.meshes.beside import read_beside
-from msb.meshes.colors import srgb_colors
+from msb.meshes.colors import linear_light, srgb_colors
 from msb.meshes.formats import Format, Style
 from msb.meshes.image_files import image_names, images_of
 from msb.meshes.images import MAX_FILE, Decoder
+from msb.meshes.linked_files import read_beside
 from msb.meshes.mesh import Mesh
 from msb.meshes.source import Source
 from msb.meshes.usd_stage import stage_parts
 from msb.meshes.writing import as_float32, check_indices
 
 Kind = Literal["usda", "usdc", "usdz"]
+# Time limit of usd-core, in seconds.
 _SECONDS = 600.0
 _PACKAGE = b"PK\x03\x04"
-# What usd-core may take: so many bytes per byte of the file, and so many GiB.
+# Memory limit of usd-core: 64 bytes per byte of the file, plus 2 GiB.
 _MEMORY_PER_BYTE, _EXTRA_MEMORY = 64, 2.0
 _PLAIN = np.full((1, 1, 3), 255, np.uint8)
 
 
 def read(source: Source) -> Mesh:
-    """Return the meshes that a stage shows at its earliest time, where its transforms put them.
+    """Return the visible meshes of a stage at its earliest time, in world coordinates.
 
-    usd-core reads the file, in a process of its own. A stage that is put together from several files is
-    refused: only images are looked for beside it.
+    usd-core reads the file in a child process. Stages composed of several files are rejected; only images may
+    be separate files.
     """
-    need_extra("usd", "pxr", what="a file of USD")
+    need_extra("usd", "pxr", what="a USD file")
     _check_whole(source)
     memory = _EXTRA_MEMORY + _MEMORY_PER_BYTE * len(source.data) / 2**30
-    # The process has another working directory.
+    # The path is absolute, because the child process has another working directory.
     reply = run_apart(stage_parts, str(Path(source.path).absolute()), {}, Limits(_SECONDS, memory))
     if reply.why:
         code = "MESH_FILE_TOO_LARGE" if reply.ended_by in ("time", "memory") else "MESH_FILE_INVALID"
-        raise source.error(code, f"usd-core cannot read it: {reply.why}")
+        raise source.error(code, f"usd-core cannot read the file: {reply.why}")
     data, arrays = reply.data, reply.arrays
     if "refused" in data:
         raise source.error(*data["refused"])
     colors = {
-        of: srgb_colors(arrays[f"{of}_colors"])
-        for of in ("vertex", "face", "corner")
-        if f"{of}_colors" in arrays
+        domain: srgb_colors(arrays[f"{domain}_colors"])
+        for domain in ("vertex", "face", "corner")
+        if f"{domain}_colors" in arrays
     }
     mesh = Mesh(
         arrays["vertices"],
@@ -76,20 +77,20 @@ def read(source: Source) -> Mesh:
         from msb.meshes.assets import with_corner_colors
 
         with about(source.path):
-            check_indices(mesh)  # vertices are doubled here, and one that is not there cannot be
+            check_indices(mesh)  # before vertices are split
         mesh = with_corner_colors(mesh, colors["corner"])
     return _with_textures(mesh, source, data) if data["textures"] and source.images else mesh
 
 
 def _check_whole(source: Source) -> None:
-    """Refuse a package that is cut off: usd-core takes what it finds, without the end record."""
+    """Reject truncated packages. usd-core would read them without the end record of the ZIP archive."""
     is_package = _PACKAGE.startswith(source.data[: len(_PACKAGE)])
     if is_package and not zipfile.is_zipfile(io.BytesIO(source.data)):
-        raise source.error("MESH_FILE_TRUNCATED", "the package's end record is missing: the file is cut off")
+        raise source.error("MESH_FILE_TRUNCATED", "the file is truncated: the package has no end record")
 
 
 def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
-    """Return `mesh` with its images; the stage names them, or the package holds them."""
+    """Return `mesh` with its images, from the package or from separate files."""
     decoder, images = Decoder(), []
     for name in data["textures"]:
         content = _image(source, name) if name else b""
@@ -102,31 +103,31 @@ def _with_textures(mesh: Mesh, source: Source, data: dict[str, Any]) -> Mesh:
 
 
 def _image(source: Source, name: str) -> bytes:
-    """Return an image that a stage names, of the package or beside the file."""
+    """Return the image called `name`, from the package or from the folder of the file."""
     name = name.removeprefix("./")
     if not source.data.startswith(_PACKAGE):
         return read_beside(source, name, "a texture", MAX_FILE)
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
             about = archive.getinfo(name)
-            # What is stored takes no more than the file; a package of USD has nothing compressed.
+            # USD packages are not compressed. A stored member cannot be larger than the file.
             if about.compress_type == zipfile.ZIP_STORED:
                 return archive.read(about)
     except (KeyError, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):
         pass
-    text = f"the package does not hold its image {shorten(name, 80)!r} as it is"
+    text = f"the package does not contain the image {shorten(name, 80)!r} uncompressed"
     raise source.error("MESH_FILE_INVALID", text)
 
 
 def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
-    """Write text, binary, or a package with its textures: a stage with y up, in metres.
+    """Write a stage as text, as binary, or as a package with its textures; y is up, and the unit is metres.
 
-    Its default prim holds the mesh, its materials and its collision. The look is unlit: the colours are what
-    UsdPreviewSurface shines with. Colours of vertices and faces are `displayColor`, in linear light; beside a
-    texture there are none, for nothing multiplies the two. Shapes to collide with are guides, which are not
-    drawn.
+    The default prim contains the mesh, its materials and its collision shapes. Materials are unlit: they use
+    the emissive colour of UsdPreviewSurface. Vertex and face colours become `displayColor`, in linear light;
+    they are not written for textured meshes, because UsdPreviewSurface cannot multiply the two. Collision
+    shapes have the purpose "guide", so that they are not drawn.
     """
-    need_extra("usd", "pxr", what="a file of USD")
+    need_extra("usd", "pxr", what="a USD file")
     has_images = kind == "usdz" or style.stem is not None
     layer = _stage(mesh, image_names(mesh, style) if has_images else [], style)
     if kind == "usda":
@@ -139,7 +140,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
     if kind == "usdc":
         stream.write(content)
         return
-    # What a package is of is its first member.
+    # The first member of a USDZ package is its root layer.
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_STORED) as archive:
         for name, data in {"asset.usdc": content, **images_of(mesh, style)}.items():
             with stored_member(archive, stream, name, len(data)) as member:
@@ -147,7 +148,7 @@ def write(kind: Kind, mesh: Mesh, stream: BinaryIO, style: Style) -> None:
 
 
 def _stage(mesh: Mesh, images: list[str], style: Style) -> Any:
-    """Return the layer of a whole stage."""
+    """Return the layer of the complete stage."""
     from pxr import Kind as Kinds
     from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
@@ -158,79 +159,78 @@ def _stage(mesh: Mesh, images: list[str], style: Style) -> Any:
     root = UsdGeom.Xform.Define(stage, "/asset")
     stage.SetDefaultPrim(root.GetPrim())
     Usd.ModelAPI(root.GetPrim()).SetKind(Kinds.Tokens.component)
-    _paint(_defined(stage, "/asset/mesh", mesh), mesh, images)
+    _add_colors(_add_mesh(stage, "/asset/mesh", mesh), mesh, images)
     for number, part in enumerate(style.collision):
-        made = _defined(stage, f"/asset/collision_{number}", part)
-        made.CreatePurposeAttr(UsdGeom.Tokens.guide)
-        UsdPhysics.CollisionAPI.Apply(made.GetPrim())
-        # One that is not convex is used as it is, which simulators do for what does not move.
+        shape = _add_mesh(stage, f"/asset/collision_{number}", part)
+        shape.CreatePurposeAttr(UsdGeom.Tokens.guide)
+        UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
+        # Concave shapes are used as triangle meshes, which simulators support for static objects.
         convex = UsdPhysics.Tokens.convexHull if style.is_convex else UsdPhysics.Tokens.none
-        UsdPhysics.MeshCollisionAPI.Apply(made.GetPrim()).CreateApproximationAttr(convex)
+        UsdPhysics.MeshCollisionAPI.Apply(shape.GetPrim()).CreateApproximationAttr(convex)
     return layer
 
 
-def _defined(stage: Any, path: str, mesh: Mesh) -> Any:
-    """Return a new prim with the triangles of `mesh`."""
+def _add_mesh(stage: Any, path: str, mesh: Mesh) -> Any:
+    """Define a mesh prim with the triangles of `mesh` at `path`, and return it."""
     from pxr import UsdGeom, Vt
 
-    made = UsdGeom.Mesh.Define(stage, path)
-    made.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(as_float32(mesh.vertices, "USD"))))
-    made.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
-    made.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
-    made.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    # Readers want normals where a surface is not subdivided; those of faces claim nothing.
-    made.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_normals(mesh)))
-    made.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
-    made.CreateDoubleSidedAttr(True)
+    prim = UsdGeom.Mesh.Define(stage, path)
+    prim.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(as_float32(mesh.vertices, "USD"))))
+    prim.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(mesh.faces), 3, np.int32)))
+    prim.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(mesh.faces.astype(np.int32).reshape(-1)))
+    prim.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+    # Readers expect normals for surfaces without subdivision. Face normals do not smooth the surface.
+    prim.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(_normals(mesh)))
+    prim.SetNormalsInterpolation(UsdGeom.Tokens.uniform)
+    prim.CreateDoubleSidedAttr(True)
     if len(mesh.vertices):
-        made.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(made.GetPointsAttr().Get()))
-    return made
+        prim.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(prim.GetPointsAttr().Get()))
+    return prim
 
 
 def _normals(mesh: Mesh) -> NDArray[np.float32]:
-    """Return the unit normals (F, 3) of the faces, y where a face has none."""
+    """Return the unit normals (F, 3) of the faces; +y for faces without area."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     long = np.linalg.norm(across, axis=1, keepdims=True)
     return np.where(long > 0, across / np.where(long > 0, long, 1), (0, 1, 0)).astype(np.float32)
 
 
-def _paint(made: Any, mesh: Mesh, images: list[str]) -> None:
-    """Give a prim its colours or textures, and the materials that show them."""
+def _add_colors(prim: Any, mesh: Mesh, images: list[str]) -> None:
+    """Add colours or textures and their materials to the mesh prim `prim`."""
     from pxr import Sdf, UsdGeom, UsdShade, Vt
 
-    stage, primvars = made.GetPrim().GetStage(), UsdGeom.PrimvarsAPI(made)
+    stage, primvars = prim.GetPrim().GetStage(), UsdGeom.PrimvarsAPI(prim)
     if not images:
         colors = mesh.face_colors if mesh.vertex_colors is None else mesh.vertex_colors
         if colors is None:
             return
-        light = LINEAR[colors[:, :3]] if colors.dtype == np.uint8 else srgb_to_linear(colors[:, :3])
-        light = np.ascontiguousarray(light, np.float32)
-        of = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
-        _set(made.CreateDisplayColorPrimvar(of), light, Vt.Vec3fArray)
-        surface = _unlit(stage, "/asset/materials/colors")
+        light = np.ascontiguousarray(linear_light(colors)[:, :3])
+        domain = UsdGeom.Tokens.uniform if mesh.vertex_colors is None else UsdGeom.Tokens.vertex
+        _set(prim.CreateDisplayColorPrimvar(domain), light, Vt.Vec3fArray)
+        surface = _add_material(stage, "/asset/materials/colors")
         name = Sdf.ValueTypeNames.String, "displayColor"
-        reader = _shader(stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name)
-        shown = reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
-        surface.GetInput("emissiveColor").ConnectToSource(shown)
-        _bind(made, "/asset/materials/colors")
+        reader = _add_shader(stage, "/asset/materials/colors/read", "UsdPrimvarReader_float3", varname=name)
+        color = reader.CreateOutput("result", Sdf.ValueTypeNames.Float3)
+        surface.GetInput("emissiveColor").ConnectToSource(color)
+        _bind(prim, "/asset/materials/colors")
         return
     uvs = mesh.vertex_uvs if mesh.corner_uvs is None else mesh.corner_uvs
     assert uvs is not None
-    of = UsdGeom.Tokens.vertex if mesh.corner_uvs is None else UsdGeom.Tokens.faceVarying
+    domain = UsdGeom.Tokens.vertex if mesh.corner_uvs is None else UsdGeom.Tokens.faceVarying
     upward = np.column_stack((uvs[:, 0], 1 - uvs[:, 1])).astype(np.float32)
-    _set(primvars.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, of), upward, Vt.Vec2fArray)
+    _set(primvars.CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, domain), upward, Vt.Vec2fArray)
     for number, image in enumerate(images):
-        _texture(stage, f"/asset/materials/texture_{number}", image, mesh)
+        _add_texture(stage, f"/asset/materials/texture_{number}", image, mesh)
         if mesh.face_textures is None:
-            _bind(made, f"/asset/materials/texture_{number}")
+            _bind(prim, f"/asset/materials/texture_{number}")
             continue
-        own = np.flatnonzero(mesh.face_textures == number).astype(np.int32)
+        faces = np.flatnonzero(mesh.face_textures == number).astype(np.int32)
         part = UsdGeom.Subset.CreateGeomSubset(
-            made,
+            prim,
             f"texture_{number}",
             UsdGeom.Tokens.face,
-            Vt.IntArray.FromNumpy(own),
+            Vt.IntArray.FromNumpy(faces),
             UsdShade.Tokens.materialBind,
             UsdGeom.Tokens.partition,
         )
@@ -238,7 +238,7 @@ def _paint(made: Any, mesh: Mesh, images: list[str]) -> None:
 
 
 def _set(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
-    """Set a primvar; values that are repeated are stored once."""
+    """Set the values of a primvar; repeated values are stored once, with indices."""
     from pxr import Vt
 
     bits = np.ascontiguousarray(values).view(np.uint32)
@@ -249,14 +249,14 @@ def _set(primvar: Any, values: NDArray[np.float32], kind: Any) -> None:
     primvar.Set(kind.FromNumpy(np.ascontiguousarray(values)))
 
 
-def _texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
-    """Define the material of a texture."""
+def _add_texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
+    """Define the unlit material of the texture file `image` at `path`."""
     from pxr import Sdf
 
-    surface = _unlit(stage, path)
+    surface = _add_material(stage, path)
     kinds = Sdf.ValueTypeNames
-    reader = _shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
-    texture = _shader(
+    reader = _add_shader(stage, f"{path}/read", "UsdPrimvarReader_float2", varname=(kinds.String, "st"))
+    texture = _add_shader(
         stage,
         f"{path}/texture",
         "UsdUVTexture",
@@ -267,32 +267,32 @@ def _texture(stage: Any, path: str, image: str, mesh: Mesh) -> None:
     )
     at = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
     texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(at)
-    shown = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
-    surface.GetInput("emissiveColor").ConnectToSource(shown)
+    color = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
+    surface.GetInput("emissiveColor").ConnectToSource(color)
     if mesh.sampler.alpha_cutoff is not None:
         alpha = texture.CreateOutput("a", Sdf.ValueTypeNames.Float)
         surface.CreateInput("opacity", Sdf.ValueTypeNames.Float).ConnectToSource(alpha)
         surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(mesh.sampler.alpha_cutoff)
 
 
-def _shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
-    """Return a new shader; `inputs` are the type and value of each."""
+def _add_shader(stage: Any, path: str, name: str, **inputs: tuple[Any, Any]) -> Any:
+    """Define the shader `name` at `path`, with inputs of the given types and values, and return it."""
     from pxr import UsdShade
 
-    made = UsdShade.Shader.Define(stage, path)
-    made.CreateIdAttr(name)
+    shader = UsdShade.Shader.Define(stage, path)
+    shader.CreateIdAttr(name)
     for key, (kind, value) in inputs.items():
-        made.CreateInput(key, kind).Set(value)
-    return made
+        shader.CreateInput(key, kind).Set(value)
+    return shader
 
 
-def _unlit(stage: Any, path: str) -> Any:
-    """Return the surface of a new material, which reflects nothing."""
+def _add_material(stage: Any, path: str) -> Any:
+    """Define a material without reflections at `path`, and return its surface shader."""
     from pxr import Sdf, UsdGeom, UsdShade
 
     UsdGeom.Scope.Define(stage, "/asset/materials")
     material = UsdShade.Material.Define(stage, path)
-    surface = _shader(
+    surface = _add_shader(
         stage,
         f"{path}/surface",
         "UsdPreviewSurface",
@@ -308,7 +308,7 @@ def _unlit(stage: Any, path: str) -> Any:
 
 
 def _bind(thing: Any, path: str) -> None:
-    """Bind a material to a mesh or to some of its faces."""
+    """Bind the material at `path` to a mesh prim or to a subset of its faces."""
     from pxr import UsdShade
 
     prim = thing.GetPrim()
@@ -317,13 +317,14 @@ def _bind(thing: Any, path: str) -> None:
 
 
 def _format(title: str, suffixes: tuple[str, ...], kind: Kind, begins: bytes | None) -> Format:
+    """Return the format for one kind of USD file."""
     return Format(
         title,
         suffixes,
         read,
         partial(write, kind),
         begins=None if begins is None else re.compile(begins),
-        beside=None if kind == "usdz" else images_of,
+        companions=None if kind == "usdz" else images_of,
         keeps=("vertex_colors", "face_colors", "textures", "collision"),
         is_single=True,
         is_linear=True,

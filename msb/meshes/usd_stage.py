@@ -1,4 +1,4 @@
-"""What a stage of USD shows, as arrays: the part of the reader that runs usd-core in a process of its own."""
+"""Read the visible meshes of a USD stage as arrays. This runs usd-core, in a child process."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.meshes.polygons import fan_triangulate, joined_faces
+from msb.meshes.polygons import fan_triangulate, join_faces
 
 Floats = NDArray[np.float32]
 
-# Interpolation of a primvar -> what has a value of its own; all others have one by vertex.
-_OF = {"uniform": "face", "faceVarying": "corner"}
+# Interpolation of a primvar -> the domain of its values; others are per vertex.
+_DOMAINS = {"uniform": "face", "faceVarying": "corner"}
 _WRAPS = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
 
 
 @dataclass
-class _Part:
-    """A mesh prim: its triangles, and for each what it shows.
+class _PrimArrays:
+    """The triangles of a mesh prim with their colours, UVs and textures.
 
-    Colours are in linear light. `textures` are the numbers of images, by face. `colors` and `uvs` are each
-    None, or of which of "vertex", "face" and "corner" there are values, and these.
+    `colors` (linear light) and `uvs` are None, or a domain ("vertex", "face", "corner") and its values.
+    `textures` (F,) are image numbers.
     """
 
     points: NDArray[Any]
@@ -33,8 +33,8 @@ class _Part:
 
 
 @dataclass(frozen=True)
-class _Look:
-    """A material: its image ("" for none), the primvar that places it, how it repeats, and plain colour."""
+class _Material:
+    """A material: its image ("" without one), UV primvar, wrap modes, alpha cut-off, and uniform colour."""
 
     image: str = ""
     varname: str = "st"
@@ -44,7 +44,7 @@ class _Look:
 
 
 def stage_parts(word: str, _: Arrays) -> tuple[Any, Arrays]:
-    """Read the file `word`; a `Work` of `msb.base.children`."""
+    """Read the file `word`; the function for the child process (a `Work` of `msb.base.children`)."""
     from pxr import Sdf, Tf, Usd, UsdGeom
 
     try:
@@ -54,19 +54,20 @@ def stage_parts(word: str, _: Arrays) -> tuple[Any, Arrays]:
     except Tf.ErrorException:
         layer = None
     if layer is None:
-        return {"refused": ("MESH_FILE_INVALID", "usd-core finds no stage in it; save it again")}, {}
+        return {"refused": ("MESH_FILE_INVALID", "usd-core finds no stage in the file; export it again")}, {}
     if needs:
-        text = f"it is put together from other files ({needs[0][:80]}); usdcat --flatten makes one of them"
+        text = f"the stage refers to other files ({needs[0][:80]}); merge them with usdcat --flatten"
         return {"refused": ("MESH_FILE_UNSUPPORTED", text)}, {}
     reader = _Reader(UsdGeom.XformCache(Usd.TimeCode.EarliestTime()))
     try:
-        parts = [reader.part(UsdGeom.Mesh(prim)) for prim in reader.shown(stage)]
+        parts = [reader.read_prim(UsdGeom.Mesh(prim)) for prim in reader.visible_meshes(stage)]
     except _Refused as refused:
         return {"refused": ("MESH_FILE_INVALID", str(refused))}, {}
     if not parts:
-        return {"refused": ("MESH_FILE_INVALID", "the stage shows no mesh")}, {}
+        return {"refused": ("MESH_FILE_INVALID", "the stage has no visible mesh")}, {}
     up = "+z" if UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.z else "+y"
-    first = next((look for look in reader.looks.values() if look.image), _Look())
+    # The mesh has one sampler: that of the first textured material.
+    first = next((material for material in reader.materials.values() if material.image), _Material())
     textures = list(reader.images) if any(reader.images) else []
     data = {
         "up": up,
@@ -75,44 +76,47 @@ def stage_parts(word: str, _: Arrays) -> tuple[Any, Arrays]:
         "cutoff": first.cutoff,
         "left_out": list(reader.left_out),
     }
-    return data, _joined(parts, textures)
+    return data, _join_parts(parts, textures)
 
 
 class _Refused(Exception):
-    """What is in the file is no mesh; the text says why."""
+    """The stage is invalid; the text is the reason."""
 
 
 class _Reader:
-    """Reads the mesh prims of a stage."""
+    """Reads the mesh prims of a stage.
+
+    `images` numbers the images in the order of their use, and `left_out` collects what is not read.
+    """
 
     def __init__(self, places: Any) -> None:
         self._places, self._time = places, places.GetTime()
-        self.looks: dict[str, _Look] = {}
+        self.materials: dict[str, _Material] = {}
         self.images: dict[str, int] = {}
         self.left_out: dict[str, None] = {}
 
-    def shown(self, stage: Any) -> Iterator[Any]:
-        """Yield the prims of meshes that are drawn, copies included."""
+    def visible_meshes(self, stage: Any) -> Iterator[Any]:
+        """Yield the mesh prims that are rendered, including instances."""
         from pxr import Usd, UsdGeom
 
         drawn = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
         for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
             if not prim.IsA(UsdGeom.Imageable):
                 continue
-            thing = UsdGeom.Imageable(prim)
-            if thing.ComputeVisibility(self._time) == UsdGeom.Tokens.invisible:
+            imageable = UsdGeom.Imageable(prim)
+            if imageable.ComputeVisibility(self._time) == UsdGeom.Tokens.invisible:
                 continue
-            if thing.ComputePurpose() not in drawn:
+            if imageable.ComputePurpose() not in drawn:
                 self.left_out["guides and proxies"] = None
             elif prim.IsA(UsdGeom.Mesh):
                 yield prim
             elif prim.IsA(UsdGeom.PointInstancer):
-                self.left_out["further copies of meshes (PointInstancer)"] = None
+                self.left_out["instances of meshes (PointInstancer)"] = None
             elif prim.IsA(UsdGeom.Gprim):
-                self.left_out[f"shapes that are no meshes ({prim.GetTypeName()})"] = None
+                self.left_out[f"shapes other than meshes ({prim.GetTypeName()})"] = None
 
-    def part(self, mesh: Any) -> _Part:
-        """Return the triangles and colours of a mesh prim."""
+    def read_prim(self, mesh: Any) -> _PrimArrays:
+        """Return the triangles of a mesh prim with their colours or textures."""
         from pxr import UsdGeom
 
         prim = mesh.GetPrim()
@@ -120,9 +124,11 @@ class _Reader:
         counts = self._array(mesh.GetFaceVertexCountsAttr(), np.int64, (-1,))
         corners = self._array(mesh.GetFaceVertexIndicesAttr(), np.int64, (-1,))
         if (counts < 0).any() or counts.sum() != len(corners):
-            text = f"{prim.GetPath()}: its faces have {counts.sum()} corners, and {len(corners)} are given"
+            text = f"{prim.GetPath()}: the faces need {counts.sum()} corners, but there are {len(corners)}"
             raise _Refused(text)
+        # order (F, 3) are places in `corners`, polygon (F,) the polygon of each triangle.
         order, polygon = fan_triangulate(np.arange(len(corners)), counts)
+        # Transform to world coordinates. A mirroring transform turns the faces over, like left-handedness.
         matrix = np.array(self._places.GetLocalToWorldTransform(prim))
         is_left = mesh.GetOrientationAttr().Get(self._time) == UsdGeom.Tokens.leftHanded
         if not np.array_equal(matrix, np.eye(4)):
@@ -131,32 +137,35 @@ class _Reader:
                 is_left ^= np.linalg.det(matrix[:3, :3]) < 0
         if is_left:
             order = order[:, [0, 2, 1]]
-        looks = self._looks(mesh, len(counts))
-        numbers = np.array([self.images.setdefault(look.image, len(self.images)) for look, _ in looks])
-        own = np.zeros(len(counts), np.uint32)
-        for number, (_, faces) in zip(numbers, looks, strict=True):
-            own[faces] = number
-        self._note(mesh)
-        made = _Part(points, corners[order], None, None, own[polygon])
+        # Number the images of the materials, and assign them to the polygons: first the material of the prim,
+        # then those of its subsets.
+        materials = self._read_materials(mesh, len(counts))
+        numbers = np.array([self.images.setdefault(mat.image, len(self.images)) for mat, _ in materials])
+        textures = np.zeros(len(counts), np.uint32)
+        for number, (_, faces) in zip(numbers, materials, strict=True):
+            textures[faces] = number
+        self._note_ignored(mesh)
+        arrays = _PrimArrays(points, corners[order], None, None, textures[polygon])
+        # A prim has texture coordinates, with v upwards, or else colours.
         shape = len(points), len(counts), len(corners)
-        varname = next((look.varname for look, _ in looks if look.image), None)
+        varname = next((material.varname for material, _ in materials if material.image), None)
         if varname is not None:
-            made.uvs = self._primvar(mesh, varname, 2, shape, order, polygon)
-            if made.uvs is None:
-                self.left_out["textures that have no UVs"] = None
-                made.textures[:] = self.images.setdefault("", len(self.images))
+            arrays.uvs = self._primvar(mesh, varname, 2, shape, order, polygon)
+            if arrays.uvs is None:
+                self.left_out["textures without UVs"] = None
+                arrays.textures[:] = self.images.setdefault("", len(self.images))
             else:
-                made.uvs[1][:, 1] = 1 - made.uvs[1][:, 1]
-        if varname is None or made.uvs is None:
-            made.colors = self._primvar(mesh, "displayColor", 3, shape, order, polygon)
-            if made.colors is None:
-                made.colors = _plain_colors(looks, len(points), polygon, len(counts))
-        elif any(look.color is not None for look, _ in looks):
+                arrays.uvs[1][:, 1] = 1 - arrays.uvs[1][:, 1]
+        if varname is None or arrays.uvs is None:
+            arrays.colors = self._primvar(mesh, "displayColor", 3, shape, order, polygon)
+            if arrays.colors is None:
+                arrays.colors = _material_colors(materials, len(points), polygon, len(counts))
+        elif any(material.color is not None for material, _ in materials):
             self.left_out["colours of materials"] = None
-        return made
+        return arrays
 
     def _array(self, attribute: Any, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return what an attribute holds, nothing of one that is not there."""
+        """Return the values of an attribute; an empty array if it is not set."""
         stored = attribute.Get(self._time)
         return np.array([] if stored is None else stored, dtype).reshape(shape)
 
@@ -169,7 +178,11 @@ class _Reader:
         order: NDArray[np.int64],
         polygon: NDArray[np.int64],
     ) -> tuple[str, Floats] | None:
-        """Return of what a primvar has values, and these: of vertices, of triangles or of their corners."""
+        """Return the domain of the primvar `name` and its values (n, `width`), or None if it is not set.
+
+        `shape` are the numbers of vertices, polygons and polygon corners; `order` and `polygon` are as in
+        `read_prim`. Values of polygons become values of triangles.
+        """
         from pxr import UsdGeom
 
         primvar = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(name)
@@ -178,63 +191,65 @@ class _Reader:
         stored = primvar.ComputeFlattened(self._time)
         values = np.array([] if stored is None else stored, np.float32)
         kind = str(primvar.GetInterpolation())
-        of = _OF.get(kind, "vertex")
-        wanted = {"vertex": shape[0], "face": shape[1], "corner": shape[2]}[of]
+        domain = _DOMAINS.get(kind, "vertex")
+        count = {"vertex": shape[0], "face": shape[1], "corner": shape[2]}[domain]
         if kind == "constant" and values.size == width:
-            values = np.tile(values.reshape(1, width), (wanted, 1))
-        if values.shape != (wanted, width):
-            there = f"{len(values)} values of {name}, and {wanted} are needed"
-            raise _Refused(f"{mesh.GetPrim().GetPath()}: it has {there}")
-        return of, values if of == "vertex" else values[polygon] if of == "face" else values[
-            order.reshape(-1)
-        ]
+            values = np.tile(values.reshape(1, width), (count, 1))
+        if values.shape != (count, width):
+            text = f"it has {len(values)} values of {name}, but {count} are needed"
+            raise _Refused(f"{mesh.GetPrim().GetPath()}: {text}")
+        if domain == "face":
+            return domain, values[polygon]
+        return domain, values[order.reshape(-1)] if domain == "corner" else values
 
-    def _looks(self, mesh: Any, count: int) -> list[tuple[_Look, Any]]:
-        """Return the materials of a mesh, each with its polygons."""
+    def _read_materials(self, mesh: Any, count: int) -> list[tuple[_Material, Any]]:
+        """Return the materials of a mesh with `count` polygons, each with an index of its polygons."""
         from pxr import UsdGeom, UsdShade
 
-        found: list[tuple[_Look, Any]] = [(self._look(mesh.GetPrim()), slice(None))]
+        materials: list[tuple[_Material, Any]] = [(self._material(mesh.GetPrim()), slice(None))]
         kind = UsdShade.Tokens.materialBind
         for part in UsdGeom.Subset.GetGeomSubsets(mesh, UsdGeom.Tokens.face, kind):
             faces = self._array(part.GetIndicesAttr(), np.int64, (-1,))
             if faces.size and not 0 <= faces.min() <= faces.max() < count:
-                raise _Refused(f"{part.GetPrim().GetPath()}: it has faces that the mesh has not")
-            found.append((self._look(part.GetPrim()), faces))
-        return found
+                raise _Refused(f"{part.GetPrim().GetPath()}: it selects faces that do not exist")
+            materials.append((self._material(part.GetPrim()), faces))
+        return materials
 
-    def _look(self, prim: Any) -> _Look:
-        """Return what the material of a prim shows, each material read once."""
+    def _material(self, prim: Any) -> _Material:
+        """Return the material of a prim; each material is read once."""
         from pxr import UsdShade
 
         material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
         if not material:
-            return _Look()
+            return _Material()
         path = str(material.GetPath())
-        if path not in self.looks:
-            self.looks[path] = self._of_material(material)
-        return self.looks[path]
+        if path not in self.materials:
+            self.materials[path] = self._read_surface(material)
+        return self.materials[path]
 
-    def _of_material(self, material: Any) -> _Look:
+    def _read_surface(self, material: Any) -> _Material:
+        """Return the material of a surface shader: its texture or its uniform colour."""
         surface = material.ComputeSurfaceSource()[0]
         if not surface or surface.GetShaderId() != "UsdPreviewSurface":
-            self.left_out["materials that are no UsdPreviewSurface"] = None
-            return _Look()
+            self.left_out["materials other than UsdPreviewSurface"] = None
+            return _Material()
         for name in ("emissiveColor", "diffuseColor"):
             given = surface.GetInput(name)
             source = given.GetConnectedSources()[0] if given else []
             if source:
                 reader = _shader(source[0])
                 if reader and reader.GetShaderId() == "UsdUVTexture":
-                    return self._of_texture(surface, reader)
-                return _Look()  # displayColor, which is read of the mesh
+                    return self._read_texture(surface, reader)
+                return _Material()  # the primvar displayColor, which is read from the mesh
         color = self._value(surface, "diffuseColor")
-        return _Look() if color is None else _Look(color=tuple(color))
+        return _Material() if color is None else _Material(color=tuple(color))
 
-    def _of_texture(self, surface: Any, reader: Any) -> _Look:
+    def _read_texture(self, surface: Any, reader: Any) -> _Material:
+        """Return the material of a texture reader that is connected to `surface`."""
         file = self._value(reader, "file")
         if file is None or not file.path or "<UDIM>" in file.path:
             self.left_out["textures in several images (UDIM)"] = None
-            return _Look()
+            return _Material()
         varname = "st"
         given = reader.GetInput("st")
         for source in given.GetConnectedSources()[0] if given else []:
@@ -245,15 +260,15 @@ class _Reader:
                 varname = str(self._value(placed, "varname"))
         u, v = (_WRAPS.get(str(self._value(reader, name)), "repeat") for name in ("wrapS", "wrapT"))
         cutoff = float(self._value(surface, "opacityThreshold") or 0)
-        return _Look(file.path, varname, (u, v), cutoff or None)
+        return _Material(file.path, varname, (u, v), cutoff or None)
 
     def _value(self, shader: Any, name: str) -> Any:
-        """Return the value of an input of a shader, None if it has no such input."""
+        """Return the value of a shader's input, or None if the input does not exist."""
         given = shader.GetInput(name)
         return given.Get(self._time) if given else None
 
-    def _note(self, mesh: Any) -> None:
-        """Remember what of a mesh is not read."""
+    def _note_ignored(self, mesh: Any) -> None:
+        """Add the data of a mesh prim that is not read to `left_out`."""
         from pxr import UsdGeom
 
         if mesh.GetNormalsAttr().HasAuthoredValue():
@@ -264,59 +279,66 @@ class _Reader:
         if scheme.HasAuthoredValue() and scheme.Get(self._time) != UsdGeom.Tokens.none:
             self.left_out["subdivision"] = None
         if mesh.GetPointsAttr().GetNumTimeSamples() > 1:
-            self.left_out["later times"] = None
+            self.left_out["animation"] = None
 
 
-def _plain_colors(
-    looks: list[tuple[_Look, Any]], vertices: int, polygon: NDArray[np.int64], polygons: int
+def _material_colors(
+    materials: list[tuple[_Material, Any]], vertices: int, polygon: NDArray[np.int64], polygons: int
 ) -> tuple[str, Floats] | None:
-    """Return the colours of materials: of vertices if one has all faces, else of faces, white without any."""
-    if all(look.color is None for look, _ in looks):
+    """Return the materials' uniform colours: per vertex for one material, else per face, or None.
+
+    Faces whose material has no colour are white. `polygon` (F,) is the polygon of each triangle.
+    """
+    if all(material.color is None for material, _ in materials):
         return None
-    if len(looks) == 1:
-        return "vertex", np.tile(np.array(looks[0][0].color, np.float32), (vertices, 1))
-    own = np.ones((polygons, 3), np.float32)
-    for look, faces in looks:
-        if look.color is not None:
-            own[faces] = look.color
-    return "face", own[polygon]
+    if len(materials) == 1:
+        return "vertex", np.tile(np.array(materials[0][0].color, np.float32), (vertices, 1))
+    colors = np.ones((polygons, 3), np.float32)
+    for material, faces in materials:
+        if material.color is not None:
+            colors[faces] = material.color
+    return "face", colors[polygon]
 
 
 def _shader(source: Any) -> Any:
+    """Return the shader of a connected source."""
     from pxr import UsdShade
 
     return UsdShade.Shader(source.source.GetPrim())
 
 
-def _joined(parts: list[_Part], textures: list[str]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of all parts, one after the other."""
-    made: dict[str, NDArray[Any]] = {
+def _join_parts(parts: list[_PrimArrays], textures: list[str]) -> dict[str, NDArray[Any]]:
+    """Return the concatenated arrays of all parts, under the names that `msb.meshes.usd` expects."""
+    arrays: dict[str, NDArray[Any]] = {
         "vertices": np.concatenate([part.points for part in parts]),
-        "faces": joined_faces((part.faces for part in parts), [len(part.points) for part in parts]),
+        "faces": join_faces((part.faces for part in parts), [len(part.points) for part in parts]),
     }
     if len(textures) > 1:
-        made["face_textures"] = np.concatenate([part.textures for part in parts])
+        arrays["face_textures"] = np.concatenate([part.textures for part in parts])
     for name, width, blank in (("colors", 3, 1.0), ("uvs", 2, 0.0)):
-        given = [getattr(part, name) for part in parts]
-        kinds = {each[0] for each in given if each is not None}
-        if not kinds:
+        # Use the domain of all parts if they agree, else corners.
+        values = [getattr(part, name) for part in parts]
+        domains = {value[0] for value in values if value is not None}
+        if not domains:
             continue
-        of = kinds.pop() if len(kinds) == 1 else "corner"
-        if (name, of) == ("uvs", "face"):
-            of = "corner"
-        rows = [_by(of, part, each, width, blank) for part, each in zip(parts, given, strict=True)]
-        made[f"{of}_{name}"] = np.concatenate(rows)
-    return made
+        domain = domains.pop() if len(domains) == 1 else "corner"
+        if (name, domain) == ("uvs", "face"):
+            domain = "corner"
+        rows = [_to_domain(domain, *pair, width, blank) for pair in zip(parts, values, strict=True)]
+        arrays[f"{domain}_{name}"] = np.concatenate(rows)
+    return arrays
 
 
-def _by(of: str, part: _Part, given: tuple[str, Floats] | None, width: int, blank: float) -> Floats:
-    """Return the values of a part by vertex, face or corner; `blank` where it has none."""
-    count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[of]
-    if given is None:
+def _to_domain(
+    domain: str, part: _PrimArrays, values: tuple[str, Floats] | None, width: int, blank: float
+) -> Floats:
+    """Return the values (n, `width`) of a part for its own domain or for corners; `blank` without values."""
+    count = {"vertex": len(part.points), "face": len(part.faces), "corner": part.faces.size}[domain]
+    if values is None:
         return np.full((count, width), blank, np.float32)
-    if given[0] == of:
-        return given[1]
-    if given[0] == "face":
-        return np.repeat(given[1], 3, axis=0)
-    rows: Floats = given[1][part.faces.reshape(-1).clip(0, max(len(given[1]) - 1, 0))]
+    if values[0] == domain:
+        return values[1]
+    if values[0] == "face":
+        return np.repeat(values[1], 3, axis=0)
+    rows: Floats = values[1][part.faces.reshape(-1).clip(0, max(len(values[1]) - 1, 0))]
     return rows

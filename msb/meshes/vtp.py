@@ -1,7 +1,8 @@
-"""Write VTK XML PolyData (.vtp): points, and cells of one, two and three points with data on them.
+"""Write VTK XML PolyData (.vtp): points, and cells of one, two and three points with cell data.
 
-Layout: "VTK XML file formats" of the VTK documentation; all arrays raw in one appended block, each behind its
-64-bit byte count. VTK itself is not used because it is an extra (`view`), and too large for writing one file.
+The layout is defined in "VTK XML file formats" of the VTK documentation. All arrays are raw data in one
+appended block, each preceded by its 64-bit byte count. VTK itself is not needed: it is a large optional
+dependency (extra `view`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,14 +16,14 @@ _TYPES = {"f4": "Float32", "f8": "Float64", "i8": "Int64", "u1": "UInt8"}
 
 
 class _Appended:
-    """The raw block at the file's end, and the elements that refer to it."""
+    """The raw data block at the end of the file."""
 
     def __init__(self) -> None:
         self.blocks: list[NDArray[Any]] = []
         self.offset = 0
 
     def array(self, name: str, values: NDArray[Any], components: int = 1) -> str:
-        """Return the element of an array that goes into the block."""
+        """Append an array to the block; return the XML element that refers to it."""
         stored = values.dtype if values.dtype.str[1:] in _TYPES else np.dtype(np.float64)
         data = np.ascontiguousarray(values, stored.newbyteorder("<"))
         text = (
@@ -34,13 +35,13 @@ class _Appended:
         return text
 
     def cells(self, tag: str, table: NDArray[Any]) -> str:
-        """Return the element of cells (n, points per cell)."""
+        """Append cells (n, points per cell); return their XML element, called `tag`."""
         ends = np.arange(1, len(table) + 1, dtype=np.int64) * table.shape[1]
         connectivity = self.array("connectivity", table.reshape(-1).astype(np.int64))
         return f"<{tag}>{connectivity}{self.array('offsets', ends)}</{tag}>"
 
     def write(self, file: IO[bytes]) -> None:
-        """Write the block: each array behind its length in bytes."""
+        """Write the block: each array after its length in bytes."""
         for block in self.blocks:
             file.write(block.nbytes.to_bytes(8, "little"))
             file.write(block.reshape(-1).view(np.uint8).data)
@@ -56,10 +57,10 @@ def write_vtp(
     cell_data: Mapping[str, NDArray[Any]],
     names: tuple[str, Sequence[str]],
 ) -> None:
-    """Write one piece of PolyData: points (V, 3), and cells of one, two and three point numbers.
+    """Write PolyData with points (V, 3), and cells: verts (n, 1), lines (n, 2) and polys (n, 3).
 
-    `cell_data` has arrays over all cells in VTK's order (verts, lines, polys), uint8 or int64; `names` the
-    name and the values of a field array of ASCII texts.
+    `cell_data` has uint8 or int64 arrays over all cells in VTK's order (verts, lines, polys). `names` is the
+    name of a field array, and its values, which are ASCII strings.
     """
     appended = _Appended()
     data = "".join(appended.array(name, values) for name, values in cell_data.items())
@@ -87,7 +88,7 @@ def write_vtp(
 
 
 def _texts(name: str, texts: Sequence[str]) -> str:
-    """Return the element of an array of texts: character codes, each text ended by 0."""
+    """Return the XML element of a string array: character codes, with a 0 after each string."""
     codes = " ".join(" ".join(map(str, (*text.encode("ascii"), 0))) for text in texts)
     size = f'NumberOfTuples="{len(texts)}"'
     return f'<Array type="String" Name={quoteattr(name)} {size} format="ascii">{codes}</Array>'

@@ -1,4 +1,4 @@
-"""What every writer needs: checks before the first byte, and rows of text."""
+"""Helpers of all writers: checks before the first byte is written, and rows of text."""
 
 from typing import Any, BinaryIO
 
@@ -8,40 +8,39 @@ from numpy.typing import NDArray
 from msb.errors import MeshError, OutputError
 from msb.meshes.mesh import Mesh
 
-# Number of rows formatted and written at a time, so that a writer needs little memory beside the mesh.
+# Number of rows formatted and written at a time. It bounds the memory that a writer needs besides the mesh.
 ROWS_AT_A_TIME = 1 << 16
 
 
 def check_writable(mesh: Mesh) -> None:
-    """Refuse values that no format can carry to another program."""
+    """Reject meshes with non-finite coordinates or invalid indices: no format can store them reliably."""
     _require_finite(mesh.vertices, "is not finite")
     check_indices(mesh)
 
 
 def check_indices(mesh: Mesh) -> None:
-    """Refuse a mesh that uses a vertex it does not have."""
+    """Raise MESH_INDEX_OUT_OF_RANGE for the first face with a vertex index out of range."""
     wrong = ((mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))).any(axis=1)
     if wrong.any():
         face = int(np.argmax(wrong))
         row = mesh.faces[face].tolist()
-        text = mesh.wrong_face or f"face {face} is {row}; there are {len(mesh.vertices)} vertices"
+        text = mesh.wrong_face or f"face {face} is {row}, but the mesh has {len(mesh.vertices)} vertices"
         raise MeshError("MESH_INDEX_OUT_OF_RANGE", text, pointer=f"faces[{face}]")
 
 
 def as_float32(vertices: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Return `vertices` (V, 3) as float32, the precision of format `name`."""
+    """Return `vertices` (V, 3) as float32, the precision of the format called `name`."""
     with np.errstate(over="ignore"):
         narrow = vertices.astype(np.float32, copy=False)
     _require_finite(vertices, "is not finite")
-    _require_finite(narrow, f"does not fit float32, which is what {name} holds")
+    _require_finite(narrow, f"does not fit into float32, the precision of {name}")
     return narrow
 
 
 def write_rows(stream: BinaryIO, form: str, columns: NDArray[Any]) -> None:
-    """Write each row of `columns` (N, K) as one line of text, by the K conversions (%) of `form`.
+    """Write each row of `columns` (N, K) as one line of text, formatted with `form` (K conversions with %).
 
-    "%r" writes the shortest decimal that reads back as the same float64, so a float32 too is exact in a file
-    that is read as float64.
+    "%r" writes the shortest decimal that reads back as the same float64, so float32 values are exact, too.
     """
     line = form + "\n"
     for start in range(0, len(columns), ROWS_AT_A_TIME):

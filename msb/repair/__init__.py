@@ -1,4 +1,4 @@
-"""Repair assets and meshes by the steps of `msb.topology.steps`; what vertices and faces hold is carried."""
+"""Repair assets and meshes with the steps of `msb.topology.steps`, keeping the data of vertices and faces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repair an asset: the manifest stays, buffers are carried, and every tier draws the repaired thing."""
+"""Repair assets and meshes. The manifest of an asset is kept, and its buffers follow the new mesh."""
 
 from __future__ import annotations
 
@@ -20,30 +20,31 @@ from msb.meshes import Mesh
 from msb.meshes.assets import with_corner_colors
 from msb.meshes.writing import check_indices
 from msb.repair.plan import Options, parse_plan
-from msb.repair.run import Outcome, run_plan, what_is_left
+from msb.repair.run import Outcome, list_defects, run_plan
 from msb.topology.steps import Change
 from msb.topology.steps.change import with_faces
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Repaired(Outcome):
-    """A repaired asset. Its original is as it was.
+    """A repaired asset, and how it differs from the original. The original is not changed.
 
     Attributes
     ----------
     asset : Asset
-        The repaired asset, of the same method unless `weld` joined a triangle soup; in memory.
+        The repaired asset, in memory. It has the same method, unless `weld` merged a triangle soup.
     vertex_map, face_map : (V',), (F',) int64
-        The row of the original that each new vertex and face is; -1 for what is new.
+        The original row of each vertex and face; -1 for added ones.
     turned : (F',) bool
-        Whether the second and the third corner of a face changed places.
+        Whether the second and third corner of each face were swapped.
     cut_edges : (n, 2) int64
-        The vertices of the original whose edge became several.
+        The original edges that were cut into several, as pairs of original vertices.
     plan, steps : tuple of str, tuple of Step
-        What was to be done, and what was, in order; a plan is repeated until nothing changes.
+        The requested steps, and the steps done. The plan is repeated until nothing changes.
     before, after : Audit
+        The audits of the original and the repaired mesh.
     left : tuple of str
-        What still is not manifold, consistently wound, free of doubles, or closed.
+        The remaining defects: non-manifold or open edges, inconsistent winding, and duplicate faces.
     """
 
     asset: Asset
@@ -51,8 +52,8 @@ class Repaired(Outcome):
 
     @property
     def left(self) -> tuple[str, ...]:
-        """What still is not manifold, consistently wound, free of doubles, or closed."""
-        return tuple(what_is_left(self.after))
+        """The remaining defects: non-manifold or open edges, inconsistent winding, and duplicate faces."""
+        return tuple(list_defects(self.after))
 
     def __repr__(self) -> str:
         before, after = (f"{a.verdict} ({a.counts.faces:,} faces)" for a in (self.before, self.after))
@@ -66,24 +67,24 @@ def repair(
     weights: NDArray[Any] | None = None,
     **options: Any,
 ) -> Repaired:
-    """Return a repaired copy of an asset, with all that its vertices and faces hold carried along.
+    """Return a repaired copy of an asset that keeps the data of its vertices and faces.
 
-    The default plan, "orient,pair", changes nothing that is drawn: faces are turned to a consistent winding,
-    and where more than two meet at an edge those that continue each other stay together. docs/repair.md says
-    what each step does and guarantees.
+    The default plan, "orient,pair", changes nothing visible: faces are turned to a consistent winding, and
+    edges of more than two faces are cut so that the flattest pairs of faces stay connected.
+    docs/repair.md explains each step and its guarantees.
 
     Parameters
     ----------
     asset : Asset or path-like
-        The asset, or the path of anything that `msb.open` takes. It is not changed.
+        The asset, or a path that `msb.open` accepts. It is not changed.
     plan : sequence of str, or str, optional
-        Steps in their order, or their names with commas between: "orient", "pair", "cut", "drop", "weld",
-        "debris", "close". They are repeated until none changes anything. Numbers may stand after a step:
+        The steps in order, as a sequence or separated by commas: "orient", "pair", "cut", "drop", "weld",
+        "debris", "close". They are repeated until nothing changes. A step may have numbers:
         "weld:0.01,orient,pair".
     weights : (F,) non-negative numbers, optional
-        The weight of each face to `debris` and `drop`, such as pixels seen; the area if not given.
+        The importance of each face for `debris` and `drop`, such as its pixels in images. Default: its area.
     **options
-        The other fields of `msb.repair.Options` by their names, such as ``debris_faces=20``.
+        Other fields of `msb.repair.Options`, such as ``debris_faces=20``.
 
     Returns
     -------
@@ -94,12 +95,12 @@ def repair(
     UsageError
         `USAGE`, `EXTRA_MISSING`.
     MeshError
-        `MESH_NONFINITE`, naming the vertex; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`.
+        `MESH_NONFINITE`: a coordinate is not finite; `MESH_INDEX_OUT_OF_RANGE`, `WELD_DISTANCE`.
     Unsupported
-        `UNSUPPORTED_REPAIR`: a buffer cannot be carried through a step; `UNSUPPORTED_TIER`: a soup
-        without static colours cannot be welded; `PEER_FAILED`.
+        `UNSUPPORTED_REPAIR`: a buffer cannot follow the changes of a step; `UNSUPPORTED_TIER`: a triangle
+        soup without static colours cannot be welded; `PEER_FAILED`: the other library failed.
     AssetError
-        `TRIASSET_EMPTY`: nothing was left.
+        `TRIASSET_EMPTY`: no face is left.
     InputError, CheckpointError, MeshFileError
         The path cannot be read.
 
@@ -108,15 +109,16 @@ def repair(
     >>> import msb
     >>> fixed = msb.repair("data_stubs/splat_like.triasset")
     >>> fixed.before.counts.nonmanifold_edges, fixed.after.counts.nonmanifold_edges, fixed.left
-    (10069, 0, ('38,923 boundary edges: open stays open unless close fills holes',))
+    (10069, 0, ('38,923 boundary edges (add "close" to the plan to fill holes)',))
     """
     return repair_asset(as_asset(asset), parse_plan(plan, **options), weights)
 
 
 def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = None) -> Repaired:
-    """Return what `repair` does, for options that were checked."""
+    """Repair an asset with validated options; see `repair`."""
     plan = options.plan
     with about(asset.path):
+        # A soup that is to be welded becomes a standard-tier mesh first.
         base, first = _as_mesh(asset) if _is_joined(asset, plan) else (asset, None)
         manifest = base.manifest
         domains = {name: spec.domain for name, spec in manifest.buffers.items()}
@@ -124,69 +126,69 @@ def repair_asset(asset: Asset, options: Options, weights: NDArray[Any] | None = 
         level = level if isinstance(level, int) and 0 <= level <= 8 else None
         done = run_plan(base.buffers, domains, options, level=level, weights=weights, first=first)
         if first is None and not any(step.changed for step in done.steps):
-            made = asset
+            repaired = asset
         else:
-            kept = {f.name: getattr(manifest, f.name) for f in fields(Description)}
-            made = build_asset(done.buffers, done.domains, Description(**kept))
-            kept_manifest = replace(made.manifest, extra=manifest.extra)
-            made = replace(
-                made, manifest=kept_manifest, warnings=asset.warnings, opened_from=asset.opened_from
+            described = {f.name: getattr(manifest, f.name) for f in fields(Description)}
+            repaired = build_asset(done.buffers, done.domains, Description(**described))
+            repaired = replace(
+                repaired,
+                manifest=replace(repaired.manifest, extra=manifest.extra),
+                warnings=asset.warnings,
+                opened_from=asset.opened_from,
             )
-    path = None if made.path is None else str(made.path)
-    before, after = (replace(one, path=path, method=manifest.method) for one in (done.before, done.after))
-    return Repaired(
-        made.buffers,
-        done.domains,
-        done.vertex_map,
-        done.face_map,
-        done.turned,
-        done.steps,
-        before,
-        after,
-        made,
-        plan,
-    )
+    # Copy the outcome, and add the path and method of the asset to its audits.
+    path = None if repaired.path is None else str(repaired.path)
+    outcome = {f.name: getattr(done, f.name) for f in fields(done)}
+    audits = {
+        name: replace(audit, path=path, method=manifest.method)
+        for name, audit in (("before", done.before), ("after", done.after))
+    }
+    return Repaired(**outcome | audits | {"buffers": repaired.buffers}, asset=repaired, plan=plan)
 
 
 def repair_mesh(mesh: Mesh, options: Options) -> tuple[Mesh, Outcome]:
-    """Return a repaired mesh in the precision of its file, and what was done."""
+    """Return a repaired mesh in its own precision, and the outcome of the repair."""
     check_indices(mesh)
-    # Names that `carry` knows: "f_dc" is any colour.
+    # Use buffer names that `carry` knows. Vertex and face colours need different ones: "f_dc" is any colour.
     by_corner = mesh.corner_uvs is not None
-    held: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
+    arrays: tuple[tuple[str, NDArray[Any] | None, Domain], ...] = (
         ("color", mesh.vertex_colors, "vertex"),
         ("f_dc", mesh.face_colors, "face"),
         ("uv", mesh.corner_uvs if by_corner else mesh.vertex_uvs, "corner" if by_corner else "vertex"),
         ("face_texture", mesh.face_textures, "face"),
     )
-    domains = {name: domain for name, values, domain in held if values is not None}
-    buffers = {name: values for name, values, _ in held if values is not None}
+    domains = {name: domain for name, values, domain in arrays if values is not None}
+    buffers = {name: values for name, values, _ in arrays if values is not None}
     done = run_plan({"positions": mesh.vertices, "indices": mesh.faces, **buffers}, domains, options)
-    made = {(name, done.domains[name]): done.buffers[name] for name in domains}
+    # A repair may move colours and UVs to corners.
+    moved = {(name, done.domains[name]): done.buffers[name] for name in domains}
     repaired = replace(
         mesh,
         vertices=done.buffers["positions"],
         faces=done.buffers["indices"].astype(np.int64),
-        vertex_colors=made.get(("color", "vertex")),
-        face_colors=made.get(("f_dc", "face")),
-        vertex_uvs=made.get(("uv", "vertex")),
-        corner_uvs=made.get(("uv", "corner")),
-        face_textures=made.get(("face_texture", "face")),
+        vertex_colors=moved.get(("color", "vertex")),
+        face_colors=moved.get(("f_dc", "face")),
+        vertex_uvs=moved.get(("uv", "vertex")),
+        corner_uvs=moved.get(("uv", "corner")),
+        face_textures=moved.get(("face_texture", "face")),
         left_out=(),
     )
-    colors = made.get(("color", "corner"))
+    colors = moved.get(("color", "corner"))
     return repaired if colors is None else with_corner_colors(repaired, colors), done
 
 
 def _is_joined(asset: Asset, plan: tuple[str, ...]) -> bool:
-    """Return whether the plan welds a soup of a method that draws soups alone."""
+    """Return whether the plan welds a soup whose method can only render soups."""
     return "weld" in plan and asset.manifest.topology == "triangle_soup" and asset.manifest.method != "mesh"
 
 
 def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
-    """Return a soup as a mesh of its standard look, and the change that leaves out the faces it hides."""
+    """Return a soup as an asset of method "mesh" with its standard-tier colours.
+
+    The second value is the change that removes the faces below its STE threshold, or None.
+    """
     if why := refusal(asset.manifest, "standard"):
-        raise Unsupported("UNSUPPORTED_TIER", f"weld turns a soup into a mesh of static colours; {why}")
+        raise Unsupported("UNSUPPORTED_TIER", f"weld needs static colours to merge a triangle soup; {why}")
     buffers = {name: asset.buffers[name] for name in ("positions", "indices")}
     domains: dict[str, Domain] = {}
     if (colors := colors_of(asset)) is not None:
@@ -198,8 +200,8 @@ def _as_mesh(asset: Asset) -> tuple[Asset, Change | None]:
         coordinate_frame=manifest.coordinate_frame,
         source=manifest.source,
     )
-    shown = visible_faces(asset, stored_threshold(asset))
-    if shown is None:
+    visible = visible_faces(asset, stored_threshold(asset))
+    if visible is None:
         return build_asset(buffers, domains, description), None
     faces = buffers["indices"].astype(np.int64)
-    return build_asset(buffers, domains, description), with_faces(faces, shown, 3 * len(faces))
+    return build_asset(buffers, domains, description), with_faces(faces, visible, 3 * len(faces))

@@ -1,4 +1,4 @@
-"""`msb repair`: make a mesh manifold and consistently wound, or see what each way to do so costs."""
+"""`msb repair`: make a mesh manifold and consistently wound, or compare ways to do so."""
 
 from __future__ import annotations
 
@@ -26,34 +26,37 @@ if TYPE_CHECKING:
     from msb.repair import Options, Repaired
     from msb.repair.run import Outcome
     from msb.topology import Audit
-    from msb.trial.repairs import Look, Row
+    from msb.trial.repairs import StrategyResult, TierLikeness
     from msb.trial.run import Trial
+
+
+# The values of --plan. `msb trial` has the same option.
+PLAN_STEPS = (
+    "Steps separated by commas: orient, pair, cut, drop, weld, debris, close. Numbers may follow a step: "
+    "weld:0.01, pair:0.25, debris:10:0, close:8:0.25."
+)
 
 
 @dataclass(frozen=True)
 class RepairOptions:
-    """What is done to a mesh, and what is written of it."""
+    """The options of `msb repair`."""
 
     out: Annotated[
-        Path | None, Option("OUT, given as an option.", ("--out", "-o"), metavar="FILE", output="own")
+        Path | None, Option("Write to FILE, like OUT.", ("--out", "-o"), metavar="FILE", output="own")
     ] = None
     plan: Annotated[
         str | None,
-        Option(
-            "Some of orient,pair,cut,drop,weld,debris,close, numbers after them: weld:0.01, pair:0.25, "
-            "debris:10:0, close:8:0.25. Default: orient,pair.",
-            metavar="STEPS",
-        ),
+        Option(f"{PLAN_STEPS} Default: orient,pair.", metavar="STEPS"),
     ] = None
-    compare: Annotated[bool, Option("Write nothing; try ways to repair and show what each costs.")] = False
+    compare: Annotated[bool, Option("Compare several plans instead of writing a repaired mesh.")] = False
     peer: Annotated[
         Literal["igl", "pymeshlab"] | None,
-        Option("Let libigl do cut, or PyMeshLab do drop, in a process of its own.", ("--with",)),
+        Option("Use libigl for cut, or PyMeshLab for drop, in a child process.", ("--with",)),
     ] = None
     tasks: Annotated[
         tuple[str, ...],
         Option(
-            "With --compare: a task of msb trial to try, or none. May be given again. "
+            "With --compare: try this task of msb trial on every result, or none. May be repeated. "
             "Default: uv, decimate_50, subdivide, boolean, solid.",
             ("--task",),
             metavar="TASK",
@@ -61,7 +64,7 @@ class RepairOptions:
     ] = ()
     maps: Annotated[
         Path | None,
-        file_option("Write an .npz with the rows of ASSET that rows of OUT come from.", endings=(".npz",)),
+        file_option("Write the original row of each vertex and face to an .npz file.", endings=(".npz",)),
     ] = None
 
 
@@ -75,7 +78,11 @@ def repair(
     source: Source,
     target: Annotated[
         Path | None,
-        Argument("What to write; with --compare a folder for pictures.", metavar="OUT", output="own"),
+        Argument(
+            "The .triasset or mesh file to write; with --compare, a folder for images.",
+            metavar="OUT",
+            output="own",
+        ),
     ] = None,
     *,
     options: RepairOptions,
@@ -86,20 +93,20 @@ def repair(
     output: JsonOutput,
     typed: Typed,
 ) -> int:
-    """Repair a mesh, keeping what its vertices and faces hold; ASSET itself is never changed.
+    """Repair a mesh and keep the data of its vertices and faces. ASSET is not changed.
 
-    By default nothing visible changes: faces are turned to a consistent winding, and where more than two
-    meet at an edge those that continue each other stay together. A .triasset stays one of its method.
+    By default, nothing visible changes: faces are turned to a consistent winding, and edges of more than two
+    faces are cut so that the flattest pairs of faces stay connected. A .triasset keeps its method.
 
-    With --compare nothing is repaired: a table shows what each way would keep, and what it costs.
+    With --compare, no mesh is written: a table shows what each plan keeps and costs.
     """
     from msb.repair.plan import parse_plan
 
     require(target or options.out or options.compare, "Missing OUT. Pass the .triasset or mesh file to write")
     if target is not None:
-        typed.reject(["out"], "names OUT a second time")
+        typed.reject(["out"], "repeats the argument OUT; pass only one of them")
     if options.compare:
-        typed.reject(["maps", "fail_on", "fail_on_verdict", "peer"], "does not go with --compare")
+        typed.reject(["maps", "fail_on", "fail_on_verdict", "peer"], "cannot be combined with --compare")
     else:
         typed.reject(["tasks"], "needs --compare")
     target = target or options.out
@@ -117,7 +124,7 @@ def repair(
 
 
 class _Repair:
-    """One repair: where it goes is checked before anything is read."""
+    """One run of the command. The output path is checked before anything is read."""
 
     def __init__(
         self, source: Path, target: Path, plan: Options, views: Views, device: str | None, output: Output
@@ -130,40 +137,31 @@ class _Repair:
         self.views, self.device = views, device
         self.suffix = output_suffix(target, "OUT")
         if views.cameras is not None and not {"debris", "drop"} & set(plan.plan):
-            raise UsageError("USAGE", "--cameras weigh faces for debris and drop, which are not in --plan")
+            raise UsageError("USAGE", "--cameras needs debris or drop in --plan")
         output.check_free(target)
         self.to_asset = self.suffix == ASSET_SUFFIX
         self.in_file_precision = not self.to_asset and is_mesh_file(source) and views.cameras is None
 
     def run(self, maps: Path | None) -> Audit:
-        """Repair, write and print; return the audit of what was written."""
+        """Repair, write and print; return the audit of the written file."""
         from msb.meshes.losses import why_split
-        from msb.repair.run import what_is_left
+        from msb.repair.run import list_defects
 
-        made, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
-        with self.rows_kept(done, maps):
-            written = None
-            if made is not None:
-                written = self.write(made, left_out)
-            else:
-                self.save(done)
-        after = (
-            done.after
-            if written is None
-            else replace(written, path=done.after.path, method=done.after.method)
-        )
+        repaired, done, left_out = self.repair_mesh() if self.in_file_precision else self.repair_asset()
+        with self.write_maps(done, maps):
+            after = self.write(repaired, done.after, left_out)
         splits = done.after.counts.all_apart != after.judged.counts.all_apart
-        left = what_is_left(after, why_split(self.suffix) if splits else None)
+        left = list_defects(after, why_split(self.suffix) if splits else None)
         self.output.write_json(self.document(done, after, left))
         if self.output.prints_text:
             self.show(done, after, left, splits=splits)
         return after
 
     @contextmanager
-    def rows_kept(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
-        """Write the maps, which take their place when the block that writes OUT ends.
+    def write_maps(self, done: Repaired | Outcome, maps: Path | None) -> Iterator[None]:
+        """Write the maps to a temporary file, and move it into place after the block has written OUT.
 
-        It is both or neither, but for a file that another program puts in the maps' place meanwhile.
+        So either both files are written or none.
         """
         from msb.base.atomic import is_stream, new_file
         from msb.base.npz import write_npz
@@ -173,13 +171,16 @@ class _Repair:
                 file = stack.enter_context(new_file(maps, overwrite=self.output.force))
                 arrays = {"vertex": done.vertex_map, "face": done.face_map, "turned": done.turned}
                 write_npz(file, arrays)
-                file.flush()  # a full disk is noticed here
-                if is_stream(maps):  # gets everything at the end, which must not fail after OUT is there
+                file.flush()  # a full disk is detected here
+                if is_stream(maps):  # a stream is written when it is closed, which must not fail after OUT
                     stack.close()
             yield
 
-    def repair_asset(self) -> tuple[Mesh | None, Repaired, Sequence[str]]:
-        """Repair what an asset holds; return its standard-tier mesh and what that lacks, if OUT is a mesh."""
+    def repair_asset(self) -> tuple[Asset | Mesh, Repaired, Sequence[str]]:
+        """Repair an asset. Return the asset, or its standard-tier mesh if OUT is a mesh file.
+
+        The third value lists the parts of the asset that the mesh lacks.
+        """
         from msb.api.command_files import open_asset
         from msb.meshes.assets import mesh_from_asset
         from msb.meshes.losses import beyond_a_mesh, what_is_up
@@ -191,23 +192,23 @@ class _Repair:
             done = repair_asset(asset, self.plan, weights)
         _note_turned(asset, done, self.output)
         if self.to_asset:
-            return None, done, ()
-        made = mesh_from_asset(done.asset)
+            return done.asset, done, ()
+        mesh = mesh_from_asset(done.asset)
         known = asset.manifest.coordinate_frame.known_up is not None
-        for text in what_is_up(made, self.suffix, known=known):
+        for text in what_is_up(mesh, self.suffix, known=known):
             self.output.note(f"{self.target}: {text}")
-        return made, done, beyond_a_mesh(done.asset)
+        return mesh, done, beyond_a_mesh(done.asset)
 
     def pixels(self, asset: Asset) -> NDArray[Any]:
-        """Return how many pixels each face covers."""
-        from msb.repair.seen import seen_pixels
+        """Return the number of pixels (F,) that each face covers in the views of --cameras."""
+        from msb.repair.coverage import count_pixels
 
         cameras = self.views.read(self.output.note)
-        with self.output.counted("looking at faces", len(cameras)) as step:
-            return seen_pixels(asset, cameras, self.device, step)
+        with self.output.counted("rendering views", len(cameras)) as step:
+            return count_pixels(asset, cameras, self.device, step)
 
     def repair_mesh(self) -> tuple[Mesh, Outcome, Sequence[str]]:
-        """Repair a mesh file in its own precision; return what its source has beside the mesh, too."""
+        """Repair a mesh file in its own precision. The third value lists the parts that were not read."""
         from msb.meshes import read_mesh
         from msb.repair.assets import repair_mesh
 
@@ -216,28 +217,28 @@ class _Repair:
         with self.output.progress(f"repairing {self.source.name}"), about(self.source):
             return *repair_mesh(mesh, self.plan), mesh.left_out
 
-    def save(self, done: Repaired | Outcome) -> None:
-        """Write the repaired asset."""
-        from msb.delivery.saving import save
-        from msb.repair import Repaired
+    def write(self, repaired: Asset | Mesh, after: Audit, left_out: Sequence[str]) -> Audit:
+        """Write the repaired asset or mesh, and return the audit of the file.
 
-        assert isinstance(done, Repaired)
-        with self.output.progress(f"writing {self.target.name}"):
-            save(done.asset, self.target, overwrite=self.output.force)
-
-    def write(self, made: Mesh, left_out: Sequence[str]) -> Audit:
-        """Write a mesh file, and return the audit of what it holds."""
+        `after` is the audit of the repaired mesh, and `left_out` lists the parts that it already lacks.
+        """
         from msb.api.command_files import write_mesh_files
+        from msb.asset import Asset
+        from msb.delivery.saving import save
         from msb.meshes.assets import as_held
         from msb.meshes.losses import losses
         from msb.topology import audit_arrays
 
         with self.output.progress(f"writing {self.target.name}"), about(self.source):
-            held = as_held(made, self.suffix)
-            write_mesh_files(held, self.target, self.output)
-        for text in losses(made, held, self.suffix, left_out):
+            if isinstance(repaired, Asset):
+                save(repaired, self.target, overwrite=self.output.force)
+                return after
+            stored = as_held(repaired, self.suffix)
+            write_mesh_files(stored, self.target, self.output)
+        for text in losses(repaired, stored, self.suffix, left_out):
             self.output.note(f"{self.target}: {text}")
-        return audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0]
+        audit, _ = audit_arrays(stored.vertices, stored.faces, attributes=stored.attributes)
+        return replace(audit, path=after.path, method=after.method)
 
     def document(self, done: Repaired | Outcome, written: Audit, left: list[str]) -> dict[str, Any]:
         """Return the JSON data of the repair."""
@@ -258,7 +259,10 @@ class _Repair:
         }
 
     def show(self, done: Repaired | Outcome, after: Audit, left: list[str], *, splits: bool) -> None:
-        """Print the verdict on the result; unless quiet its steps, what is left and what comes next, too."""
+        """Print the verdict and, unless --quiet, the steps, the remaining defects and the next command.
+
+        `splits` tells whether the file stores vertices separately that the repaired mesh shares.
+        """
         from msb.api.auditing import advice
         from msb.topology.verdict import judge
 
@@ -280,32 +284,33 @@ class _Repair:
         in_file = f", {pieces[2]:,} in the file" if splits else ""
         cut = f"edges cut{' by the repair' if splits else ''}: {len(done.cut_edges):,}"
         echo(f"Components: {pieces[0]:,} before, {pieces[1]:,} after{in_file}; {cut}")
-        echo(f"Left: {'; '.join(left) or 'nothing'}")
+        echo(f"Remaining defects: {', '.join(left) or 'none'}")
         source, target = shell_word(source), shell_word(target)
-        helps = advice(done.before, f"--force -o {target}", source)
-        if helps and "weld" not in self.plan.plan:
-            echo(helps)
+        hint = advice(done.before, f"--force -o {target}", source)
+        if hint and "weld" not in self.plan.plan:
+            echo(hint)
         echo(f"next: msb view {source} --repaired {target}")
 
 
 def _note_turned(asset: Asset, done: Repaired, output: Output) -> None:
-    """Say what turned faces change where back faces are culled."""
+    """Note that turned faces look different if back faces are culled."""
     turned = int(done.turned.sum())
     if turned:
         stored = asset.manifest.settings.get("back_culling")
         culls = "; this asset has back_culling on" if stored is not None and stored.value else ""
-        text = "where back faces are culled they show from the other side"
-        output.note(f"{turned:,} of {len(done.turned):,} faces were turned: {text}{culls}")
+        text = "with back-face culling they are visible from the other side"
+        output.note(f"{turned:,} of {len(done.turned):,} faces were turned; {text}{culls}")
 
 
 _NAMES = (
     *("Strategy", "Kept", "Added", "Cut", "Pieces", "Bound.", "Verdict"),
     *("Tasks", "Standard", "Dedicated", "MB", "Seconds"),
 )
-_WORDS = ("Strategy", "Verdict", "Tasks")  # columns that are aligned to the left
-# Columns that a narrow terminal leaves out, in this order.
-_LEAST_WANTED = ("MB", "Added", "Bound.", "Seconds", "Cut")
-# What --task takes for no task at all.
+# Columns that are aligned to the left.
+_WORDS = ("Strategy", "Verdict", "Tasks")
+# Columns that are omitted first on narrow terminals, in this order.
+_OPTIONAL = ("MB", "Added", "Bound.", "Seconds", "Cut")
+# The value of --task for no task.
 NO_TASK = "none"
 
 
@@ -318,35 +323,36 @@ def compare_strategies(
     device: str | None,
     output: Output,
 ) -> None:
-    """Print the table of `msb.trial.repairs`, and write its JSON and a picture of each strategy."""
+    """Compare plans with `msb.trial.repairs`: print a table, and write JSON and an image of each result."""
     from msb.api.command_files import open_asset
     from msb.base.own_folder import own_folder
     from msb.trial.repairs import compare, document, strategies
     from msb.views import choose_views
 
-    wanted = _tasks(tasks)
+    selected = _tasks(tasks)
     if folder is not None:
         output.check_folder(folder)
     asset = open_asset(source, output)
     given = None if views.cameras is None else views.read(output.note)
     with about(source):
-        seen = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
-    which = seen.said if given is None else seen.said.replace("given", f"of {views.cameras}")
+        chosen = choose_views(asset, given, size=(960, 720), device=device).seeing(asset, device)
+    description = chosen.said if given is None else chosen.said.replace("given", f"of {views.cameras}")
     rows = None
     try:
         with (
-            output.counted("trying repairs", len(strategies(options)) + 1) as step,
+            output.counted("comparing plans", len(strategies(options)) + 1) as step,
             nullcontext() if folder is None else own_folder(folder, overwrite=output.force) as keep,
         ):
-            rows = compare(asset, seen, options, tasks=wanted, device=device, keep=keep, step=step)
-    finally:  # it is said even if pictures cannot be kept: minutes of work
+            rows = compare(asset, chosen, options, tasks=selected, device=device, keep=keep, step=step)
+    finally:  # print the results of minutes of work even if images cannot be written
         if rows is not None:
             if output.prints_text:
-                _print(rows, which, output)
-            output.write_json(document(str(source), which, rows))
+                _print(rows, description, output)
+            output.write_json(document(str(source), description, rows))
 
 
 def _tasks(given: Sequence[str]) -> list[str]:
+    """Return the names of the selected tasks; the default tasks if none are given."""
     from msb.trial.registry import chosen_tasks
     from msb.trial.repairs import TASKS
 
@@ -355,33 +361,35 @@ def _tasks(given: Sequence[str]) -> list[str]:
     return [task.name for task in chosen_tasks(given or TASKS)]
 
 
-def _print(rows: list[Row], which: str, output: Output) -> None:
+def _print(rows: list[StrategyResult], views: str, output: Output) -> None:
+    """Print the comparison; `views` describes the views of the PSNR, such as "8 test views"."""
     console = output.console()
     if not console.is_terminal:
-        console.width = 10_000  # no table is as wide
+        console.width = 10_000  # wider than any table
     print_table([_cells(row) for row in rows], console)
     if output.quiet:
         return
     stored = rows[0]
     if stored.before is not None and stored.before.judged.corners_coincide is False:
-        echo("No two corners coincide: it is no surface, and no repair makes it one.")
+        echo("No two corners coincide, so the faces cannot be merged into a surface.")
     for row in rows:
         if row.why is not None:
             echo(f"{row.strategy}: {row.why}")
-    tried = [one.task for one in stored.tried if one.outcome != "not_run"]
+    tried = [trial.task for trial in stored.trials if trial.outcome != "not_run"]
     if tried:
-        echo(f"Tasks: how many of {', '.join(tried)} work, with care or without; msb trial says why.")
-    for one in stored.tried:
-        if one.outcome == "not_run":
-            echo(f"{one.task}: not run: {one.why}")
+        echo(f"Tasks: how many of {', '.join(tried)} work, possibly with limitations (details: msb trial)")
+    for trial in stored.trials:
+        if trial.outcome == "not_run":
+            echo(f"{trial.task}: not run: {trial.why}")
     looks = [(tier, look.why) for row in rows for tier, look in (row.looks or {}).items() if look.why]
     for tier, why in dict.fromkeys(looks):
-        echo(f"{tier.capitalize()}: not drawn: {why}")
+        echo(f"{tier.capitalize()}: not rendered: {why}")
     if any(look.same or look.psnr is not None for look in (stored.looks or {}).values()):
-        echo(f"PSNR in dB against the asset as stored, the mean over {which}.")
+        echo(f"Standard, Dedicated: PSNR in dB against the asset as stored, averaged over {views}.")
 
 
-def _cells(row: Row) -> list[str]:
+def _cells(row: StrategyResult) -> list[str]:
+    """Return the cells of a row of the table."""
     from msb.topology.shown import structure_text
     from msb.topology.verdict import judge
 
@@ -396,7 +404,7 @@ def _cells(row: Row) -> list[str]:
         f"{row.after.judged.counts.components:,}",
         "-" if ratio is None else structure_text("boundary_edge_ratio", ratio),
         judge(row.after).word,
-        _passed_text(row.tried),
+        _passed_text(row.trials),
         *(_look_text(look) for look in row.looks.values()),
         f"{row.size / 1e6:.2f}",
         f"{row.seconds:.1f}",
@@ -404,11 +412,11 @@ def _cells(row: Row) -> list[str]:
 
 
 def print_table(rows: list[list[str]], console: Console) -> None:
-    """Print as much of the table as the terminal is wide; what says nothing is left out first."""
+    """Print the table, without the columns that do not fit the terminal. Empty columns are omitted first."""
     full = [[*row, *[""] * (len(_NAMES) - len(row))] for row in rows]
-    silent = [name for name, *cells in zip(_NAMES, *full, strict=True) if not {*cells} - {"", "-"}]
+    empty = [name for name, *cells in zip(_NAMES, *full, strict=True) if not {*cells} - {"", "-"}]
     boundless = console.options.update(width=10_000)
-    order = [*silent, *(name for name in _LEAST_WANTED if name not in silent)]
+    order = [*empty, *(name for name in _OPTIONAL if name not in empty)]
     for count in range(len(order) + 1):
         names = [name for name in _NAMES if name not in order[:count]]
         table = plain_table(*names, right=tuple(i for i, name in enumerate(names) if name not in _WORDS))
@@ -417,18 +425,20 @@ def print_table(rows: list[list[str]], console: Console) -> None:
         if console.measure(table, options=boundless).maximum <= console.width:
             break
     console.print(table)
-    if lost := order[len(silent) : count]:
-        console.print(f"[dim]A wider terminal and --json also show: {', '.join(lost)}[/dim]")
+    if omitted := order[len(empty) : count]:
+        console.print(f"[dim]Omitted columns (use a wider terminal or --json): {', '.join(omitted)}[/dim]")
 
 
 def _passed_text(trials: tuple[Trial, ...]) -> str:
-    from msb.trial.repairs import passed
+    """Return how many of the tasks that were run work, such as "2 of 5"."""
+    from msb.trial.repairs import count_passed
 
-    done = [one for one in trials if one.outcome != "not_run"]
-    return f"{passed(done)} of {len(done)}" if done else "-"
+    done = [trial for trial in trials if trial.outcome != "not_run"]
+    return f"{count_passed(done)} of {len(done)}" if done else "-"
 
 
-def _look_text(look: Look) -> str:
+def _look_text(look: TierLikeness) -> str:
+    """Return the PSNR of a tier, "same" for equal images, or "-" without images."""
     if look.same:
         return "same"
     return "-" if look.psnr is None else f"{look.psnr:.1f}"

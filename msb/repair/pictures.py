@@ -1,4 +1,4 @@
-"""Pictures of a repair: what was deleted in red, what was added in green, cut edges as lines."""
+"""Images of a repair: removed faces in red, added faces in green, and cut edges as blue lines."""
 
 import re
 from pathlib import Path
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from msb.asset import Asset, build_asset
 from msb.asset.look import drawn_colors
+from msb.meshes.colors import as_floats
 from msb.render import Renderer
 from msb.render.images import write_image
 from msb.repair.assets import Repaired
@@ -16,29 +17,26 @@ from msb.scenes import Camera
 from msb.topology.halfedge import NONE
 
 RED, GREEN, CUT = (0.85, 0.1, 0.1), (0.1, 0.7, 0.2), (0.0, 0.0, 0.55)
-# Grey of black and of white faces, light enough for the colours to stand out.
+# Grey of black and of white faces; light enough to contrast with the other colours.
 _DARKEST, _LIGHTEST = 0.55, 0.9
-_NEAR = 0.004  # cut edges are drawn up to this share of their depth behind the visible surface
+# Cut edges are drawn if they are at most this fraction of the depth behind the visible surface, because they
+# lie on it.
+_TOLERANCE = 0.004
 
 
 def keep_picture(
     folder: Path, name: str, original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> str:
-    """Write the picture of a repair that is called `name` into `folder`, and return the file's name."""
-    file = picture_name(name)
+    """Write the image of a repair into `folder`; return its file name, which is made from `name`."""
+    file = f"{re.sub('[^a-z]+', '-', name)}.png"
     write_image(folder / file, picture(original, done, camera, device), "png")
     return file
-
-
-def picture_name(name: str) -> str:
-    """Return the file of the picture of a repair that is called `name`."""
-    return f"{re.sub('[^a-z]+', '-', name)}.png"
 
 
 def picture(
     original: Asset, done: Repaired, camera: Camera, device: str | None = None
 ) -> NDArray[np.float32]:
-    """Return an image (H, W, 3): kept faces grey, deleted ones red, added ones green, cut edges as lines."""
+    """Return an image (H, W, 3) with kept faces in grey, removed ones in red, added ones in green."""
     with Renderer(_colored(original, done), tier="standard", device=device) as renderer:
         frame = renderer.render(camera, background=(1.0, 1.0, 1.0))
     image = frame.image.copy()
@@ -49,12 +47,14 @@ def picture(
 
 
 def _colored(original: Asset, done: Repaired) -> Asset:
-    """Return a mesh of all faces there were or are, coloured by what became of them."""
+    """Return an asset with all faces before and after the repair, coloured as kept, removed or added."""
     faces, points = original.buffers["indices"], original.buffers["positions"]
-    gone = np.ones(len(faces), bool)
-    gone[done.face_map[done.face_map != NONE]] = False
+    # The original faces (F, 3), red if no face of the result comes from them.
+    is_removed = np.ones(len(faces), bool)
+    is_removed[done.face_map[done.face_map != NONE]] = False
     colors = np.repeat(_grey(original)[:, None], 3, axis=1)
-    colors[gone] = RED
+    colors[is_removed] = RED
+    # The added faces, with their indices moved behind the original vertices.
     new = done.asset.buffers["indices"][done.face_map == NONE]
     colors = np.concatenate([colors, np.tile(GREEN, (len(new), 1))])
     return build_asset(
@@ -68,10 +68,9 @@ def _colored(original: Asset, done: Repaired) -> Asset:
 
 
 def _grey(asset: Asset) -> NDArray[np.float32]:
-    """Return the brightness (F,) of each face's static colour, squeezed into the lighter half."""
+    """Return the brightness (F,) of each face's static colour, mapped to the light greys."""
     colors = drawn_colors(asset)
-    values = colors.values[:, :3] / (255 if colors.values.dtype == np.uint8 else 1)
-    light = values.mean(axis=1)
+    light = as_floats(colors.values[:, :3]).mean(axis=1)
     if colors.domain == "vertex":
         light = light[asset.buffers["indices"]].mean(axis=1)
     elif colors.domain == "corner":
@@ -82,19 +81,26 @@ def _grey(asset: Asset) -> NDArray[np.float32]:
 def _draw_edges(
     image: NDArray[np.float32], depth: NDArray[np.float32], ends: NDArray[Any], camera: Camera
 ) -> None:
-    """Draw the (n, 2, 3) edges into `image` where nothing hides them, a sample for each pixel along them."""
+    """Draw the visible parts of the edges `ends` (n, 2, 3) into `image` (H, W, 3), in place.
+
+    `depth` (H, W) is the depth of the visible surface, 0 in the background.
+    """
+    # Length of each edge in pixels (n,). Edges with an end beside or behind the camera are skipped.
     pixels, _ = camera.project(ends)
     length = np.abs(pixels[:, 1] - pixels[:, 0]).max(axis=1, initial=0.0)
-    good = np.isfinite(length) & (length < 4 * max(image.shape))  # no end beside or behind the camera
-    samples = np.where(good, np.ceil(np.where(good, length, 0)) + 1, 0).astype(np.int64)
+    is_valid = np.isfinite(length) & (length < 4 * max(image.shape))
+    samples = np.where(is_valid, np.ceil(np.where(is_valid, length, 0)) + 1, 0).astype(np.int64)
+    # Sample one point per pixel (m,): the edge of each sample, and its position along the edge from 0 to 1.
     edge = np.repeat(np.arange(len(ends)), samples)
     first = np.cumsum(samples) - samples
     along = ((np.arange(len(edge)) - first[edge]) / np.maximum(samples[edge] - 1, 1))[:, None]
-    places, far = camera.project(ends[edge, 0] * (1 - along) + ends[edge, 1] * along)
+    # Project the samples (m, 3) to pixels, and keep those in the image.
+    places, sample_depth = camera.project(ends[edge, 0] * (1 - along) + ends[edge, 1] * along)
     with np.errstate(invalid="ignore"):
         column, row = np.floor(np.nan_to_num(places, nan=-1.0)).astype(np.int64).T
     inside = (column >= 0) & (column < image.shape[1]) & (row >= 0) & (row < image.shape[0])
-    row, column, far = row[inside], column[inside], far[inside]
-    seen = depth[row, column]
-    shown = (seen > 0) & (far <= seen * (1 + _NEAR))
-    image[row[shown], column[shown]] = CUT
+    row, column, sample_depth = row[inside], column[inside], sample_depth[inside]
+    # Draw the samples on or in front of the visible surface.
+    surface = depth[row, column]
+    visible = (surface > 0) & (sample_depth <= surface * (1 + _TOLERANCE))
+    image[row[visible], column[visible]] = CUT

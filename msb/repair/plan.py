@@ -1,4 +1,4 @@
-"""What a repair does: the steps of its plan, and the numbers of these."""
+"""The plan of a repair: its steps and their options."""
 
 from __future__ import annotations
 
@@ -11,55 +11,57 @@ from msb.base.limits import Limits
 from msb.errors import UsageError, shorten
 from msb.topology.weld import Weld, parse_weld
 
-# Step -> what it does, in the order of docs/repair.md.
-STEPS: dict[str, str] = {
-    "orient": "turn faces so that the winding is consistent",
-    "pair": "at edges of more than two faces join the flattest pairs, and cut the rest",
-    "cut": "cut edges of more than two faces, and vertices where surfaces only touch",
-    "drop": "remove few faces until no edge has more than two",
-    "weld": "merge vertices in one place",
-    "debris": "remove small components",
-    "close": "close small holes",
-}
+# The steps, in the order of docs/repair.md.
+# orient: turn faces so that the winding is consistent.
+# pair: at edges of more than two faces, join the flattest pairs and cut the rest.
+# cut: cut edges of more than two faces, and vertices where surfaces only touch.
+# drop: remove few faces until no edge has more than two.
+# weld: merge coincident vertices.
+# debris: remove small components.
+# close: close small holes.
+STEPS = ("orient", "pair", "cut", "drop", "weld", "debris", "close")
 # The plan that changes nothing visible.
 DEFAULT = ("orient", "pair")
 Peer = Literal["igl", "pymeshlab"]
-# Peer -> the steps that it can do in our stead.
+# Library -> the steps that it can do instead of MeshSplatBench.
 BY_PEER: dict[str, tuple[str, ...]] = {"igl": ("cut",), "pymeshlab": ("drop",)}
-# Step -> the options that may stand after it in a plan: ``debris:20:0.001``.
+# Step -> the options that may follow it in a plan: ``debris:20:0.001``.
 NUMBERS = {
     "pair": ("pair_color",),
     "weld": ("weld",),
     "debris": ("debris_faces", "debris_share"),
     "close": ("close_edges", "close_share"),
 }
+# Options that are whole numbers.
 _WHOLE = ("debris_faces", "close_edges")
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a repair does, step by step; docs/repair.md explains each.
+    """The options of a repair; docs/repair.md explains the steps.
 
     Attributes
     ----------
     plan : tuple of str
-        The steps in their order, repeated until none changes anything.
+        The steps in order. They are repeated until nothing changes.
     weld : "exact" or float
-        How `weld` merges vertices: equal float32 coordinates, or chains of vertices at most this far apart.
+        `weld` merges vertices with equal float32 coordinates ("exact"), or vertices within this distance,
+        also through chains of vertices.
     pair_color : float
-        What a difference of black and white counts to `pair`, beside a fold by 180 degrees, which counts 1.
+        The weight of colour differences for `pair`: the cost of joining a black and a white face. A fold by
+        180 degrees costs 1.
     debris_faces : int
-        `debris` removes components of fewer faces.
+        `debris` removes components with fewer faces.
     debris_share : float
-        `debris` also removes components that have a smaller share of the weight of all faces.
+        `debris` also removes components with a smaller share of the total face weight.
     close_edges : int
-        `close` closes holes of at most so many edges.
+        `close` fills holes with at most this number of edges.
     close_share : float
-        `close` leaves rims open whose cap would have a larger share of the area of their component.
+        `close` keeps holes open whose cap would exceed this share of the area of their component.
     peer : {"igl", "pymeshlab"}, optional
-        The library that does `cut` (igl) or `drop` (pymeshlab) in our stead, in a child process.
+        The library that does `cut` (igl) or `drop` (pymeshlab), in a child process.
     limits : Limits
-        What that process may take.
+        Time and memory limits of that process.
     """
 
     plan: tuple[str, ...] = DEFAULT
@@ -73,27 +75,27 @@ class Options:
     limits: Limits = field(default_factory=Limits)
 
     def check(self) -> Options:
-        """Return these options if they can be used."""
+        """Return the validated options; raise USAGE or WELD_DISTANCE if they are invalid."""
         numbers = {
             name: checked_number(name, getattr(self, name), whole=name in _WHOLE)
             for name in ("pair_color", *_WHOLE, "debris_share", "close_share")
         }
         if self.peer is not None:
-            can = BY_PEER.get(self.peer)
-            if can is None:
-                text = f'there is no peer "{shorten(str(self.peer), 40)}"; there are {", ".join(BY_PEER)}'
+            supported = BY_PEER.get(self.peer)
+            if supported is None:
+                text = f'unknown library "{shorten(str(self.peer), 40)}"; use {" or ".join(BY_PEER)}'
                 raise UsageError("USAGE", text)
-            if not set(can) & set(self.plan):
-                text = f"{self.peer} can do {', '.join(can)}, and the plan is {','.join(self.plan)}"
-                raise UsageError("USAGE", text)
+            if not set(supported) & set(self.plan):
+                text = f"{self.peer} can only do {', '.join(supported)}, which is not in the plan "
+                raise UsageError("USAGE", text + ",".join(self.plan))
         return replace(self, weld=parse_weld(self.weld), **numbers)  # type: ignore[arg-type]
 
 
 def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Options:
-    """Return the options of a plan: names of steps, in a text with commas between them.
+    """Return the validated options of a plan: a sequence of steps, or a text with commas between them.
 
-    Numbers may stand after a step, as in "weld:0.01,orient,pair,debris:20:0.001". None is the default, or
-    what the peer can do.
+    A step may have numbers, as in "weld:0.01,orient,pair,debris:20:0.001". None is the default plan, or the
+    steps that the peer can do. `options` are other fields of `Options`.
     """
     if plan is None:
         plan = BY_PEER.get(options.get("peer") or "", DEFAULT)
@@ -102,29 +104,30 @@ def parse_plan(plan: Sequence[str] | str | None = None, **options: Any) -> Optio
     for word in plan.split(",") if isinstance(plan, str) else plan:
         step, *numbers = str(word).split(":")
         if step not in STEPS:
-            text = f'there is no step "{shorten(step, 40)}"; there are {", ".join(STEPS)}'
+            text = f'unknown step "{shorten(step, 40)}"; use one of {", ".join(STEPS)}'
             raise UsageError("USAGE", text)
         known = NUMBERS.get(step, ())
         if len(numbers) > len(known):
             takes = ":".join((step, *(name.upper() for name in known)))
-            raise UsageError("USAGE", f'"{shorten(str(word), 40)}" has too many numbers; it may be {takes}')
+            raise UsageError("USAGE", f'"{shorten(str(word), 40)}" has too many numbers; use {takes}')
         values = {name: _number(name, text) for name, text in zip(known, numbers, strict=False)}
         if any(given.get(name, value) != value for name, value in values.items()):
-            text = f'"{shorten(str(word), 40)}" has other numbers than {step} before; a plan has one of each'
+            text = f'"{shorten(str(word), 40)}" contradicts the numbers of an earlier {step}'
             raise UsageError("USAGE", text)
         given |= values
         steps.append(step)
     if not steps:
-        raise UsageError("USAGE", f"the plan has no step; there are {', '.join(STEPS)}")
+        raise UsageError("USAGE", f"the plan is empty; use one or more of {', '.join(STEPS)}")
     return Options(tuple(steps), **(options | given)).check()
 
 
 def _number(name: str, text: str) -> float | str:
+    """Return the value of option `name` in a plan: a number, or the text for weld, which may be a word."""
     if name == "weld":
         return text
     try:
         return int(text) if name in _WHOLE else float(text)
     except ValueError:
-        wanted = "a whole number" if name in _WHOLE else "a number"
-        text = f'{name} of the plan is "{shorten(text, 40)}"; it must be {wanted}'
+        kind = "a whole number" if name in _WHOLE else "a number"
+        text = f'{name} in the plan is "{shorten(text, 40)}"; it must be {kind}'
         raise UsageError("USAGE", text) from None

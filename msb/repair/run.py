@@ -1,4 +1,4 @@
-"""Run the steps of a plan until none of them changes anything, and say what is left."""
+"""Run the steps of a plan until nothing changes, and list the remaining defects."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from msb.asset.look import static_colors
 from msb.errors import AssetError, MeshError, UsageError
-from msb.repair.carry import carry
+from msb.repair.buffers import carry
 from msb.repair.plan import BY_PEER
 from msb.topology import audit_arrays
 from msb.topology.arrays import mesh_arrays
@@ -32,23 +32,25 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Step -> steps whose changes give it no new work, if it had none before. A turned face stays in its
-# place, debris goes as whole components, and no step finds more to do in its own result. Where `orient`
-# cuts a one-sided surface, a component may fall apart.
+# Step -> steps after which it need not run again: their changes never create new work for it. A turned face
+# keeps its place, debris is removed as whole components, and no step changes its own result. `orient` is not
+# listed for debris: it cuts one-sided surfaces, and the component may fall apart.
 _UNTOUCHED_BY = {
     "orient": ("orient", "debris"),
     **dict.fromkeys(("pair", "cut"), ("pair", "cut", "orient", "debris")),
     "drop": ("drop", "orient", "debris"),
     "debris": ("debris",),
 }
-# Steps after which no edge has more than two faces. `orient` lets them choose which faces stay together.
-_PARTING = frozenset({"pair", "cut", "drop"})
-_MOST_ROUNDS = 16
+# Steps after which no edge has more than two faces. In plans with one of them, `orient` only turns faces, so
+# that the other step decides which faces stay connected.
+_RESOLVING = frozenset({"pair", "cut", "drop"})
+# Maximum number of repetitions of a plan. Plans usually settle after two or three.
+_MAX_ROUNDS = 16
 
 
 @dataclass(frozen=True)
 class Step:
-    """One step that was done. Counts are of rows; `notes` are sentences without a full stop."""
+    """One step that was done, with the numbers of changed rows. `notes` are sentences without a full stop."""
 
     step: str
     faces_removed: int
@@ -61,13 +63,13 @@ class Step:
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Faces removed, added and turned, vertices removed and added."""
+        """The numbers of faces removed, added and turned, and of vertices removed and added."""
         faces = (self.faces_removed, self.faces_added, self.faces_turned)
         return (*faces, self.vertices_removed, self.vertices_added)
 
     @property
     def changed(self) -> bool:
-        """Whether anything is different after it."""
+        """Whether the step changed anything."""
         return any(self.counts)
 
     def to_dict(self) -> dict[str, Any]:
@@ -77,11 +79,11 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A repaired mesh: its buffers, what was done, and where rows are from.
+    """A repaired mesh: its buffers, the steps done, and the origin of its rows.
 
-    Maps have the row of the original that each new vertex (V',) and face (F',) is, -1 for what is new;
-    `turned` (F',) says whether the second and the third corner of a face changed places. `domains` are those
-    of the buffers: UVs are by corner where anything was changed.
+    `vertex_map` (V',) and `face_map` (F',) have the original row of each vertex and face, -1 for added ones.
+    `turned` (F',) tells whether the second and third corner of each face were swapped. `domains` are the
+    domains of the buffers: UVs are per corner if anything was changed.
     """
 
     buffers: Buffers
@@ -95,18 +97,20 @@ class Outcome:
 
     @cached_property
     def cut_edges(self) -> NDArray[Any]:
-        """(n, 2) vertices of the original whose edge became several."""
+        """The original edges (n, 2) that were cut into several, as pairs of original vertices."""
         return cut_edges(mesh_arrays(self.buffers["positions"], self.buffers["indices"])[1], self.vertex_map)
 
 
 @dataclass
-class _Work:
-    """The mesh as it is after the steps done so far."""
+class _State:
+    """The mesh after the steps that were done up to now.
+
+    Buffers are carried only when a step adds rows; until then, changes are accumulated in `pending`.
+    """
 
     buffers: Buffers
     domains: Mapping[str, Domain]
     level: int | None
-    # What has happened since `buffers` were carried. Nothing in it is new.
     pending: Change
     vertex_map: NDArray[Any]
     face_map: NDArray[Any]
@@ -115,10 +119,10 @@ class _Work:
     weights: NDArray[Any] | None
     steps: list[Step] = field(default_factory=list)
 
-    def do(self, name: str, make: Callable[[], Change]) -> bool:
-        """Do a step; return whether it changed anything."""
+    def run_step(self, name: str, compute: Callable[[], Change]) -> None:
+        """Compute and apply the change of a step, and record it."""
         start = time.perf_counter()
-        change = make()
+        change = compute()
         faces, vertices = len(self.face_map), len(self.points)
         added_faces = len(change.added_from)
         unique = len(np.unique(change.vertex_map[change.vertex_map != NONE]))
@@ -135,10 +139,9 @@ class _Work:
         if done.changed:
             self.apply(change)
         self.steps.append(replace(done, seconds=time.perf_counter() - start))
-        return done.changed
 
     def apply(self, change: Change) -> None:
-        """Carry the maps, and the buffers where values are new; of other changes only the sum is kept."""
+        """Apply a change to the maps and points, and to the buffers if it adds rows; else accumulate it."""
         old_vertex, old_face = change.vertex_map, change.face_map
         self.vertex_map = np.where(old_vertex == NONE, NONE, self.vertex_map[old_vertex])
         self.turned = np.where(old_face == NONE, False, self.turned[old_face]) ^ change.turned
@@ -155,18 +158,18 @@ class _Work:
             self.pending = followed_by(self.pending, change)
 
     def flush(self) -> None:
-        """Carry the buffers through what is pending."""
+        """Carry the buffers through the pending changes."""
         self.buffers = carry(self.buffers, self.domains, self.pending, self.level)
         self.pending = unchanged(self.pending.faces, len(self.pending.vertex_map))
 
     def colors(self) -> dict[str, NDArray[Any]]:
-        """Return the static colours as `pair` takes them; corners' colours are left out of account."""
-        shown = static_colors(self.buffers, self.domains)
-        if shown is None or shown.domain == "corner":
+        """Return vertex or face colours as keyword arguments of `pair`; it cannot use corner colours."""
+        static = static_colors(self.buffers, self.domains)
+        if static is None or static.domain == "corner":
             return {}
-        rows = self.pending.vertex_map if shown.domain == "vertex" else self.pending.face_map
-        values = shown.values[rows, :3]
-        return {f"{shown.domain}_colors": values / 255 if values.dtype == np.uint8 else values}
+        rows = self.pending.vertex_map if static.domain == "vertex" else self.pending.face_map
+        values = static.values[rows, :3]
+        return {f"{static.domain}_colors": values / 255 if values.dtype == np.uint8 else values}
 
 
 def run_plan(
@@ -178,13 +181,26 @@ def run_plan(
     weights: NDArray[Any] | None = None,
     first: Change | None = None,
 ) -> Outcome:
-    """Repair a mesh: the steps of the plan in turn, again and again until none changes anything (weld once).
+    """Repair a mesh: run the steps of the plan in order, and repeat them until nothing changes (weld once).
 
-    `buffers` are `positions`, `indices` and all others, `domains` "vertex", "face", "corner" or "global";
-    `level` is that of DiffSoup's lattice. `weights` (F,) are what each face counts to `debris` and `drop`;
-    the area if not given. The change `first` comes before the plan, such as leaving out hidden faces. The
-    steps are done on the mesh without its seams, and what changes nothing leaves these as they are. A plan
-    that leaves no face is refused: `TRIASSET_EMPTY`.
+    The steps see the mesh with its seams merged. If no step changes anything, the mesh keeps its seams.
+
+    Parameters
+    ----------
+    buffers, domains : mapping
+        `positions`, `indices` and all other buffers, and the domain of each of the others: "vertex", "face",
+        "corner" or "global".
+    level : int, optional
+        The level of DiffSoup's lattice.
+    weights : (F,) numbers, optional
+        The importance of each face for `debris` and `drop`. Default: its area.
+    first : Change, optional
+        A change to apply before the plan, such as removing hidden faces.
+
+    Raises
+    ------
+    AssetError
+        `TRIASSET_EMPTY`: no face is left.
     """
     plan = options.plan
     points, faces = mesh_arrays(buffers["positions"], buffers["indices"])
@@ -192,15 +208,16 @@ def run_plan(
     if weights is not None:
         weights = np.asarray(weights)
         if weights.shape != (len(faces),) or not (np.isfinite(weights) & (weights >= 0)).all():
-            text = f"weights must be a finite number, 0 or more, for each of {len(faces)} faces"
+            text = f"weights must be {len(faces)} finite numbers, one per face, and not negative"
             raise UsageError("USAGE", text)
+    # Audit the original, and merge the vertices that are split at seams.
     attributes = seam_attributes(buffers, domains)
     before, _ = audit_arrays(points, faces, attributes=attributes)
     seams = find_seams(points, faces, attributes) if first is None else None
-    held, held_by = _without_doubles(buffers, domains, seams)
-    work = _Work(
-        held,
-        held_by,
+    carried, new_domains = _at_corners(buffers, domains, seams)
+    state = _State(
+        carried,
+        new_domains,
         level,
         unchanged(faces, len(points)),
         np.arange(len(points)),
@@ -211,33 +228,35 @@ def run_plan(
     )
     if seams is not None:
         first = with_vertices(seams.merged(faces), seams.first)
-    work.apply(first or unchanged(faces, len(points)))
-    for name in _turns(plan, work, options.peer):
-        work.do(name, lambda name=name: _step(name, work, options))  # type: ignore[misc]
-    if len(faces) and not len(work.face_map):
-        raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove every piece")
-    shown = [step for turn, step in enumerate(work.steps) if turn < len(plan) or step.changed]
-    if (first is None or seams is not None) and not any(step.changed for step in shown):
+    state.apply(first or unchanged(faces, len(points)))
+    # Run the steps. Repetitions that change nothing are not reported.
+    for name in _order_steps(plan, state, options.peer):
+        state.run_step(name, lambda name=name: _compute(name, state, options))  # type: ignore[misc]
+    if len(faces) and not len(state.face_map):
+        raise AssetError("TRIASSET_EMPTY", f"the plan {','.join(plan)} would remove all faces")
+    steps = [step for turn, step in enumerate(state.steps) if turn < len(plan) or step.changed]
+    if (first is None or seams is not None) and not any(step.changed for step in steps):
         same = (np.arange(len(points)), np.arange(len(faces)), np.zeros(len(faces), bool))
-        return Outcome(buffers, domains, *same, tuple(shown), before, before)
+        return Outcome(buffers, domains, *same, tuple(steps), before, before)
     if seams is not None:
-        doubled = "vertex is" if seams.doubles == 1 else "vertices are"
-        note = f"without its seams, at which {seams.doubles:,} {doubled} doubled: UVs are by corner now"
-        shown[0] = replace(shown[0], notes=(note, *shown[0].notes))
-    work.flush()
-    after, _ = audit_arrays(
-        work.points, work.pending.faces, attributes=seam_attributes(work.buffers, held_by)
-    )
-    maps = (work.vertex_map.astype(np.int64), work.face_map.astype(np.int64), work.turned)
-    return Outcome(work.buffers, held_by, *maps, tuple(shown), before, after)
+        vertices = "vertex was" if seams.doubles == 1 else "vertices were"
+        note = f"{seams.doubles:,} {vertices} merged at seams; UVs are stored per corner now"
+        steps[0] = replace(steps[0], notes=(note, *steps[0].notes))
+    # Audit the result.
+    state.flush()
+    attributes = seam_attributes(state.buffers, new_domains)
+    after, _ = audit_arrays(state.points, state.pending.faces, attributes=attributes)
+    maps = (state.vertex_map.astype(np.int64), state.face_map.astype(np.int64), state.turned)
+    return Outcome(state.buffers, new_domains, *maps, tuple(steps), before, after)
 
 
-def _without_doubles(
+def _at_corners(
     buffers: Buffers, domains: Mapping[str, Domain], seams: Seams | None
 ) -> tuple[Buffers, Mapping[str, Domain]]:
-    """Return the buffers with that by corner which merged vertices cannot hold, and their domains.
+    """Return the buffers and their domains, with vertex values moved to corners where vertices are merged.
 
-    UVs are so in any case: whatever else is merged, or added over a hole, must not stretch a texture.
+    Colours are moved if they differ at a seam. UVs are always moved, so that merging vertices or filling a
+    hole cannot distort the texture.
     """
     attributes = seam_attributes(buffers, domains)
     names = [
@@ -251,21 +270,21 @@ def _without_doubles(
     return {**buffers, **{name: buffers[name][corners] for name in names}}, {**domains, **by_corner}
 
 
-def _turns(plan: Sequence[str], work: _Work, peer: str | None) -> Iterator[str]:
-    """Yield the steps in turn, as long as one has changed something that could give another one work.
+def _order_steps(plan: Sequence[str], state: _State, peer: str | None) -> Iterator[str]:
+    """Yield the steps to run: the plan, and repetitions of steps that have new work after a change.
 
-    Vertices are welded in the first turn only: later ones would undo what was cut.
+    `weld` runs only once: repeated, it would merge the vertices that other steps have split.
     """
     again = [name for name in plan if name != "weld"]
     by_peer = BY_PEER.get(peer or "", ())
     waiting: set[str] = set()
-    for turn in range(1 + _MOST_ROUNDS):
+    for turn in range(1 + _MAX_ROUNDS):
         for name in again if turn else plan:
             if turn and name not in waiting:
                 continue
             waiting.discard(name)
             yield name
-            if work.steps[-1].changed:
+            if state.steps[-1].changed:
                 waiting |= {
                     other for other in again if other in by_peer or name not in _UNTOUCHED_BY.get(other, ())
                 }
@@ -274,56 +293,57 @@ def _turns(plan: Sequence[str], work: _Work, peer: str | None) -> Iterator[str]:
 
 
 def refuse_nonfinite(points: NDArray[Any]) -> None:
-    """Refuse positions that are not finite."""
+    """Raise MESH_NONFINITE for the first vertex of `points` (V, 3) that is not finite."""
     finite = np.isfinite(points)
     if not finite.all():
         row = int(np.argmin(finite.all(axis=1)))
-        text = f"vertex {row} is {points[row].tolist()}; a repair needs finite coordinates"
+        text = f"vertex {row} is {points[row].tolist()}; repairs need finite coordinates"
         raise MeshError("MESH_NONFINITE", text, pointer=f"vertices[{row}]")
 
 
-def what_is_left(after: Audit, split: str | None = None) -> list[str]:
-    """Return what still keeps a mesh from being manifold, consistently wound and free of doubles.
+def list_defects(after: Audit, split: str | None = None) -> list[str]:
+    """Return a description of each kind of defect that is left.
 
-    `split` says why a file does not share the vertices that the repaired mesh shares, if it does not.
+    `split` is the reason why a file stores the vertices of the repaired mesh separately, if it does.
     """
     after = after.judged
     counts, left = after.counts, []
-    why = "open stays open unless close fills holes"
+    hint = 'add "close" to the plan to fill holes'
     if counts.all_apart:
-        why = "a soup stays one unless weld merges vertices"
+        hint = 'faces share no vertices; add "weld" to the plan to merge them'
         if not after.corners_coincide:
-            why = "a soup stays one, because no two of its corners coincide"
+            hint = "faces share no vertices, and no two corners coincide, so weld cannot merge them"
     if split is not None:
-        why = f"the file is a soup, because {split}"
-    for key, one, many, text in (
+        hint = f"faces share no vertices: {split}"
+    for key, singular, plural, text in (
         ("nonmanifold_edges", "edge", "edges", " of more than two faces"),
         ("nonmanifold_vertices", "non-manifold vertex", "non-manifold vertices", ""),
-        ("boundary_edges", "boundary edge", "boundary edges", f": {why}"),
-        ("duplicate_faces", "face that repeats another", "faces that repeat another", ""),
-        ("inconsistent_winding_edges", "edge", "edges", " across which the winding flips"),
-        ("repeated_index_faces", "face that names", "faces that name", " a vertex twice"),
+        ("boundary_edges", "boundary edge", "boundary edges", f" ({hint})"),
+        ("duplicate_faces", "duplicate face", "duplicate faces", ""),
+        ("inconsistent_winding_edges", "edge", "edges", " between faces of opposite winding"),
+        ("repeated_index_faces", "face that uses", "faces that use", " a vertex twice"),
     ):
         if number := getattr(counts, key):
-            left.append(f"{number:,} {one if number == 1 else many}{text}")
+            left.append(f"{number:,} {singular if number == 1 else plural}{text}")
     return left
 
 
-def _step(name: str, work: _Work, options: Options) -> Change:
-    points, faces = work.points, work.pending.faces
+def _compute(name: str, state: _State, options: Options) -> Change:
+    """Return the change of the step `name` for the current mesh."""
+    points, faces = state.points, state.pending.faces
     if options.peer is not None and name in BY_PEER[options.peer]:
         from msb.topology.crosscheck.repairs import repair_by_peer
 
         return repair_by_peer(options.peer, name, points, faces, options.limits)
     least, most = int(options.debris_faces), int(options.close_edges)
     steps: dict[str, Callable[[], Change]] = {
-        "orient": lambda: orient(faces, len(points), only_turn=bool(_PARTING.intersection(options.plan))),
+        "orient": lambda: orient(faces, len(points), only_turn=bool(_RESOLVING.intersection(options.plan))),
         "cut": lambda: cut(faces, len(points)),
-        "pair": lambda: pair(points, faces, color_weight=options.pair_color, **work.colors()),
-        "drop": lambda: drop(points, faces, weights=work.weights),
+        "pair": lambda: pair(points, faces, color_weight=options.pair_color, **state.colors()),
+        "drop": lambda: drop(points, faces, weights=state.weights),
         "weld": lambda: weld(points, faces, options.weld),
         "debris": lambda: debris(
-            points, faces, least_faces=least, least_share=options.debris_share, weights=work.weights
+            points, faces, least_faces=least, least_share=options.debris_share, weights=state.weights
         ),
         "close": lambda: close(points, faces, most_edges=most, most_share=options.close_share),
     }

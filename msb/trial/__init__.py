@@ -1,4 +1,4 @@
-"""Try on a mesh what artists do with meshes, each task with the library they use, in a child process."""
+"""Try typical tasks of artists on a mesh. The usual library of each task runs in a child process."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Make attempts in child processes; one that hangs, crashes or takes too much costs itself alone.
+"""Run the attempts of a task in child processes, so that a hang or a crash affects only that attempt.
 
-Libraries have absolute limits: xatlas drops faces of less than 1e-7, and the first errors that
-fast-simplification lets pass are of 1e-6. So each is handed the mesh about its middle, in a unit of which the
-usual face has an area of 1; with the whole mesh of size 1 a far-flung face would make the others too small.
+Libraries have absolute limits: xatlas drops faces smaller than 1e-7, and fast-simplification cannot resolve
+errors below 1e-6. So a mesh is centred, and scaled until the median face has an area of 1. Scaling the whole
+mesh to size 1 would make most faces too small if one face is far away.
 """
 
 from __future__ import annotations
@@ -18,53 +18,51 @@ from numpy.typing import NDArray
 from msb.base.children import run_apart
 from msb.base.limits import Limits
 from msb.topology.faces import face_areas
-from msb.trial.mesh import TriedMesh
+from msb.trial.mesh import TrialMesh
 from msb.trial.registry import TASKS
-from msb.trial.task import Attempt, Attempted, Made, Task
+from msb.trial.task import Attempt, AttemptResult, Output, Task
 
 
 def run_attempt(
-    task: Task, attempt: Attempt, mesh: TriedMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
-) -> Attempted:
-    """Return what became of an attempt at a task; `arrays` are those that `Task.prepare` made."""
-    unit = None if attempt.any_unit else Unit.of(mesh)
-    given = mesh if unit is None else unit.enter(mesh)
-    further = arrays if unit is None else unit.enter_points(arrays)
-    reply = run_apart(work, f"{task.name} {attempt.library}", _joined({"mesh": given}, further), limits)
+    task: Task, attempt: Attempt, mesh: TrialMesh, arrays: Mapping[str, NDArray[Any]], limits: Limits
+) -> AttemptResult:
+    """Run an attempt at a task and return its result; `arrays` are made by `Task.prepare`."""
+    unit = Unit(1.0, np.zeros(3)) if attempt.any_unit else Unit.of(mesh)
+    inputs = _pack({"mesh": unit.to_unit(mesh)}, unit.arrays_to_unit(arrays))
+    reply = run_apart(work, f"{task.name} {attempt.library}", inputs, limits)
     if reply.ended_by == "time":
-        return Attempted(None, f"{reply.why} (--seconds gives more)", "time", reply.seconds)
-    known = None if reply.seconds is None else version(attempt.library)
+        return AttemptResult(None, f"{reply.why} (use a larger --seconds)", "time", reply.seconds)
+    known_version = None if reply.seconds is None else version(attempt.library)
     if reply.why:
-        return Attempted(None, reply.why, reply.ended_by, reply.seconds, known)
+        return AttemptResult(None, reply.why, reply.ended_by, reply.seconds, known_version)
     try:
-        made = Made(reply.data, *_parted(reply.arrays))
+        output = Output(reply.data, *_unpack(reply.arrays))
     except ValueError as error:
-        return Attempted(None, str(error), "crash")
-    return Attempted(
-        made if unit is None else unit.leave(made, task.powers), seconds=reply.seconds, version=known
-    )
+        return AttemptResult(None, str(error), "crash")
+    output = unit.from_unit(output, task.powers)
+    return AttemptResult(output, seconds=reply.seconds, version=known_version)
 
 
 def work(word: str, arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, dict[str, NDArray[Any]]]:
-    """Make the attempt "TASK LIBRARY"; runs in the child process."""
+    """Run the attempt "TASK LIBRARY"; the function for the child process."""
     name, library = word.split()
     task = TASKS[name]
-    attempt = next(one for one in (*task.attempts, *task.instead) if one.library == library)
-    meshes, further = _parted(arrays)
-    made = attempt.work(meshes["mesh"], further)
-    return made.numbers, _joined(made.meshes, made.arrays)
+    attempt = next(entry for entry in (*task.attempts, *task.fallbacks) if entry.library == library)
+    meshes, further = _unpack(arrays)
+    output = attempt.work(meshes["mesh"], further)
+    return output.numbers, _pack(output.meshes, output.arrays)
 
 
-def _joined(meshes: Mapping[str, TriedMesh], arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of meshes, as MESH.KEY, and further ones."""
+def _pack(meshes: Mapping[str, TrialMesh], arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of all meshes under the names "MESH.ARRAY", together with `arrays`."""
     parts = {f"{name}.{key}": array for name, mesh in meshes.items() for key, array in mesh.arrays().items()}
     return {**parts, **arrays}
 
 
-def _parted(
+def _unpack(
     arrays: Mapping[str, NDArray[Any]],
-) -> tuple[dict[str, TriedMesh], dict[str, NDArray[Any]]]:
-    """Return the meshes and the further arrays that `_joined` put together."""
+) -> tuple[dict[str, TrialMesh], dict[str, NDArray[Any]]]:
+    """Return the meshes and the further arrays in the result of `_pack`."""
     parts: dict[str, dict[str, NDArray[Any]]] = {}
     further: dict[str, NDArray[Any]] = {}
     for name, array in arrays.items():
@@ -73,56 +71,58 @@ def _parted(
             parts.setdefault(mesh, {})[key] = array
         else:
             further[name] = array
-    return {mesh: TriedMesh.of(mesh, own) for mesh, own in parts.items()}, further
+    return {mesh: TrialMesh.of(mesh, rows) for mesh, rows in parts.items()}, further
 
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A length, and the point (3,) that places are counted from, in the asset's coordinates."""
+    """A coordinate system for libraries: a unit of length and an origin (3,), in the asset's coordinates."""
 
     length: float
-    middle: NDArray[np.float64]
+    origin: NDArray[np.float64]
 
     @classmethod
-    def of(cls, mesh: TriedMesh) -> Unit:
-        """Return the unit in which libraries are handed `mesh`."""
-        sizes = face_areas(mesh.vertices, mesh.faces)[0]
-        sizes = sizes[sizes > 0]
-        length = float(np.sqrt(np.median(sizes))) if len(sizes) else mesh.diagonal
+    def of(cls, mesh: TrialMesh) -> Unit:
+        """Return the unit for `mesh`: the side of a square with the area of the median face."""
+        areas = face_areas(mesh.vertices, mesh.faces)[0]
+        areas = areas[areas > 0]
+        length = float(np.sqrt(np.median(areas))) if len(areas) else mesh.diagonal
         is_used = np.zeros(len(mesh.vertices), bool)
         is_used[mesh.faces] = True
         used = mesh.vertices[is_used].astype(np.float64)
         return cls(length or 1.0, np.median(used, axis=0) if len(used) else np.zeros(3))
 
-    def enter(self, mesh: TriedMesh) -> TriedMesh:
-        """Return the asset's mesh in this unit, its vertices in float64."""
-        return replace(mesh, vertices=self._entered(mesh.vertices))
+    def to_unit(self, mesh: TrialMesh) -> TrialMesh:
+        """Return `mesh` in this unit, with float64 vertices."""
+        return replace(mesh, vertices=self._scale(mesh.vertices))
 
-    def enter_points(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-        """Return the arrays, those of points in this unit."""
-        return {name: self._entered(one) if _are_points(one) else one for name, one in arrays.items()}
+    def arrays_to_unit(self, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        """Return the arrays with points converted to this unit."""
+        return {name: self._scale(rows) if _are_points(rows) else rows for name, rows in arrays.items()}
 
-    def leave(self, made: Made, powers: Mapping[str, int]) -> Made:
-        """Return what was made in this unit in that of the asset.
+    def from_unit(self, output: Output, powers: Mapping[str, int]) -> Output:
+        """Return an output in this unit converted to the asset's coordinates.
 
-        `powers` are 1, 2 or 3 for numbers that are lengths, areas or volumes.
+        `powers` are the dimensions of its numbers: length (1), area (2) or volume (3).
         """
         numbers = {
             name: value * self.length ** powers[name] if name in powers and value is not None else value
-            for name, value in made.numbers.items()
+            for name, value in output.numbers.items()
         }
         meshes = {
-            name: replace(one, vertices=self._left(one.vertices).astype(np.float32))
-            for name, one in made.meshes.items()
+            name: replace(mesh, vertices=self._unscale(mesh.vertices).astype(np.float32))
+            for name, mesh in output.meshes.items()
         }
-        arrays = {name: self._left(one) if _are_points(one) else one for name, one in made.arrays.items()}
-        return Made(numbers, meshes, arrays)
+        arrays = {
+            name: self._unscale(rows) if _are_points(rows) else rows for name, rows in output.arrays.items()
+        }
+        return Output(numbers, meshes, arrays)
 
-    def _entered(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        return np.asarray((points.astype(np.float64) - self.middle) / self.length)
+    def _scale(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        return np.asarray((points.astype(np.float64) - self.origin) / self.length)
 
-    def _left(self, points: NDArray[Any]) -> NDArray[np.float64]:
-        return np.asarray(points.astype(np.float64) * self.length + self.middle)
+    def _unscale(self, points: NDArray[Any]) -> NDArray[np.float64]:
+        return np.asarray(points.astype(np.float64) * self.length + self.origin)
 
 
 def _are_points(array: NDArray[Any]) -> bool:

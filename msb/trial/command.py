@@ -1,4 +1,4 @@
-"""`msb trial`: try on a mesh what artists do with meshes, and say what happened."""
+"""`msb trial`: try typical tasks of artists on a mesh, and print the results."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ from msb.cli.command import Typed, command, option_value
 from msb.cli.output import LinesOutput, Output, echo, report_error
 from msb.errors import GateFailed, MsbError, UsageError, one_line
 from msb.render.options import NO_CAMERAS, Drawing, Views
+from msb.repair.command import PLAN_STEPS
 
 if TYPE_CHECKING:
     from msb.trial.run import Trial, Trials
     from msb.trial.task import Outcome
 
-# Outcome -> what is printed, and its colour.
+# Outcome -> its text in the table, and the colour.
 _WORDS: dict[Outcome, tuple[str, str]] = {
     "works": ("works", "green"),
-    "care": ("with care", "yellow"),
+    "care": ("with limitations", "yellow"),
     "fails": ("FAILS", "red"),
     "not_run": ("not run", "dim"),
 }
-# The outcomes on which a gate fails.
+# The outcomes that --fail-on reports, with their texts.
 _FAILING: dict[Outcome, str] = {"fails": "fails", "not_run": "is not run"}
 
 
 @dataclass(frozen=True)
 class TrialOptions:
-    """What is tried, on what, and what is kept of it."""
+    """The options of `msb trial`."""
 
     tasks: Annotated[
         tuple[str, ...],
         Option(
-            "uv, decimate, subdivide, boolean, collision, solid, intersections. May be given again. "
+            "uv, decimate, subdivide, boolean, collision, solid or intersections. May be repeated. "
             "Default: all.",
             ("--task",),
             metavar="TASK",
@@ -45,22 +46,19 @@ class TrialOptions:
     weld: Annotated[str | None, Option("Merge coincident vertices first.", metavar="exact|EPS")] = None
     plan: Annotated[
         str | None,
-        Option(
-            "Repair the mesh first by these steps of msb repair, whose default is orient,pair.",
-            metavar="STEPS",
-        ),
+        Option(f"Repair the mesh first. {PLAN_STEPS}", metavar="STEPS"),
     ] = None
     save: Annotated[
         Path | None,
         Option(
-            "Keep what was made: GLB (uv with its UVs), and a picture of each task.",
+            "Save the results as GLB files, and an image of each task, in FOLDER.",
             metavar="FOLDER",
             output="own",
         ),
     ] = None
     fail_on: Annotated[
         tuple[str, ...],
-        Option("Fail if this task fails or cannot be run. May be given again.", metavar="TASK"),
+        Option("Exit with status 1 if this task fails or cannot run. May be repeated.", metavar="TASK"),
     ] = ()
 
 
@@ -84,11 +82,11 @@ def trial(
     output: LinesOutput,
     typed: Typed,
 ) -> int:
-    """Try what artists do with meshes: unwrap, decimate, subdivide, cut, make a collision shape, print.
+    """Try typical tasks of artists: unwrap, decimate, subdivide, cut, make a collision shape, print.
 
-    Each task is done by the libraries that artists' tools use, on the mesh as it is stored (or welded, or
-    repaired, on request), in a process that is ended at its limits. How the results look is judged by
-    --cameras, else by the cameras of the training where they lie beside the model, else by views round it.
+    Each task runs the libraries that artists' tools use, in a child process with time and memory limits, on
+    the mesh as stored (or welded or repaired, on request). The appearance of results is judged in the views
+    of --cameras, else in the training views if they are stored with the model, else in generated views.
     """
     from msb.api.command_files import for_each
     from msb.trial.run import SCHEMA
@@ -96,11 +94,11 @@ def trial(
     if views.cameras is None:
         typed.reject(["camera"], NO_CAMERAS)
     run = _Run(options, views, limits, drawing, output)
-    return for_each(paths, SCHEMA, output, run.one, ["--save"] if options.save else [])[0]
+    return for_each(paths, SCHEMA, output, run.try_path, ["--save"] if options.save else [])[0]
 
 
 class _Run:
-    """One run of the command: what is wrong with its options is said before any mesh is read."""
+    """One run of the command. The options are validated before any mesh is read."""
 
     def __init__(
         self, options: TrialOptions, views: Views, limits: Limits, drawing: Drawing, output: Output
@@ -112,8 +110,8 @@ class _Run:
 
         gated = {task.name for task in chosen_tasks(options.fail_on)} if options.fail_on else set()
         tasks = chosen_tasks(options.tasks)
-        if away := gated - {task.name for task in tasks}:
-            raise UsageError("USAGE", f"--fail-on names {min(away)}, which --task leaves out")
+        if missing := gated - {task.name for task in tasks}:
+            raise UsageError("USAGE", f"--fail-on {min(missing)} needs the same task in --task")
         check_libraries(tasks)
         self.output, self.save, self.gated = output, options.save, gated
         self.tasks = [task.name for task in tasks]
@@ -121,7 +119,7 @@ class _Run:
             self.plan = None if options.plan is None else parse_plan(options.plan)
         with option_value("--weld"):
             weld = None if options.weld is None else parse_weld(options.weld)
-        self.asked: dict[str, Any] = {
+        self.arguments: dict[str, Any] = {
             "weld": weld,
             "repair": options.plan,
             "cameras": None if views.cameras is None else views.of(read_cameras(str(views.cameras))),
@@ -130,13 +128,13 @@ class _Run:
         }
         if options.save is not None:
             output.check_folder(options.save)
-        drawing.check_device()  # without any device it is tried what needs no pictures
+        drawing.check_device()  # without any device, tasks that need no renderings are tried
         if not limits.limits_memory:
-            output.note("warning: this system has no limit of memory for a process; only --seconds holds")
+            output.note("warning: --memory has no effect on this system; only --seconds limits the libraries")
         self.printed = False
 
-    def one(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
-        """Try the tasks on what is at `path`; return the JSON data, and the status of the gates."""
+    def try_path(self, path: Path, _alone: bool) -> tuple[dict[str, Any], int]:
+        """Try the tasks on the asset at `path`; return the JSON data and the exit status."""
         from msb.api.command_files import open_asset
         from msb.base.own_folder import own_folder
         from msb.trial.run import try_asset
@@ -151,58 +149,56 @@ class _Run:
                 self.output.counted("trying", len(self.tasks)) as step,
             ):
 
-                def watch(one: Trial) -> None:
+                def watch(trial: Trial) -> None:
                     step()
-                    self.output.note(f"{one.task}: {_WORDS[one.outcome][0]}, {one.seconds:.1f} s", level=1)
+                    word, _ = _WORDS[trial.outcome]
+                    self.output.note(f"{trial.task}: {word}, {trial.seconds:.1f} s", level=1)
 
-                result = try_asset(asset, self.tasks, **self.asked, keep=keep, watch=watch)
-        except MsbError as error:  # it is said even if it cannot be kept: minutes of work
+                result = try_asset(asset, self.tasks, **self.arguments, keep=keep, watch=watch)
+        except MsbError as error:  # print the results of minutes of work even if they cannot be saved
             if result is None:
                 raise
             self.output.reword(error)
             status = report_error(error)
-        self.say(result, one_line(str(path)), kept=self.save is not None and not status)
-        failed = (one for one in result.trials if one.task in self.gated and one.outcome in _FAILING)
-        texts = (f"{one.task} {_FAILING[one.outcome]}: {one.why}" for one in failed)
+        self.show(result, one_line(str(path)), saved=self.save is not None and not status)
+        gated = (entry for entry in result.trials if entry.task in self.gated and entry.outcome in _FAILING)
+        texts = (f"{entry.task} {_FAILING[entry.outcome]}: {entry.why}" for entry in gated)
         status = max(status, *(report_error(GateFailed("GATE_FAILED", text, file=path)) for text in texts), 0)
         return {**result.to_dict(), "path": str(path)}, status
 
-    def say(self, result: Trials, name: str, *, kept: bool) -> None:
-        """Print what came of it, and note what it was judged by."""
-        seen_by = result.cameras
-        if "no_pictures" in seen_by:
-            self.output.note(f"{seen_by['no_pictures']}; so nothing is judged by how it looks")
-        elif "see_nothing" in seen_by:
-            text = f"{seen_by['see_nothing']} of the views see none of the mesh, and do not count"
-            self.output.note(text)
-        if self.output.prints_text:
-            self.show(result, name, kept=kept)
-
-    def show(self, result: Trials, name: str, *, kept: bool) -> None:
-        """Print the table, or with --quiet what it comes to."""
+    def show(self, result: Trials, name: str, *, saved: bool) -> None:
+        """Print the results as a table, or as one line with --quiet; note missing renderings."""
         from msb.trial.run import summary
 
+        seen_by = result.cameras
+        if "no_pictures" in seen_by:
+            self.output.note(f"{seen_by['no_pictures']}; the appearance of results is not judged")
+        elif "see_nothing" in seen_by:
+            text = f"{seen_by['see_nothing']} of the views do not see the mesh and are ignored"
+            self.output.note(text)
+        if not self.output.prints_text:
+            return
         if self.output.quiet:
             echo(f"{name}: {summary(result.trials)}")
             return
         if self.printed:
             echo()
         self.printed = True
-        changed = "" if self.asked["weld"] is None else ", welded"
-        changed += "" if self.plan is None else f", repaired by {','.join(self.plan.plan)}"
+        changed = "" if self.arguments["weld"] is None else ", welded"
+        changed += "" if self.plan is None else f", repaired with {','.join(self.plan.plan)}"
         echo(f"{name}: {result.mesh['vertices']:,} vertices, {result.mesh['faces']:,} faces{changed}")
-        echo(f"views: {result.cameras['views']}")
+        echo(f"Views: {result.cameras['views']}")
         rows = [
             (
-                one.title,
-                _WORDS[one.outcome],
-                "-" if one.outcome == "not_run" else f"{one.seconds:.1f}",
-                one_line("; ".join(filter(None, (one.says, one.why)))),
+                trial.title,
+                _WORDS[trial.outcome],
+                "-" if trial.outcome == "not_run" else f"{trial.seconds:.1f}",
+                one_line("; ".join(filter(None, (trial.says, trial.why)))),
             )
-            for one in result.trials
+            for trial in result.trials
         ]
-        headers = ("Task", "Outcome", "Seconds", "What was made, and what is wrong with it")
+        headers = ("Task", "Outcome", "Seconds", "Result and problems")
         self.output.table(headers, rows, right=[2], whole=True)
-        if kept:
-            files = ", ".join(file for one in result.trials for file in one.files)
-            echo(f"kept in {one_line(str(self.save))}: {files}")
+        if saved:
+            files = ", ".join(file for trial in result.trials for file in trial.files)
+            echo(f"Saved in {one_line(str(self.save))}: {files}")

@@ -1,4 +1,4 @@
-"""The mesh that tasks are tried on: arrays with a colour at every vertex."""
+"""The mesh that tasks are tried on: arrays with vertex colours."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from msb.asset.drawable import check_drawable
 from msb.asset.look import colors_of, stored_threshold, visible_faces
 from msb.errors import about
 from msb.meshes import Mesh
+from msb.meshes.colors import as_floats
 from msb.topology import audit_arrays
 from msb.topology.seams import find_seams
 from msb.topology.verdict import Verdict, judge
@@ -24,10 +25,10 @@ from msb.topology.weld import Weld, weld_vertices
 
 
 @dataclass(frozen=True, eq=False)
-class TriedMesh:
-    """A triangle mesh with a colour (V, 3) in [0, 1] at every vertex.
+class TrialMesh:
+    """A triangle mesh with vertex colours (V, 3) in [0, 1] and optional texture coordinates (V, 2).
 
-    Vertices are float32, and float64 between us and a library; vertex numbers of faces are all in range.
+    Vertices (V, 3) are float32, or float64 for libraries. The indices in `faces` (F, 3) are all valid.
     """
 
     vertices: NDArray[np.floating[Any]]
@@ -37,13 +38,13 @@ class TriedMesh:
 
     @property
     def diagonal(self) -> float:
-        """The length of the bounding box's diagonal, of the vertices that faces use."""
+        """The length of the bounding-box diagonal, without unused vertices."""
         used = self.vertices[np.unique(self.faces)].astype(np.float64)
         return float(np.linalg.norm(np.ptp(used, axis=0))) if len(used) else 0.0
 
     @cached_property
     def verdict(self) -> Verdict:
-        """What an audit says: seams of UVs, which double vertices, are no fault of the surface."""
+        """The verdict of the audit. Vertices that are split at UV seams count as merged."""
         attributes = {} if self.uv is None else {"uv": self.uv}
         return judge(audit_arrays(self.vertices, self.faces, attributes=attributes)[0])
 
@@ -55,19 +56,25 @@ class TriedMesh:
         return digest.hexdigest()
 
     def to_mesh(self) -> Mesh:
-        """Return it as what mesh files hold."""
+        """Return the mesh as a `Mesh` for mesh files."""
         return Mesh(self.vertices, self.faces, self.colors, vertex_uvs=self.uv)
 
+    def unshared(self, colors: NDArray[np.float32]) -> TrialMesh:
+        """Return the triangle soup with three vertices per face, and `colors` (3F, 3) at these."""
+        corners = self.faces.reshape(-1)
+        faces = np.arange(len(corners), dtype=np.int64).reshape(-1, 3)
+        return TrialMesh(self.vertices[corners], faces, colors)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return its arrays by their names."""
-        own = {"vertices": self.vertices, "faces": self.faces, "colors": self.colors}
-        return own if self.uv is None else {**own, "uv": self.uv}
+        """Return the arrays by name."""
+        arrays = {"vertices": self.vertices, "faces": self.faces, "colors": self.colors}
+        return arrays if self.uv is None else {**arrays, "uv": self.uv}
 
     @classmethod
-    def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TriedMesh:
-        """Return the mesh of `arrays`; what a library made of it may be of other types and shapes.
+    def of(cls, name: str, arrays: Mapping[str, NDArray[Any]]) -> TrialMesh:
+        """Return the mesh with these arrays, after checking the types and shapes that a library returned.
 
-        ValueError says what is wrong with the mesh of this name.
+        Raise ValueError if they are invalid; `name` is the name of the mesh in the message.
         """
         checked: dict[str, Any] = {}
         for key, width, kind in (
@@ -80,7 +87,7 @@ class TriedMesh:
                 continue
             array = arrays[key]
             if array.ndim != 2 or array.shape[1] != width or array.dtype.kind not in kind:
-                raise ValueError(f"{key} of the mesh {name} is {array.shape} {array.dtype}")
+                raise ValueError(f"{key} of the mesh {name} has shape {array.shape} and type {array.dtype}")
             if not np.isfinite(array).all():
                 raise ValueError(f"{key} of the mesh {name} are not all finite")
             checked[key] = (
@@ -88,24 +95,24 @@ class TriedMesh:
             )
         faces = checked["faces"]
         if faces.size and not 0 <= faces.min() <= faces.max() < len(checked["vertices"]):
-            raise ValueError(f"a face of the mesh {name} uses a vertex that it does not have")
+            raise ValueError(f"the mesh {name} has a vertex index out of range")
         return cls(**checked)
 
 
-def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
-    """Return the mesh of `asset` as it is stored, without its seams and the faces its STE threshold hides.
+def prepare_mesh(asset: Asset, weld: Weld | None = None) -> TrialMesh:
+    """Return the mesh of `asset` for trials, without seams and faces below its STE threshold.
 
-    Colours of faces and corners become the means of the faces at each vertex, so that the mesh keeps its
-    vertices as they are; without any colours it is white. Vertices that were doubled at seams, or that `weld`
-    merges first, have the mean colour, too.
+    Face and corner colours are averaged at each vertex, so that no vertex needs to be split. A mesh without
+    colours is white. Vertices that are merged, at seams or by `weld`, get the average of their colours.
     """
     check_drawable(asset, ("positions", "color", "f_dc"))
     vertices = np.asarray(asset.buffers["positions"], np.float32)
     faces = asset.buffers["indices"].astype(np.int64)
     colors = _vertex_colors(asset, faces)
-    shown = visible_faces(asset, stored_threshold(asset))
+    visible = visible_faces(asset, stored_threshold(asset))
     seams = find_seams(vertices, faces, stored_mesh(asset).attributes)
-    corners = faces if shown is None else faces[shown]
+    # Merge vertices at seams, then coincident ones.
+    corners = faces if visible is None else faces[visible]
     merged, faces = vertices, corners
     if seams is not None:
         merged, faces = vertices[seams.first], seams.merged(faces)
@@ -113,27 +120,26 @@ def mesh_to_try(asset: Asset, weld: Weld | None = None) -> TriedMesh:
         with about(asset.path):
             merged, faces = weld_vertices(merged, faces, weld)
     if merged is not vertices:
-        # A vertex that no face uses merges with none that is seen, so corners tell all that matters.
-        colors = _means(faces.reshape(-1), colors[corners.reshape(-1)], len(merged))
-    return TriedMesh(merged, faces, colors)
+        # Average the colours over the corners of each merged vertex. Unused vertices do not matter.
+        colors = _averages(faces.reshape(-1), colors[corners.reshape(-1)], len(merged))
+    return TrialMesh(merged, faces, colors)
 
 
 def _vertex_colors(asset: Asset, faces: NDArray[np.int64]) -> NDArray[np.float32]:
+    """Return the colours (V, 3) of the vertices; face and corner colours are averaged."""
     stored = colors_of(asset)
     if stored is None:
         return np.ones((asset.manifest.vertex_count, 3), np.float32)
-    values = stored.values[:, :3]
-    scale = np.float32(255 if values.dtype == np.uint8 else 1)
-    values = (values / scale).astype(np.float32)
+    values = as_floats(stored.values[:, :3])
     if stored.domain == "vertex":
         return values
     corners = np.repeat(values, 3, axis=0) if stored.domain == "face" else values
-    return _means(faces.reshape(-1), corners, asset.manifest.vertex_count)
+    return _averages(faces.reshape(-1), corners, asset.manifest.vertex_count)
 
 
-def _means(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
-    """Return the mean of the values (n, 3) of each of `count` groups; white where a group has none."""
+def _averages(group: NDArray[np.int64], values: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+    """Return the average (`count`, 3) of the values (n, 3) of each group (n,); white for empty groups."""
     size = np.bincount(group, minlength=count)
     sums = np.stack([np.bincount(group, values[:, k], count) for k in range(3)], axis=1)
-    means = sums / np.maximum(size, 1)[:, None]
-    return np.where(size[:, None] > 0, means, 1.0).astype(np.float32)
+    averages = sums / np.maximum(size, 1)[:, None]
+    return np.where(size[:, None] > 0, averages, 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The tasks there are, by name."""
+"""The table of tasks, and the selection of tasks and libraries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from msb.errors import UsageError, shorten
 if TYPE_CHECKING:
     from msb.trial.task import Attempt, Task
 
-# Modules of `msb.trial.tasks`, each with its `TASKS`, in the order of reports.
+# The modules of `msb.trial.tasks` in the order of reports. Each has a tuple `TASKS`.
 _MODULES = ("uv", "decimate", "subdivide", "boolean", "collision", "solid", "self_intersections")
 
 # Name -> task.
@@ -22,43 +22,43 @@ TASKS: dict[str, Task] = {
 
 
 def chosen_tasks(names: Iterable[str] | str) -> list[Task]:
-    """Return the tasks of these names, all if there are none; a word of a name stands for all that have it.
+    """Return the tasks with these names; all tasks by default.
 
-    Names may also stand between commas.
+    A word of a name selects all tasks with that word. A name may be a list separated by commas.
     """
-    chosen: dict[str, Task] = {}
+    selected: dict[str, Task] = {}
     if not isinstance(names, Iterable):
         raise UsageError("USAGE", f"tasks is {shorten(repr(names), 40)}; it must be names of tasks")
     groups = [names] if isinstance(names, str) else names
-    for name in (one.strip() for group in groups for one in f"{group}".split(",")):
-        own = {key: task for key, task in TASKS.items() if key == name or _has_word(key, name)}
-        if not own:
-            text = f'there is no task "{shorten(name, 40)}"; there are {", ".join(TASKS)}'
+    for name in (word.strip() for group in groups for word in f"{group}".split(",")):
+        matching = {key: task for key, task in TASKS.items() if key == name or _has_word(key, name)}
+        if not matching:
+            text = f'unknown task "{shorten(name, 40)}"; use one of {", ".join(TASKS)}'
             raise UsageError("USAGE", text)
-        chosen |= own
-    return [task for key, task in TASKS.items() if key in chosen] if chosen else list(TASKS.values())
+        selected |= matching
+    return [task for key, task in TASKS.items() if key in selected] if selected else list(TASKS.values())
 
 
-def able(attempts: Iterable[Attempt]) -> list[Attempt]:
+def select_installed(attempts: Iterable[Attempt]) -> list[Attempt]:
     """Return the attempts whose libraries are installed."""
-    return [one for one in attempts if all(map(is_installed, one.modules))]
+    return [attempt for attempt in attempts if all(map(is_installed, attempt.modules))]
 
 
 def check_libraries(tasks: Sequence[Task]) -> None:
-    """Refuse tasks some of which cannot be tried, where no library of the extra is there for the others."""
-    by_task = {task.name: {one.library for one in able(task.attempts)} for task in tasks}
+    """Raise EXTRA_MISSING if tasks lack libraries, and no library of the extra is installed for any task."""
+    libraries = {task.name: {entry.library for entry in select_installed(task.attempts)} for task in tasks}
     without_the_extra = {"numpy"}
-    if all(by_task.values()) or set().union(*by_task.values()) - without_the_extra:
+    if all(libraries.values()) or set().union(*libraries.values()) - without_the_extra:
         return
-    rest = [name for name, libraries in by_task.items() if libraries]
-    instead = f"{' and '.join(rest)} can be tried without it" if rest else ""
-    what = f"trying {', '.join(name for name in by_task if name not in rest)}"
+    possible = [name for name, installed in libraries.items() if installed]
+    instead = f"{' and '.join(possible)} can be tried without it" if possible else ""
+    what = f"trying {', '.join(name for name in libraries if name not in possible)}"
     need_extra("trial", *missing_modules(tasks), what=what, instead=instead)
 
 
 def missing_modules(tasks: Iterable[Task]) -> list[str]:
     """Return the modules that these tasks need and that are not installed."""
-    needed = dict.fromkeys(name for task in tasks for one in task.attempts for name in one.modules)
+    needed = dict.fromkeys(name for task in tasks for entry in task.attempts for name in entry.modules)
     return [name for name in needed if not is_installed(name)]
 
 

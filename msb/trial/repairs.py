@@ -1,4 +1,4 @@
-"""Try ways to repair an asset, and say of each what it keeps, what it costs and how long it takes."""
+"""Compare repair plans: the mesh that each plan keeps, its cost in image quality, and its tasks that work."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from msb.api.auditing import audit_stored
 from msb.api.opening import stored_mesh
 from msb.asset.tiers import why_not
 from msb.base.children import check_room
-from msb.base.limits import Limits
 from msb.errors import MsbError, OutputError
 from msb.render import Renderer
 from msb.render.backend import lean_options
@@ -20,7 +19,7 @@ from msb.render.images import to_bytes
 from msb.repair.assets import repair_asset
 from msb.repair.pictures import keep_picture
 from msb.topology.halfedge import NONE
-from msb.trial.look import BACKGROUND, likeness
+from msb.trial.renderings import BACKGROUND, compare_images
 from msb.trial.run import try_asset
 from msb.views import choose_views
 
@@ -42,9 +41,9 @@ if TYPE_CHECKING:
 
 SCHEMA = "msb.repair_compare/1"
 TIERS: tuple[Tier, ...] = ("standard", "dedicated")
-# The row of the asset itself.
+# The name of the row for the asset without repair.
 STORED = "as stored"
-# Name of the row -> plan, and the peer that does the step in our stead.
+# Name of the strategy -> its plan, and the library that does the step instead of MeshSplatBench.
 STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "orient,pair": (("orient", "pair"), None),
     "orient,cut": (("orient", "cut"), None),
@@ -55,16 +54,16 @@ STRATEGIES: dict[str, tuple[tuple[str, ...], Peer | None]] = {
     "cut by igl": (("cut",), "igl"),
     "drop by pymeshlab": (("drop",), "pymeshlab"),
 }
-# The tasks that are tried on what each strategy makes, if nothing else is said: those that take seconds.
+# The tasks that are tried on every result by default. They take only seconds.
 TASKS = ("uv", "decimate_50", "subdivide", "boolean", "solid")
 
 
 @dataclass(frozen=True)
-class Look:
-    """How a repaired asset looks on one tier, beside the original.
+class TierLikeness:
+    """The similarity of renderings of a repaired asset to the original on one tier.
 
-    `psnr` is the mean over the views in dB, as trials are judged (`msb.trial.look`), None where every pixel
-    is the `same` or nothing is drawn; `why` then says why there is no picture.
+    `psnr` is the average over the views in dB. It is None if all images are the `same`, or if the tier cannot
+    be rendered; `why` is then the reason.
     """
 
     psnr: float | None = None
@@ -73,8 +72,8 @@ class Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
-    """What a strategy makes of the asset; `why` says that it failed, and then there is nothing else."""
+class StrategyResult:
+    """The result of a strategy. If it failed, only `why` is set."""
 
     strategy: str
     plan: tuple[str, ...] = ()
@@ -84,16 +83,16 @@ class Row:
     edges_cut: int = 0
     before: Audit | None = None
     after: Audit | None = None
-    looks: dict[Tier, Look] | None = None
-    tried: tuple[Trial, ...] = ()
-    tried_before: tuple[Trial, ...] = ()
+    looks: dict[Tier, TierLikeness] | None = None
+    trials: tuple[Trial, ...] = ()
+    trials_before: tuple[Trial, ...] = ()
     size: int = 0
     seconds: float = 0.0
     why: str | None = None
     picture: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the row as JSON data."""
+        """Return the result as JSON data."""
         data: dict[str, Any] = {
             "strategy": self.strategy,
             "plan": list(self.plan),
@@ -117,29 +116,29 @@ class Row:
             "verdict_before": self.before.verdict,
             "verdict_after": self.after.verdict,
             "looks": {tier: dict(vars(look)) for tier, look in self.looks.items()},
-            "trials": {one.task: one.outcome for one in self.tried},
-            "trials_passed_before": passed(self.tried_before),
-            "trials_passed_after": passed(self.tried),
+            "trials": {trial.task: trial.outcome for trial in self.trials},
+            "trials_passed_before": count_passed(self.trials_before),
+            "trials_passed_after": count_passed(self.trials),
             "bytes": self.size,
             "seconds": self.seconds,
             "picture": self.picture,
         }
 
 
-def document(path: str | None, views: str, rows: Iterable[Row]) -> dict[str, Any]:
-    """Return a comparison as JSON data; `views` says what it was looked at from, such as "8 test views"."""
+def document(path: str | None, views: str, rows: Iterable[StrategyResult]) -> dict[str, Any]:
+    """Return a comparison as JSON data; `views` describes the views, such as "8 test views"."""
     return {"schema": SCHEMA, "path": path, "views": views, "strategies": [row.to_dict() for row in rows]}
 
 
-def passed(trials: Iterable[Trial]) -> int:
-    """Return how many tasks work, with care or without."""
-    return sum(one.outcome in ("works", "care") for one in trials)
+def count_passed(trials: Iterable[Trial]) -> int:
+    """Return the number of tasks that work, with or without limitations."""
+    return sum(trial.outcome in ("works", "care") for trial in trials)
 
 
 def strategies(options: Options) -> dict[str, tuple[tuple[str, ...], Peer | None]]:
-    """Return `STRATEGIES`, and the plan of `options` if it is none of them."""
-    own = ",".join(options.plan)
-    return STRATEGIES if own in STRATEGIES else {**STRATEGIES, own: (options.plan, None)}
+    """Return `STRATEGIES`, and also the plan of `options` if it is a different one."""
+    name = ",".join(options.plan)
+    return STRATEGIES if name in STRATEGIES else {**STRATEGIES, name: (options.plan, None)}
 
 
 def compare(
@@ -151,54 +150,56 @@ def compare(
     device: str | None = None,
     keep: Path | None = None,
     step: Callable[[], None] = lambda: None,
-) -> list[Row]:
-    """Return a row for the asset as stored, and one for each strategy.
+) -> list[StrategyResult]:
+    """Return a row for the asset as stored, and one for the result of each strategy.
 
     Parameters
     ----------
     cameras : Views or iterable of Camera
-        The views over which looks are compared, as far as they see the asset.
+        The views for comparing renderings. Views that do not see the asset are ignored.
     options : Options
-        Numbers of the steps, limits of the peers and of the libraries that try tasks, and one more plan.
+        Options of the steps, limits of child processes, and one additional plan.
     tasks : sequence of str
-        Names of the tasks that are tried on the asset and on what each strategy makes.
+        Names of the tasks to try on the asset and on every result.
     keep : Path, optional
-        The folder that gets a picture of each strategy, from the first camera.
+        A folder for an image of each result, from the first camera.
     step : callable
-        Called after each row; there is one for each of `strategies`, and one more.
+        Called after each row. There is one row more than `strategies` has entries.
     """
     check_room({name: asset.buffers[name] for name in ("positions", "indices")})
     views = choose_views(asset, cameras).seeing(asset, device)
-    judge = _Judge(views, tasks, options.limits, device)
+    evaluator = _Evaluator(views, tasks, options.limits, device)
+    # The asset as stored.
     audit, _ = audit_stored(stored_mesh(asset))
-    looks, before = judge.result(asset)
-    stored = Row(
+    looks, before = evaluator.evaluate(asset)
+    stored = StrategyResult(
         STORED,
         faces_kept=asset.manifest.face_count,
         before=audit,
         after=audit,
         looks=looks,
-        tried=before,
-        tried_before=before,
+        trials=before,
+        trials_before=before,
         size=_size(asset),
     )
     step()
+    # The strategies. One that fails gets a row with the reason.
     rows = [stored]
     for name, (steps, peer) in strategies(options).items():
         start = time.perf_counter()
         try:
             done = repair_asset(asset, replace(options, plan=steps, peer=peer))
-        except OutputError:  # of temporary files: no fault of the strategy
+        except OutputError:  # temporary files cannot be written: not the strategy's fault
             raise
         except MsbError as error:
-            rows.append(Row(name, steps, peer, why=f"{error.code}: {error.message}"))
+            rows.append(StrategyResult(name, steps, peer, why=f"{error.code}: {error.message}"))
             step()
             continue
         seconds = time.perf_counter() - start
-        looks, tried = judge.result(done.asset)
+        looks, trials = evaluator.evaluate(done.asset)
         kept = int((done.face_map != NONE).sum())
         rows.append(
-            Row(
+            StrategyResult(
                 name,
                 steps,
                 peer,
@@ -208,7 +209,7 @@ def compare(
                 done.before,
                 done.after,
                 looks,
-                tried,
+                trials,
                 before,
                 _size(done.asset),
                 seconds,
@@ -221,35 +222,37 @@ def compare(
     return rows
 
 
-class _Judge:
-    """What strategies made, looked at and tried; what equals something earlier is not tried again."""
+class _Evaluator:
+    """Renders results and tries tasks on them. Results equal to an earlier one are not evaluated again."""
 
     def __init__(self, views: Views, tasks: Sequence[str], limits: Limits, device: str | None) -> None:
         self.views, self.tasks, self.limits, self.device = views, tasks, limits, device
         self.why = None if views.cameras else views.nothing
+        # The images of the first asset. All others are compared with them.
         self.originals: dict[Tier, Images | str] = {}
-        """The images of the first asset that is judged."""
-        self.known: dict[tuple[str, ...], tuple[dict[Tier, Look], tuple[Trial, ...]]] = {}
+        self.known: dict[tuple[str, ...], tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]] = {}
 
-    def result(self, made: Asset) -> tuple[dict[Tier, Look], tuple[Trial, ...]]:
-        """Return how an asset looks beside the first one, and what became of the tasks."""
-        key = (made.manifest.method, *(spec.sha256 for spec in made.manifest.buffers.values()))
+    def evaluate(self, asset: Asset) -> tuple[dict[Tier, TierLikeness], tuple[Trial, ...]]:
+        """Return the likeness of an asset to the first one for each tier, and the trials of its tasks."""
+        key = (asset.manifest.method, *(spec.sha256 for spec in asset.manifest.buffers.values()))
         if key not in self.known:
-            drawn = {tier: self.why or _draw(made, tier, self.views.cameras, self.device) for tier in TIERS}
-            self.originals = self.originals or drawn
-            looks = {tier: _look(self.originals[tier], found) for tier, found in drawn.items()}
-            self.known[key] = looks, self.tried(made)
+            images = {
+                tier: self.why or _render(asset, tier, self.views.cameras, self.device) for tier in TIERS
+            }
+            self.originals = self.originals or images
+            looks = {tier: _likeness(self.originals[tier], result) for tier, result in images.items()}
+            self.known[key] = looks, self.try_tasks(asset)
         return self.known[key]
 
-    def tried(self, made: Asset) -> tuple[Trial, ...]:
-        """Return what became of the tasks."""
+    def try_tasks(self, asset: Asset) -> tuple[Trial, ...]:
+        """Return the trials of the tasks on `asset`."""
         if not self.tasks:
             return ()
-        return try_asset(made, self.tasks, cameras=self.views, limits=self.limits, device=self.device).trials
+        return try_asset(asset, self.tasks, cameras=self.views, limits=self.limits, device=self.device).trials
 
 
-def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | None) -> Images | str:
-    """Return the images of a tier, or why there are none."""
+def _render(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | None) -> Images | str:
+    """Return the images of a tier, or the reason if it cannot be rendered."""
     why = why_not(asset.manifest, tier)
     if why is not None:
         return why
@@ -263,21 +266,23 @@ def _draw(asset: Asset, tier: Tier, cameras: Sequence[Camera], device: str | Non
 def _picture(
     keep: Path, name: str, asset: Asset, done: Repaired, camera: Camera, device: str | None
 ) -> str | None:
-    """Return the file of the picture of a strategy; None where nothing draws it: the looks say why."""
+    """Write the image of a result and return its file name; None if it cannot be rendered."""
     try:
         return keep_picture(keep, name, asset, done, camera, device)
-    except OutputError:  # of the folder: no fault of what draws
+    except OutputError:  # the folder cannot be written
         raise
-    except MsbError:
+    except MsbError:  # reported with the likeness
         return None
 
 
-def _look(original: Images | str, repaired: Images | str) -> Look:
+def _likeness(original: Images | str, repaired: Images | str) -> TierLikeness:
+    """Compare the images of a tier; texts are reasons for missing images."""
     if isinstance(original, str) or isinstance(repaired, str):
-        return Look(why=original if isinstance(original, str) else str(repaired))
-    alike = likeness(original, repaired)
-    return Look(same=True) if alike["same_pictures"] else Look(alike["psnr"])
+        return TierLikeness(why=original if isinstance(original, str) else str(repaired))
+    result = compare_images(original, repaired)
+    return TierLikeness(same=True) if result["same_pictures"] else TierLikeness(result["psnr"])
 
 
 def _size(asset: Asset) -> int:
+    """Return the size of all buffers in bytes."""
     return sum(spec.byte_length for spec in asset.manifest.buffers.values())

@@ -1,4 +1,4 @@
-"""Try tasks on a mesh: libraries in child processes, judged by pictures, kept as files if that is wanted."""
+"""Try tasks on a mesh: run their libraries in child processes, judge the results, and save them."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,37 +22,38 @@ from msb.repair.plan import Options, parse_plan
 from msb.scenes import Camera
 from msb.topology.weld import Weld, parse_weld
 from msb.trial.attempts import run_attempt
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh, mesh_to_try
-from msb.trial.registry import able, chosen_tasks, missing_modules
-from msb.trial.task import Attempt, Attempted, Judgement, Made, Numbers, Outcome, Task, file_outcome
+from msb.trial.mesh import TrialMesh, prepare_mesh
+from msb.trial.registry import chosen_tasks, missing_modules, select_installed
+from msb.trial.renderings import Renderings
+from msb.trial.task import Attempt, AttemptResult, Judgement, Numbers, Outcome, Output, Task, file_outcome
 from msb.views import Views, choose_views
 
 SCHEMA = "msb.trial/1"
-# Least time of a substitute for a library, imports included, so that something is made.
-INSTEAD_SECONDS = 20.0
+# Shortest time limit of a fallback in seconds, imports included: even with a short --seconds, there should be
+# a result.
+FALLBACK_SECONDS = 20.0
 
 
 @dataclass(frozen=True)
 class Trial:
-    """What became of one task.
+    """The result of one task.
 
     Attributes
     ----------
     outcome : {"works", "care", "fails", "not_run"}
-        "care" works with something to watch; "not_run" lacks a library.
+        "care" means that the task works with limitations; "not_run" that a library or images are missing.
     why : str or None
-        Why it is not better.
+        The reason why the outcome is not better.
     seconds : float
-        The time that the libraries took; that of a library that was ended is its limit.
+        The time of the libraries. For a library that was ended, this is its time limit.
     numbers : dict
-        What was measured, as JSON has it.
+        The measurements, as JSON data.
     libraries : dict of str to str
-        Library -> version, of those that answered.
+        Library -> version, for libraries that returned a result.
     says : str
         The numbers in a few words.
     files, picture : tuple of str, str or None
-        The names of the files that were kept, and of the picture among them.
+        The names of the saved files, and of the image among them.
     """
 
     task: str
@@ -67,18 +68,18 @@ class Trial:
     picture: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON data."""
+        """Return the result as JSON data."""
         return {**vars(self), "files": list(self.files)}
 
 
 @dataclass(frozen=True)
 class Trials:
-    """What became of all tasks on one mesh.
+    """The results of all tasks on a mesh.
 
-    `mesh` has the numbers of vertices and faces, the weld, the plan of the repair, and the SHA-256 of what
-    was tried. `cameras` says how many there were, where they are "from" ("given", "training", "turntable",
-    "inside"), and the same in words; how many "see_nothing" of the mesh, and why there are "no_pictures",
-    where that is so.
+    `mesh` has the numbers of vertices and faces, the weld, the repair plan, and the SHA-256 of the mesh.
+    `cameras` has the "count" of cameras, their origin "from" ("given", "training", "turntable", "inside"),
+    and their description "views". If that applies, it also has "see_nothing", the number of cameras that do
+    not see the mesh, and "no_pictures", the reason why nothing was rendered.
     """
 
     path: str | None
@@ -88,8 +89,8 @@ class Trials:
     cameras: dict[str, Any]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON data (schema msb.trial/1)."""
-        trials = [one.to_dict() for one in self.trials]
+        """Return the results as JSON data (schema msb.trial/1)."""
+        trials = [trial.to_dict() for trial in self.trials]
         return {"schema": SCHEMA, **vars(self), "trials": trials}
 
 
@@ -103,26 +104,26 @@ def trial(
     limits: Limits | None = None,
     device: str | None = None,
 ) -> list[Trial]:
-    """Try tasks on a mesh with the libraries that artists use, and return what became of them.
+    """Try typical tasks of artists on a mesh, each with its usual library.
 
     Parameters
     ----------
     asset : Asset or path-like
-        Or the path of anything that `msb.open` takes.
+        The asset, or a path that `msb.open` accepts.
     tasks : iterable of str, or str
-        Names of tasks, or words of names: "decimate" is "decimate_50", "decimate_25" and "decimate_10". A
-        string holds names between commas. All, if there are none; docs/trial.md describes them.
+        Names of tasks, or words of names: "decimate" selects "decimate_50", "decimate_25" and "decimate_10".
+        A string may list several names, separated by commas. Default: all tasks (docs/trial.md).
     weld : "exact" or float, optional
-        Merge coincident vertices first.
+        Merge coincident vertices first: equal coordinates, or vertices within this distance.
     repair : sequence of str, or str, optional
-        The plan of a repair that is made first, as `msb.repair` takes it; after the weld.
+        Repair the mesh with this plan first, after the weld; see `msb.repair`.
     cameras : sequence of Camera, optional
-        Where the mesh is looked at from, at least one; those of its training where they lie beside the path,
-        else eight views round it, or inside it, if not given (docs/trial.md).
+        The views for judging results, at least one. Default: the training views, if they are stored with the
+        path, else eight views around or inside the mesh (docs/cameras.md).
     limits : Limits, optional
-        What each library may take for each task; 60 s and 4 GiB if not given.
+        Time and memory limits of each library for each task. Default: 60 s and 4 GiB.
     device : str, optional
-        The OpenCL device that draws.
+        The OpenCL device for rendering.
 
     Returns
     -------
@@ -132,11 +133,11 @@ def trial(
     Raises
     ------
     UsageError
-        There is no such task, no such step of a repair, or no camera, or the limits are none.
+        A task or a repair step is unknown, a limit is invalid, or `cameras` is empty.
     AssetError
         A coordinate is not finite, an index is out of range, or the repair left no face.
     InputError, CheckpointError, MeshFileError, MeshError, Unsupported
-        The path cannot be read, or the weld is none.
+        The path cannot be read, or the weld is invalid.
 
     Examples
     --------
@@ -145,7 +146,7 @@ def trial(
     >>> solid.outcome
     'fails'
     """
-    tried = try_asset(
+    results = try_asset(
         as_asset(asset),
         tasks,
         weld=weld,
@@ -154,7 +155,7 @@ def trial(
         limits=limits,
         device=device,
     )
-    return list(tried.trials)
+    return list(results.trials)
 
 
 def try_asset(
@@ -170,28 +171,30 @@ def try_asset(
     meshes: bool = True,
     watch: Callable[[Trial], None] = lambda _: None,
 ) -> Trials:
-    """Return what became of the tasks, and what they were tried on; parameters as for `trial`.
+    """Try tasks on an asset; see `trial` for the other parameters.
 
-    The folder `keep` gets a picture of each task and, with `meshes`, what was made, as GLB. `watch` is called
-    with each task's outcome.
+    `keep` is a folder for an image of each task and, with `meshes`, for the results as GLB files. `watch` is
+    called with each result.
     """
-    chosen = chosen_tasks(tasks)
+    selected = chosen_tasks(tasks)
     limits = Limits() if limits is None else limits
     weld = None if weld is None else parse_weld(weld)
     plan = None if repair is None else parse_plan(repair)
-    mesh = mesh_to_try(asset, weld)
+    # Prepare the mesh and the renderings of it.
+    mesh = prepare_mesh(asset, weld)
     if plan is not None:
         with about(asset.path):
-            mesh = _repaired(mesh, plan)
+            mesh = _repair(mesh, plan)
     views = choose_views(asset, cameras, size=(960, 720), device=device)
-    look = Look(mesh, views, device)
-    found, up = [], written_up(asset)
-    for task in chosen:
-        found.append(_Trying(task, mesh, look, limits, up).run(keep, meshes=meshes))
-        watch(found[-1])
-    seen_by: dict[str, Any] = {"count": len(look.cameras), "from": views.origin, "views": views.said}
-    seen_by |= {"see_nothing": look.unseeing} if look.unseeing else {}
-    seen_by |= {} if look.why_not is None else {"no_pictures": look.why_not}
+    renderings = Renderings(mesh, views, device)
+    results, up = [], written_up(asset)
+    for task in selected:
+        results.append(_TaskRun(task, mesh, renderings, limits, up).run(keep, meshes=meshes))
+        watch(results[-1])
+    # Describe the cameras and the tried mesh.
+    seen_by: dict[str, Any] = {"count": len(renderings.cameras), "from": views.origin, "views": views.said}
+    seen_by |= {"see_nothing": renderings.blind_cameras} if renderings.blind_cameras else {}
+    seen_by |= {} if renderings.why_not is None else {"no_pictures": renderings.why_not}
     tried = {
         "vertices": len(mesh.vertices),
         "faces": len(mesh.faces),
@@ -199,70 +202,78 @@ def try_asset(
         "repair": None if plan is None else list(plan.plan),
         "sha256": mesh.sha256,
     }
-    of = None if asset.path is None else str(asset.path)
-    return Trials(of, tuple(found), tried, limits.to_dict(), seen_by)
+    path = None if asset.path is None else str(asset.path)
+    return Trials(path, tuple(results), tried, limits.to_dict(), seen_by)
 
 
-def _repaired(mesh: TriedMesh, options: Options) -> TriedMesh:
-    made, _ = repair_mesh(mesh.to_mesh(), options)
-    if not len(made.faces):
-        text = f"the repair {','.join(options.plan)} left no face to try anything on"
+def _repair(mesh: TrialMesh, options: Options) -> TrialMesh:
+    """Return the repaired mesh; raise TRIASSET_EMPTY if no face is left."""
+    repaired, _ = repair_mesh(mesh.to_mesh(), options)
+    if not len(repaired.faces):
+        text = f"the repair {','.join(options.plan)} removed all faces of the mesh"
         raise AssetError("TRIASSET_EMPTY", text)
-    assert made.vertex_colors is not None
-    return TriedMesh(made.vertices, made.faces, made.vertex_colors)
+    assert repaired.vertex_colors is not None
+    return TrialMesh(repaired.vertices, repaired.faces, repaired.vertex_colors)
 
 
-class _Trying:
+class _TaskRun:
     """One task on one mesh."""
 
-    def __init__(self, task: Task, mesh: TriedMesh, look: Look, limits: Limits, up: str | None) -> None:
-        self.task, self.mesh, self.look, self.limits, self.up = task, mesh, look, limits, up
+    def __init__(
+        self, task: Task, mesh: TrialMesh, renderings: Renderings, limits: Limits, up: str | None
+    ) -> None:
+        self.task, self.mesh, self.renderings, self.limits, self.up = task, mesh, renderings, limits, up
 
     def run(self, keep: Path | None, *, meshes: bool) -> Trial:
-        """Make the attempts, judge them, and keep what is wanted."""
+        """Run the attempts, judge and save their outputs, and return the result of the task."""
         task = self.task
         absent = missing_modules([task])
-        lacks = f"{' and '.join(absent)} not installed: {install('trial')}" if absent else ""
-        if not able(task.attempts):
-            return Trial(task.name, task.title, "not_run", lacks, 0.0)
-        arrays = task.prepare(self.mesh, self.look) if task.prepare else {}
-        replies = self.replies(task.attempts, arrays, self.limits)
-        if not any(reply.made for reply in replies.values()):
-            patient = replace(self.limits, seconds=max(self.limits.seconds, INSTEAD_SECONDS))
-            replies |= self.replies(task.instead, arrays, patient)
-        made = {name: reply.made for name, reply in replies.items() if reply.made is not None}
-        judged = self.judged(replies, made)
-        files, picture = self.kept(keep, made, meshes=meshes)
-        said = task.says(judged.numbers) if made else ""
-        judged, said = self.with_file(judged, said, made, files)
+        missing = f"{' and '.join(absent)} not installed: {install('trial')}" if absent else ""
+        if not select_installed(task.attempts):
+            return Trial(task.name, task.title, "not_run", missing, 0.0)
+        # Run the attempts, and the fallbacks if all of these fail.
+        arrays = task.prepare(self.mesh, self.renderings) if task.prepare else {}
+        replies = self.run_attempts(task.attempts, arrays, self.limits)
+        if not any(reply.output for reply in replies.values()):
+            patient = replace(self.limits, seconds=max(self.limits.seconds, FALLBACK_SECONDS))
+            replies |= self.run_attempts(task.fallbacks, arrays, patient)
+        outputs = {name: reply.output for name, reply in replies.items() if reply.output is not None}
+        # Judge the outputs, save them, and take the audit of the result into account.
+        judgement = self.judge(replies, outputs)
+        files, picture = self.save(keep, outputs, meshes=meshes)
+        summary = task.summarize(judgement.numbers) if outputs else ""
+        judgement, summary = self.add_file_verdict(judgement, summary, outputs, files)
+        reasons = (judgement.why, missing if judgement.outcome != "works" else "")
         return Trial(
             task.name,
             task.title,
-            judged.outcome,
-            "; ".join(filter(None, (judged.why, lacks if judged.outcome != "works" else ""))) or None,
+            judgement.outcome,
+            "; ".join(filter(None, reasons)) or None,
             sum(reply.seconds or 0.0 for reply in replies.values()),
-            judged.numbers,
+            judgement.numbers,
             {name: reply.version for name, reply in replies.items() if reply.version is not None},
-            said,
+            summary,
             files,
             picture,
         )
 
-    def replies(
+    def run_attempts(
         self, attempts: Iterable[Attempt], arrays: Mapping[str, NDArray[Any]], limits: Limits
-    ) -> dict[str, Attempted]:
-        """Make those attempts whose libraries are installed; audit what they made."""
-        found = {
-            one.library: run_attempt(self.task, one, self.mesh, arrays, limits) for one in able(attempts)
+    ) -> dict[str, AttemptResult]:
+        """Run the attempts whose libraries are installed; add the verdicts of their meshes to the numbers."""
+        replies = {
+            attempt.library: run_attempt(self.task, attempt, self.mesh, arrays, limits)
+            for attempt in select_installed(attempts)
         }
-        for made in filter(None, (reply.made for reply in found.values())):
-            for mesh in made.meshes.values():
-                made.numbers["verdict"] = {"level": mesh.verdict.level, "sentence": mesh.verdict.sentence}
-        return found
+        for output in filter(None, (reply.output for reply in replies.values())):
+            for mesh in output.meshes.values():
+                verdict = {"level": mesh.verdict.level, "sentence": mesh.verdict.sentence}
+                output.numbers["verdict"] = verdict
+        return replies
 
-    def judged(self, replies: dict[str, Attempted], made: dict[str, Made]) -> Judgement:
-        """Return the task's own judgement, with what is to be said of attempts that failed."""
-        failed = {name: reply for name, reply in replies.items() if reply.made is None}
+    def judge(self, replies: dict[str, AttemptResult], outputs: dict[str, Output]) -> Judgement:
+        """Return the judgement of the task, with the reasons of failed attempts added."""
+        failed = {name: reply for name, reply in replies.items() if reply.output is None}
         why = "; ".join(f"{name}: {reply.why}" for name, reply in failed.items())
         numbers: Numbers = {}
         if failed:
@@ -270,56 +281,65 @@ class _Trying:
                 name: {"why": reply.why, "ended_by": reply.ended_by, "seconds": reply.seconds}
                 for name, reply in failed.items()
             }
-        if not made:
+        if not outputs:
             return Judgement("fails", why, numbers)
-        judged = self.task.judge(self.mesh, made, self.look)
-        if self.task.by_look and judged.outcome != "fails" and self.look.why_not is not None:
-            judged = Judgement("not_run", f"not judged: {self.look.why_not}", judged.numbers)
-        reason = "; ".join(filter(None, (why, judged.why))) or None
-        return Judgement(judged.outcome, reason, {**judged.numbers, **numbers})
+        judgement = self.task.judge(self.mesh, outputs, self.renderings)
+        no_images = self.renderings.why_not
+        if self.task.needs_images and judgement.outcome != "fails" and no_images is not None:
+            judgement = Judgement("not_run", f"cannot be judged: {no_images}", judgement.numbers)
+        reason = "; ".join(filter(None, (why, judgement.why))) or None
+        return Judgement(judgement.outcome, reason, {**judgement.numbers, **numbers})
 
-    def with_file(
-        self, judged: Judgement, said: str, made: dict[str, Made], files: Sequence[str]
+    def add_file_verdict(
+        self, judgement: Judgement, summary: str, outputs: dict[str, Output], files: Sequence[str]
     ) -> tuple[Judgement, str]:
-        """Return the judgement and what is said, with the verdict of the file that counts."""
-        best = judged.numbers.get("best", next(iter(made), ""))
-        for key, mesh in made[best].meshes.items() if best else ():
-            own, given = mesh.verdict, self.mesh.verdict
-            name = self.file(best, key)
-            aside = ", seams aside," if mesh.uv is not None else ""
-            text = f"{name if name in files else 'the file'} is{aside} {own.word}"
-            if own.reason:
-                text += " as the mesh was" if own.level == given.level else f" ({own.reason})"
-            if judged.outcome == "works" and file_outcome(self.mesh, mesh) != "works":
-                text += "" if own.level == given.level else f"; the mesh was {given.word}"
-                judged = Judgement("care", "; ".join(filter(None, (judged.why, text))), judged.numbers)
-            elif judged.why and not said:  # nothing is said before why another shape stands in
-                judged = replace(judged, why=f"{judged.why}; {text}")
+        """Return the judgement and the summary with the verdict of the best result's mesh added.
+
+        If the mesh is BAD or worse than the original, the task works with limitations at best.
+        """
+        best = judgement.numbers.get("best", next(iter(outputs), ""))
+        for key, mesh in outputs[best].meshes.items() if best else ():
+            result, original = mesh.verdict, self.mesh.verdict
+            name = self.file_name(best, key)
+            without_seams = " (seams merged)" if mesh.uv is not None else ""
+            text = f"{name if name in files else 'the result'}{without_seams} is {result.word}"
+            if result.reason:
+                text += " like the original" if result.level == original.level else f" ({result.reason})"
+            if judgement.outcome == "works" and file_outcome(self.mesh, mesh) != "works":
+                text += "" if result.level == original.level else f"; the original is {original.word}"
+                reason = "; ".join(filter(None, (judgement.why, text)))
+                judgement = Judgement("care", reason, judgement.numbers)
+            elif judgement.why and not summary:  # fallbacks have no summary
+                judgement = replace(judgement, why=f"{judgement.why}; {text}")
             else:
-                said = "; ".join(filter(None, (said, text)))
-        return judged, said
+                summary = "; ".join(filter(None, (summary, text)))
+        return judgement, summary
 
-    def file(self, library: str, key: str) -> str:
-        """Return the name of the file that is kept of what a library made."""
-        first = [one.library for one in self.task.attempts]
-        own = key if library not in first else library if len(first) > 1 else ""
-        return f"{'-'.join(filter(None, (self.task.name, own)))}.glb"
+    def file_name(self, library: str, key: str) -> str:
+        """Return the name of the file for the mesh `key` of a library."""
+        libraries = [attempt.library for attempt in self.task.attempts]
+        part = key if library not in libraries else library if len(libraries) > 1 else ""
+        return f"{'-'.join(filter(None, (self.task.name, part)))}.glb"
 
-    def kept(
-        self, folder: Path | None, made: dict[str, Made], *, meshes: bool
+    def save(
+        self, folder: Path | None, outputs: dict[str, Output], *, meshes: bool
     ) -> tuple[tuple[str, ...], str | None]:
-        """Write what is to be kept; return the names of the files, and of the picture among them."""
+        """Save the image of the task and, with `meshes`, the meshes, if there is a folder.
+
+        Return the names of the files, and of the image among them.
+        """
         if folder is None:
             return (), None
         files = []
-        for library, one in made.items() if meshes else ():
-            for key, mesh in one.meshes.items():
+        for library, output in outputs.items() if meshes else ():
+            for key, mesh in output.meshes.items():
                 if len(mesh.faces):
-                    files.append(self.file(library, key))
+                    files.append(self.file_name(library, key))
                     with new_file(folder / files[-1]) as stream:
                         upright = as_held(replace(mesh.to_mesh(), up=self.up), ".glb")
                         write_mesh(upright, stream, suffix=".glb")
-        image = self.task.picture(self.mesh, made, self.look) if self.task.picture and made else None
+        draw = self.task.picture
+        image = draw(self.mesh, outputs, self.renderings) if draw and outputs else None
         if image is None:
             return tuple(files), None
         picture = f"{self.task.name}.png"
@@ -328,6 +348,7 @@ class _Trying:
 
 
 def _write_picture(path: Path, image: NDArray[Any]) -> None:
+    """Write an image (H, W, 3) as PNG."""
     from PIL import Image
 
     with new_file(path) as stream:
@@ -335,11 +356,11 @@ def _write_picture(path: Path, image: NDArray[Any]) -> None:
 
 
 def summary(trials: Iterable[Trial]) -> str:
-    """Return how many tasks came to what, worst first: "3 fail: uv, boolean, solid; 2 work"."""
-    verbs = {"fails": "fail", "care": "work with care", "not_run": "not run", "works": "work"}
+    """Return the number of tasks by outcome, worst first: "3 fail: uv, boolean, solid; 2 work: ..."."""
+    verbs = {"fails": "fail", "care": "work with limitations", "not_run": "not run", "works": "work"}
     parts = []
     for outcome, verb in verbs.items():
-        names = [one.task for one in trials if one.outcome == outcome]
+        names = [trial.task for trial in trials if trial.outcome == outcome]
         if names:
             parts.append(f"{len(names)} {verb}: {', '.join(names)}")
     return shorten("; ".join(parts), 400)

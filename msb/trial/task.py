@@ -1,4 +1,4 @@
-"""What a task is: what is asked of which libraries, each in its own child, and how the answers are judged."""
+"""The declaration of a task: the libraries that try it, and how their results are judged."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -7,9 +7,10 @@ from typing import Any, Literal
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings
 
+# "care" means that the task works with limitations; "not_run" that a library or images are missing.
 Outcome = Literal["works", "care", "fails", "not_run"]
 # The outcomes of a task that was run, best first.
 OUTCOMES: tuple[Outcome, ...] = ("works", "care", "fails")
@@ -17,48 +18,52 @@ Numbers = dict[str, Any]
 
 
 @dataclass
-class Made:
-    """What an attempt leaves: numbers as JSON has them, meshes to draw and keep, and further arrays.
+class Output:
+    """The output of a library: numbers as JSON data, meshes to render and save, and further arrays.
 
-    Arrays (n, 3) of floating numbers are points.
+    Float arrays (n, 3) are points.
     """
 
     numbers: Numbers = field(default_factory=dict)
-    meshes: dict[str, TriedMesh] = field(default_factory=dict)
+    meshes: dict[str, TrialMesh] = field(default_factory=dict)
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+
+# The outputs of a task by library.
+Outputs = Mapping[str, Output]
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One library's way to do a task. It runs in a child process (`msb.trial.attempts`).
+    """A library's way to do a task. It runs in a child process (`msb.trial.attempts`).
 
     Attributes
     ----------
     library, modules : str, tuple of str
-        The distribution, whose version is reported, and what has to be installed for it.
+        The distribution, whose version is reported, and the modules that must be installed.
     work : callable
-        A function of the mesh and the arrays that `Task.prepare` made. What it raises is reported as the
-        library's words.
+        A function of the mesh and the arrays of `Task.prepare`. Its exceptions are reported as the reason for
+        the failure.
     any_unit : bool
-        Whether it is handed the mesh as stored, because no coordinate reaches a library: else it gets, and
-        makes, meshes and points in the unit of `msb.trial.attempts`.
+        True if the result does not depend on the unit of length, so that the mesh is passed as stored. Else
+        inputs and outputs are in the unit of `msb.trial.attempts`.
     """
 
     library: str
     modules: tuple[str, ...]
-    work: Callable[[TriedMesh, Arrays], Made]
+    work: Callable[[TrialMesh, Arrays], Output]
     any_unit: bool = False
 
 
 @dataclass(frozen=True)
-class Attempted:
-    """What became of an attempt: what it made, or why there is nothing, in the library's words or ours.
+class AttemptResult:
+    """The result of an attempt: its output, or the reason why it failed.
 
-    `ended_by` says what ended it, where it did not end by itself; `seconds` is the time that the library
-    took, None where it did not run.
+    `ended_by` tells what ended the process early. `seconds` is the time of the library, None if it did not
+    run.
     """
 
-    made: Made | None
+    output: Output | None
     why: str = ""
     ended_by: Literal["time", "memory", "crash"] | None = None
     seconds: float | None = None
@@ -67,78 +72,83 @@ class Attempted:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a task came to: the outcome, why it is not better, and the numbers."""
+    """The outcome of a task, the reason why it is not better, and the numbers."""
 
     outcome: Outcome
     why: str | None = None
     numbers: Numbers = field(default_factory=dict)
 
+    @property
+    def rank(self) -> int:
+        """The rank of the outcome: 0 is the best."""
+        return OUTCOMES.index(self.outcome)
+
 
 @dataclass(frozen=True)
 class Task:
-    """A thing that is done with meshes, and how it is tried.
+    """A task that artists do with meshes.
 
     Attributes
     ----------
     name, title : str
-        The name in JSON and on the command line, and what tables and pages print.
-    attempts, instead : tuple of Attempt
-        What is tried, which makes one mesh each, if any; what is tried where none of these gives anything.
+        The name in JSON and on the command line, and the title in tables and pages.
+    attempts, fallbacks : tuple of Attempt
+        The libraries to try, each with at most one output mesh, and those to try if all of these fail.
     judge : callable
-        A function of the mesh, library -> what it made, and the pictures. It sees successes only, of one
-        library or several; where there is none, the task has failed. Of several its number "best" names the
+        A function of the mesh, the outputs by library, and the renderings. It is only called with at least
+        one output; without any, the task fails. If there are several outputs, its number "best" names the
         library that counts.
-    says : callable
-        A function of the numbers to a short text for a table.
+    summarize : callable
+        A function that turns the numbers into a short text for a table.
     powers : mapping of str to int
-        Names of the attempts' numbers that are lengths (1), areas (2) or volumes (3).
+        The dimension of numbers that have a unit: length (1), area (2) or volume (3).
     prepare : callable, optional
-        Makes arrays for the attempts from the pictures.
+        A function that makes arrays for the attempts from the renderings.
     picture : callable, optional
-        Draws what was made, as an image (H, W, 3) uint8, or None if there is nothing to draw.
-    by_look : bool
-        Whether it is judged by pictures: without any there is no judgement, unless it fails.
+        A function that draws the outputs as an image (H, W, 3) uint8, or returns None.
+    needs_images : bool
+        Whether the judgement needs renderings. Without them the task is "not_run", unless it fails anyway.
     """
 
     name: str
     title: str
     attempts: tuple[Attempt, ...]
-    judge: Callable[[TriedMesh, Mapping[str, Made], Look], Judgement]
-    says: Callable[[Numbers], str]
+    judge: Callable[[TrialMesh, Outputs, Renderings], Judgement]
+    summarize: Callable[[Numbers], str]
     powers: Mapping[str, int] = field(default_factory=dict)
-    instead: tuple[Attempt, ...] = ()
-    prepare: Callable[[TriedMesh, Look], dict[str, NDArray[Any]]] | None = None
-    picture: Callable[[TriedMesh, Mapping[str, Made], Look], NDArray[Any] | None] | None = None
-    by_look: bool = False
+    fallbacks: tuple[Attempt, ...] = ()
+    prepare: Callable[[TrialMesh, Renderings], dict[str, NDArray[Any]]] | None = None
+    picture: Callable[[TrialMesh, Outputs, Renderings], NDArray[Any] | None] | None = None
+    needs_images: bool = False
 
 
-def file_outcome(given: TriedMesh, made: TriedMesh) -> Outcome:
-    """Return what a task can come to at best: "care" where a file is BAD, or worse than what was tried."""
+def file_outcome(original: TrialMesh, result: TrialMesh) -> Outcome:
+    """Return the best possible outcome for a result: "care" if it is BAD or worse than the original."""
     levels = ("ok", "limited", "bad")
-    worse = levels.index(made.verdict.level) > levels.index(given.verdict.level)
-    return "care" if worse or made.verdict.level == "bad" else "works"
+    is_worse = levels.index(result.verdict.level) > levels.index(original.verdict.level)
+    return "care" if is_worse or result.verdict.level == "bad" else "works"
 
 
-def counted(number: int, one: str, many: str | None = None) -> str:
-    """Return "1 face" or "1,200 faces"."""
-    return f"{number:,} {one if number == 1 else many or f'{one}s'}"
+def count_text(number: int, singular: str, plural: str | None = None) -> str:
+    """Return a number with its noun, such as "1 face" or "1,200 faces"."""
+    return f"{number:,} {singular if number == 1 else plural or f'{singular}s'}"
 
 
-def judged(numbers: Numbers, *graded: tuple[Outcome, str]) -> Judgement:
-    """Return the worst of several outcomes, and the reasons of all that are not "works"."""
-    reasons = [reason for outcome, reason in graded if outcome != "works"]
-    return Judgement(worst(outcome for outcome, _ in graded), "; ".join(reasons) or None, numbers)
+def combine(numbers: Numbers, *grades: tuple[Outcome, str]) -> Judgement:
+    """Return the worst of several outcomes, with the reasons of all that are not "works"."""
+    reasons = [reason for outcome, reason in grades if outcome != "works"]
+    return Judgement(worst(outcome for outcome, _ in grades), "; ".join(reasons) or None, numbers)
 
 
 def worst(outcomes: Iterable[Outcome]) -> Outcome:
-    """Return the worst outcome of several conditions."""
+    """Return the worst of several outcomes."""
     return max(outcomes, key=OUTCOMES.index)
 
 
-def graded(value: float | None, works: float, care: float) -> Outcome:
-    """Return the outcome of a value that should be small: at most `works`, at most `care`, or more.
+def grade(value: float | None, works: float, care: float) -> Outcome:
+    """Return the outcome of a value that should be small: at most `works`, at most `care`, or larger.
 
-    A value that there is not does not count against a task.
+    An unknown value (None) counts as "works".
     """
     if value is None or value <= works:
         return "works"

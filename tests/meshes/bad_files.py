@@ -1,4 +1,4 @@
-"""Mesh files that are not valid: name -> suffix, content and code."""
+"""Invalid mesh files: name -> suffix, content and error code."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -34,69 +34,53 @@ from .builders import (
 
 def changed(change: Callable[[dict[str, Any]], object]) -> bytes:
     """Return the square as GLB with a change to its JSON."""
-    made = glb_square()
-    change(made.root)
-    return made.bytes()
+    glb = glb_square()
+    change(glb.root)
+    return glb.bytes()
 
 
-def with_accessor(number: int, **more: Any) -> bytes:
-    return changed(lambda root: root["accessors"][number].update(more))
-
-
-def with_view(number: int, **more: Any) -> bytes:
-    return changed(lambda root: root["bufferViews"][number].update(more))
-
-
-def with_node(**more: Any) -> bytes:
-    return changed(lambda root: root["nodes"][0].update(more))
+def with_first(table: str, **more: Any) -> bytes:
+    """Return the square with a change to the first accessor, view or node."""
+    return changed(lambda root: root[table][0].update(more))
 
 
 def with_primitive(**more: Any) -> bytes:
     return changed(lambda root: root["meshes"][0]["primitives"][0].update(more))
 
 
-def sparse(replaced: list[int], **more: Any) -> bytes:
-    """Return the square with a sparse accessor."""
-    made = glb_square()
-    places = {"bufferView": made.view(np.array(replaced, "<u2").tobytes()), "componentType": 5123}
-    values = {"bufferView": made.view(ply_floats([[7, 7, 7]] * len(replaced)))}
-    made.root["accessors"][0]["sparse"] = {
+def sparse(replaced: list[int], base: dict[str, Any] | None = None, **more: Any) -> bytes:
+    """Return the square with sparse positions, which replace the stored ones or the accessor `base`."""
+    glb = glb_square()
+    glb.root["accessors"][0] = base or glb.root["accessors"][0]
+    places = {"bufferView": glb.view(np.array(replaced, "<u2").tobytes()), "componentType": 5123}
+    values = {"bufferView": glb.view(ply_floats([[7, 7, 7]] * len(replaced)))}
+    glb.root["accessors"][0]["sparse"] = {
         "count": len(replaced),
         "indices": places,
         "values": values,
         **more,
     }
-    return made.bytes()
-
-
-def huge_sparse() -> bytes:
-    """Return the square with a sparse accessor that has no values but one, and a huge count."""
-    made = glb_square()
-    places = {"bufferView": made.view(b"\0\0"), "componentType": 5123}
-    values = {"bufferView": made.view(ply_floats([[7, 7, 7]]))}
-    entry = {"componentType": 5126, "type": "VEC3", "count": 10**12}
-    made.root["accessors"][0] = {**entry, "sparse": {"count": 1, "indices": places, "values": values}}
-    return made.bytes()
+    return glb.bytes()
 
 
 def colors(count: int, dtype: str = "u1", kind: str = "VEC4") -> bytes:
-    """Return the square with COLOR_0 of a certain count and type."""
-    made = glb_square()
+    """Return the square with colours of this count and type."""
+    glb = glb_square()
     width = int(kind[-1])
-    number = made.accessor(np.zeros((count, width)), dtype, kind)
-    made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = number
-    return made.bytes()
+    number = glb.accessor(np.zeros((count, width)), dtype, kind)
+    glb.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = number
+    return glb.bytes()
 
 
 def many_primitives(count: int, nodes: int) -> bytes:
-    """Return a mesh of many parts that share one triangle, shown by many nodes."""
-    made = Glb()
-    position = made.accessor(SQUARE[:3], "f4", "VEC3")
+    """Return a mesh of many primitives that share a triangle, used by many nodes."""
+    glb = Glb()
+    position = glb.accessor(SQUARE[:3], "f4", "VEC3")
     for _ in range(count):
-        made.primitive(position)
-    made.root["nodes"] = [{"mesh": 0}] * nodes
-    made.root["scenes"] = [{"nodes": list(range(nodes))}]
-    return made.bytes()
+        glb.primitive(position)
+    glb.root["nodes"] = [{"mesh": 0}] * nodes
+    glb.root["scenes"] = [{"nodes": list(range(nodes))}]
+    return glb.bytes()
 
 
 def text_root(text: str) -> bytes:
@@ -104,7 +88,7 @@ def text_root(text: str) -> bytes:
 
 
 def resized(length: int) -> bytes:
-    """Return the square as GLB whose header announces another length."""
+    """Return the square as GLB with a wrong length in its header."""
     content = SMALL[".glb"]
     return content[:8] + (len(content) + length).to_bytes(4, "little") + content[12:]
 
@@ -135,18 +119,21 @@ BAD_GLBS: dict[str, tuple[bytes, str]] = {
         "INVALID",
     ),
     "no buffer": (changed(lambda root: root.pop("buffers")), "INVALID"),
-    "huge count": (with_accessor(0, count=10**12), "TRUNCATED"),
-    "position type": (with_accessor(0, type="VEC2"), "INVALID"),
-    "stride": (with_view(0, byteStride=4), "INVALID"),
+    "huge count": (with_first("accessors", count=10**12), "TRUNCATED"),
+    "position type": (with_first("accessors", type="VEC2"), "INVALID"),
+    "stride": (with_first("bufferViews", byteStride=4), "INVALID"),
     "sparse index": (sparse([1, 4]), "INVALID"),
-    "sparse, huge base": (huge_sparse(), "TOO_LARGE"),
+    "sparse, huge base": (
+        sparse([0], {"componentType": 5126, "type": "VEC3", "count": 10**12}),
+        "TOO_LARGE",
+    ),
     "sparse values": (sparse([1, 2], values={"bufferView": 2}), "TRUNCATED"),
     "no accessor": (with_primitive(indices=9), "INVALID"),
     "no position": (with_primitive(attributes={}), "INVALID"),
     "mode": (with_primitive(mode=7), "INVALID"),
     "four corners": (glb_square(indices=[0, 1, 2, 3]).bytes(), "INVALID"),
     "color count": (colors(3), "INVALID"),
-    "own child": (with_node(children=[0]), "INVALID"),
+    "own child": (with_first("nodes", children=[0]), "INVALID"),
     "cycle without scene": (
         changed(
             lambda root: (root.pop("scenes"), root["nodes"].extend([{"children": [2]}, {"children": [1]}]))
@@ -170,9 +157,9 @@ def texture(image: bytes | str) -> bytes:
 
 def material(**more: Any) -> bytes:
     """Return the textured square with a change to its base colour."""
-    made = glb_textured()
-    made.root["materials"][0]["pbrMetallicRoughness"].update(more)
-    return made.bytes()
+    glb = glb_textured()
+    glb.root["materials"][0]["pbrMetallicRoughness"].update(more)
+    return glb.bytes()
 
 
 JPEG = picture(np.zeros((8, 8, 3), np.uint8), "JPEG")
@@ -192,8 +179,8 @@ BAD_GLBS |= {
 
 def gltf(**buffer: Any) -> bytes:
     """Return the square as .gltf with a change to its buffer."""
-    made = glb_square()
-    text = json.loads(made.text())
+    glb = glb_square()
+    text = json.loads(glb.text())
     text["buffers"][0].update(buffer)
     return json.dumps(text).encode()
 
@@ -210,27 +197,27 @@ BAD_GLTFS: dict[str, tuple[bytes, str]] = {
 
 
 def packed(**more: Any) -> bytes:
-    """Return the square whose vertices are compressed by meshopt, or so it says."""
-    made = glb_square()
-    view = made.root["bufferViews"][0]
-    about = {"buffer": 0, "byteLength": 12, "byteStride": 12, "count": 4, "mode": "ATTRIBUTES"}
-    made.root["buffers"].append({"byteLength": 48})
-    made.root["bufferViews"][0] = view | {
+    """Return the square with vertices that are marked as compressed by meshopt."""
+    glb = glb_square()
+    view = glb.root["bufferViews"][0]
+    entry = {"buffer": 0, "byteLength": 12, "byteStride": 12, "count": 4, "mode": "ATTRIBUTES"}
+    glb.root["buffers"].append({"byteLength": 48})
+    glb.root["bufferViews"][0] = view | {
         "buffer": 1,
-        "extensions": {"EXT_meshopt_compression": about | more},
+        "extensions": {"EXT_meshopt_compression": entry | more},
     }
-    return made.bytes()
+    return glb.bytes()
 
 
 def draco(attributes: dict[str, Any], **accessor: Any) -> bytes:
-    """Return the square as a primitive that Draco has compressed, or so it says."""
-    made = glb_square()
-    for entry in made.root["accessors"]:
+    """Return the square as a primitive that is marked as compressed by Draco."""
+    glb = glb_square()
+    for entry in glb.root["accessors"]:
         entry.pop("bufferView")
         entry.update(accessor)
-    about = {"bufferView": 0, "attributes": attributes}
-    made.root["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": about}
-    return made.bytes()
+    extension = {"bufferView": 0, "attributes": attributes}
+    glb.root["meshes"][0]["primitives"][0]["extensions"] = {"KHR_draco_mesh_compression": extension}
+    return glb.bytes()
 
 
 BAD_GLBS |= {
@@ -262,7 +249,7 @@ def row(old: bytes, new: bytes) -> bytes:
 
 
 def wide_list(body: bytes) -> bytes:
-    """Return a binary PLY of one face, whose count of corners is an int."""
+    """Return a binary PLY of one face with an int as number of corners."""
     return ply(LITTLE, [*VERTICES, "element face 1", "property list int int vertex_index"], body)
 
 
@@ -352,11 +339,11 @@ BAD: dict[str, Bad] = {
     for suffix, table in ((".ply", _PLY), (".obj", _OBJ), (".off", _OFF), (".stl", _STL), *_GLTF)
     for name, (content, code) in table.items()
 }
-"""All of them."""
+"""All invalid files."""
 
 
 def read_case(name: str, root: Path) -> Any:
-    """Write one of them below `root`, and read it."""
+    """Write an invalid file to the folder `root`, and read it."""
     suffix, content, _ = BAD[name]
     path = root / f"bad{suffix}"
     path.write_bytes(content)

@@ -1,4 +1,4 @@
-"""Small mesh files made in memory, in every format, and the square most of them hold."""
+"""Build small mesh files in memory, in every format. Most of them contain a square."""
 
 import base64
 import io
@@ -13,10 +13,10 @@ from PIL import Image
 from msb.meshes import MESH_SUFFIXES, Mesh
 
 Read = Callable[[bytes, str], Mesh]
-"""The fixture `read`: from content and suffix to a mesh."""
+"""The fixture `read`: content and suffix -> mesh."""
 
 SQUARE = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]]
-"""Four vertices; with `SQUARE_FACES` they are a square of two triangles."""
+"""The vertices of a square; `SQUARE_FACES` are its two triangles."""
 
 SQUARE_FACES = [[0, 1, 2], [0, 2, 3]]
 
@@ -25,16 +25,16 @@ CORNERS = "property list uchar int vertex_indices"
 OBJ_SQUARE = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
 OBJ_TEXTURED = b"mtllib a.mtl\n" + OBJ_SQUARE + b"vt 0 0\nvt 1 0 0\nvt 1 1\nvt 0.25 0.75\n"
 OBJ_TEXTURED += b"usemtl one\nf 1/1 2/2 3/3/1\nf -4/-1 -2/-2 -1/-3\n"
-"""The square with the material "one" of a.mtl, one of its vertices with two texture coordinates."""
+"""The square with the material "one" of a.mtl. One vertex has two texture coordinates."""
 OFF_SQUARE = b"0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
 
 
-def assert_colors(found: np.ndarray | None, expected: np.ndarray | None) -> None:
-    """Assert that colours are of the expected type and values, or both are None."""
-    assert (found is None) == (expected is None)
-    if found is not None and expected is not None:
-        assert found.dtype == expected.dtype
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)
+def assert_colors(colors: np.ndarray | None, expected: np.ndarray | None) -> None:
+    """Assert that colours have the expected type and values, or that both are None."""
+    assert (colors is None) == (expected is None)
+    if colors is not None and expected is not None:
+        assert colors.dtype == expected.dtype
+        np.testing.assert_allclose(colors, expected, rtol=0, atol=1e-6)
 
 
 def ply(form: str, lines: Iterable[str], body: bytes) -> bytes:
@@ -44,17 +44,17 @@ def ply(form: str, lines: Iterable[str], body: bytes) -> bytes:
 
 
 def ply_floats(rows: Sequence[Sequence[float]], order: str = "<") -> bytes:
-    """Return rows of float32."""
+    """Return rows of float32 as bytes."""
     return np.array(rows, dtype=f"{order}f4").tobytes()
 
 
 def ply_faces(faces: Iterable[Sequence[int]], order: str = "<") -> bytes:
-    """Return lists of int with uchar counts."""
+    """Return lists of int with uchar counts as bytes."""
     return b"".join(struct.pack(f"{order}B{len(face)}i", len(face), *face) for face in faces)
 
 
 def ply_square(faces: Sequence[Sequence[int]] = SQUARE_FACES, order: str = "<") -> bytes:
-    """Return the square as binary PLY, with other faces if wanted."""
+    """Return the square as binary PLY, optionally with other faces."""
     name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
     lines = ["element vertex 4", *XYZ, f"element face {len(faces)}", CORNERS]
     return ply(name, lines, ply_floats(SQUARE, order) + ply_faces(faces, order))
@@ -73,15 +73,15 @@ def off(header: bytes, *blocks: bytes) -> bytes:
 def stl_binary(
     triangles: Sequence[Any], count: int | None = None, header: bytes = b"made by a test"
 ) -> bytes:
-    """Return binary STL; `count` is what the header declares."""
-    body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(each).tolist(), 0) for each in triangles)
+    """Return binary STL; `count` is the number of faces in the header."""
+    body = b"".join(struct.pack("<12fH", 0, 0, 1, *np.ravel(rows).tolist(), 0) for rows in triangles)
     declared = len(triangles) if count is None else count
     return header.ljust(80, b"\0") + struct.pack("<I", declared) + body
 
 
 def stl_facet(corners: Sequence[str] = ("0 0 0", "1 0 0", "0 1 0")) -> bytes:
     """Return one face of a text STL."""
-    lines = ["facet normal 0 0 1", "outer loop", *(f"vertex {each}" for each in corners)]
+    lines = ["facet normal 0 0 1", "outer loop", *(f"vertex {corner}" for corner in corners)]
     return ("\n".join([*lines, "endloop", "endfacet", ""])).encode("ascii")
 
 
@@ -91,7 +91,7 @@ def stl_text(*facets: bytes, name: bytes = b"part") -> bytes:
 
 
 class Glb:
-    """A GLB under construction: `root` is its JSON, which a test may change before `bytes`."""
+    """A GLB under construction. Tests may change its JSON, `root`, before they call `bytes`."""
 
     def __init__(self) -> None:
         self.binary = b""
@@ -107,7 +107,7 @@ class Glb:
         }
 
     def view(self, data: bytes, **more: Any) -> int:
-        """Append bytes to the binary chunk; return the number of the view on them."""
+        """Append bytes to the binary chunk; return the number of their buffer view."""
         entry = {"buffer": 0, "byteOffset": len(self.binary), "byteLength": len(data), **more}
         self.root["bufferViews"].append(entry)
         self.binary += data + b"\0" * (-len(data) % 4)
@@ -133,9 +133,9 @@ class Glb:
         meshes[mesh]["primitives"].append(entry)
 
     def material(self, image: bytes | str | None = None, primitive: int = 0, **more: Any) -> dict[str, Any]:
-        """Give a primitive of mesh 0 a material, with a texture of an image (its bytes, or a URI); return it.
+        """Add a material to a primitive of mesh 0, with a texture for an image (bytes or URI); return it.
 
-        `more` is of the material; its base colour may be changed in what is returned.
+        `more` are further properties. Tests may change the base colour of the returned object.
         """
         surface: dict[str, Any] = {}
         material = {"pbrMetallicRoughness": surface, **more}
@@ -153,7 +153,7 @@ class Glb:
         return len(self.root[table]) - 1
 
     def text(self, uri: str | None = None) -> bytes:
-        """Return the file as .gltf, whose buffer is in its text, or the file `uri` beside it."""
+        """Return the file as .gltf. Its buffer is embedded, or in the linked file `uri`."""
         data = "data:application/octet-stream;base64," + base64.b64encode(self.binary).decode()
         buffers = [self.root["buffers"][0] | {"uri": uri or data}, *self.root["buffers"][1:]]
         return json.dumps(self.root | {"buffers": buffers}).encode()
@@ -167,36 +167,36 @@ def glb_square(
     mode: int | None = None, indices: Sequence[int] = (0, 1, 2, 0, 2, 3), dtype: str = "u2"
 ) -> Glb:
     """Return the square as one primitive."""
-    made = Glb()
-    position = made.accessor(SQUARE, "f4", "VEC3")
-    made.primitive(
-        position, made.accessor(indices, dtype, "SCALAR"), **({} if mode is None else {"mode": mode})
+    glb = Glb()
+    position = glb.accessor(SQUARE, "f4", "VEC3")
+    glb.primitive(
+        position, glb.accessor(indices, dtype, "SCALAR"), **({} if mode is None else {"mode": mode})
     )
-    return made
+    return glb
 
 
 UVS = [[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]]
-"""Texture coordinates of the square: its first vertex is the lower left corner of the image."""
+"""Texture coordinates of the square. The first vertex is at the lower left corner of the image."""
 TEXELS = np.uint8([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [9, 90, 200]]])
 
 
 def picture(texels: Any = TEXELS, kind: str = "PNG", **more: Any) -> bytes:
-    """Return texels as the file of an image."""
+    """Return texels as an image file."""
     stream = io.BytesIO()
     Image.fromarray(np.asarray(texels)).save(stream, kind, **more)
     return stream.getvalue()
 
 
 def glb_textured(image: bytes | str | None = None, **material: Any) -> Glb:
-    """Return the square with texture coordinates and a material that has a texture."""
-    made = glb_square()
-    made.root["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = made.accessor(UVS, "f4", "VEC2")
-    made.material(picture() if image is None else image, **material)
-    return made
+    """Return the square with texture coordinates and a textured material."""
+    glb = glb_square()
+    glb.root["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = glb.accessor(UVS, "f4", "VEC2")
+    glb.material(picture() if image is None else image, **material)
+    return glb
 
 
 def glb_file(text: bytes, binary: bytes = b"", version: int = 2) -> bytes:
-    """Return a GLB with these two chunks."""
+    """Return a GLB with a JSON chunk and a binary chunk."""
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     if binary:
@@ -218,6 +218,6 @@ SMALL = {
     ".GLB": glb_textured().bytes(),
     ".gltf": glb_textured().text(),
 }
-"""One small valid file for each reader; the suffixes in capitals are another form: text, a texture."""
+"""A small valid file for each reader. Suffixes in capitals are variants: text, or with a texture."""
 SUFFIXES = [suffix for suffix in MESH_SUFFIXES if not suffix.startswith(".usd")]
-"""Of the formats that are read here; `test_usd.py` has those that usd-core reads."""
+"""The formats with a reader in Python. USD formats are tested in `test_usd.py`."""

@@ -1,10 +1,10 @@
-"""What the test of any mesh format does: a file as stored, meshes there and back, and files that are wrong.
+"""Checks for the test of any mesh format: reading, round trips, and invalid files.
 
     def test_tri(tmp_path: Path) -> None:
         check_format(FORMAT, b"tri\\n0 0 0 1 0 0 1 1 0\\n", [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]], tmp_path)
         check_bad(FORMAT, b"tri\\n0 0\\n", "MESH_FILE_INVALID", tmp_path)
 
-is a whole one.
+is a complete test.
 """
 
 import io
@@ -21,7 +21,7 @@ from msb.meshes import Mesh, read_mesh, write_mesh
 from msb.meshes.formats import Format
 
 BYTES = np.random.default_rng(1).integers(0, 2, (9, 4), dtype=np.uint8)
-"""Only zeros and ones: the hardest bytes to tell from decimals in a text file."""
+"""Only zeros and ones, which are the hardest bytes to distinguish from decimals in text files."""
 FLOATS = np.random.default_rng(2).random((9, 4), dtype=np.float32)
 COLORS = {
     "none": None,
@@ -33,31 +33,31 @@ COLORS = {
 
 
 def make(dtype: type, colors: str = "none", face_colors: str = "none") -> Mesh:
-    """Return nine vertices, one of them unused and two equal, and faces that are not in order."""
+    """Return nine vertices, with an unused one and two equal ones, and faces in irregular order."""
     vertices = np.random.default_rng(0).normal(size=(9, 3)).astype(dtype)
     vertices[3] = vertices[1]
     vertices[4] = [0, 1e-30, -1e30]
     faces = np.array([[7, 1, 0], [3, 2, 1], [5, 5, 6], [0, 1, 7], [7, 1, 0]])
-    wanted = COLORS[face_colors]
-    return Mesh(vertices, faces, COLORS[colors], None if wanted is None else wanted[: len(faces)])
+    rows = COLORS[face_colors]
+    return Mesh(vertices, faces, COLORS[colors], None if rows is None else rows[: len(faces)])
 
 
 def written(mesh: Mesh, suffix: str) -> bytes:
-    """Return the file of a mesh."""
+    """Return the content of the file that is written for a mesh."""
     stream = io.BytesIO()
     write_mesh(mesh, stream, suffix=suffix)
     return stream.getvalue()
 
 
 def equal(array: NDArray[Any] | None, other: NDArray[Any] | None) -> bool:
-    """Return whether both are None, or of one type and equal."""
+    """Return whether both are None, or equal arrays of the same type."""
     if array is None or other is None:
         return array is other
     return array.dtype == other.dtype and np.array_equal(array, other)
 
 
 def round_trip(mesh: Mesh, suffix: str, folder: Path) -> Mesh:
-    """Write and read `mesh`; check that the arrays written are as before and the bytes the same each time."""
+    """Write and read `mesh`. Check that writing is deterministic and does not change the arrays."""
     arrays = [array for array in vars(mesh).values() if isinstance(array, np.ndarray)]
     before = [array.copy() for array in arrays]
     path = folder / f"mesh{suffix}"
@@ -69,7 +69,7 @@ def round_trip(mesh: Mesh, suffix: str, folder: Path) -> Mesh:
 
 
 def check_format(form: Format, example: bytes, triangles: Sequence[Any], folder: Path) -> None:
-    """Hold a format to what its declaration says; `triangles` (F, 3, 3) are those that `example` holds."""
+    """Check a format against its declaration; `triangles` (F, 3, 3) are the triangles in `example`."""
     for suffix in form.suffixes:
         for path in (folder / f"a{suffix}", folder / f"b{suffix.upper()}"):
             path.write_bytes(example)
@@ -106,7 +106,7 @@ def _decimal(colors: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def check_refusals(form: Format) -> None:
-    """Check that coordinates and faces which no program can use are refused before the first byte."""
+    """Check that invalid coordinates and indices are rejected before the first byte is written."""
     for row, value in ((4, np.nan), (2, -np.inf), (1, 1e39)):
         mesh = make(np.float64)
         mesh.vertices[row, 1] = value
@@ -116,7 +116,7 @@ def check_refusals(form: Format) -> None:
     for index in (-1, 9):
         mesh = make(np.float32)
         mesh.faces[1, 2] = index
-        _check_refused(form, mesh, MeshError, f"MESH_INDEX_OUT_OF_RANGE: face 1 is [3, 2, {index}]; ")
+        _check_refused(form, mesh, MeshError, f"MESH_INDEX_OUT_OF_RANGE: face 1 is [3, 2, {index}]")
 
 
 def _check_refused(form: Format, mesh: Mesh, kind: type[Exception], begins: str) -> None:
@@ -128,7 +128,7 @@ def _check_refused(form: Format, mesh: Mesh, kind: type[Exception], begins: str)
 
 
 def check_bad(form: Format, content: bytes, code: str, folder: Path) -> None:
-    """Check that a file is refused in one line with the code and the name of the file."""
+    """Check that an invalid file gives a one-line error with the code and the name of the file."""
     path = folder / f"bad{form.suffixes[0]}"
     path.write_bytes(content)
     with pytest.raises(MeshFileError) as caught:

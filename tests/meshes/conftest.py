@@ -1,4 +1,4 @@
-"""What the tests of mesh files share."""
+"""Fixtures of the tests of mesh files."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +10,7 @@ from msb.meshes import Mesh, read_mesh
 
 @pytest.fixture
 def read(tmp_path: Path) -> Callable[[bytes, str], Mesh]:
-    """Return a function that reads a mesh from the content of a file and its suffix."""
+    """Return a function that writes content to a file with a suffix, and reads the mesh."""
 
     def read_content(content: bytes, suffix: str) -> Mesh:
         path = tmp_path / f"mesh{suffix}"

@@ -1,4 +1,4 @@
-"""What a file holds of a mesh: colours, vertices that are shared, and what is up."""
+"""Convert meshes for file formats: colours, shared vertices, and the up axis."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,13 +19,13 @@ COLORS = np.arange(12, dtype=np.uint8).reshape(4, 3)
 
 
 def volume(mesh: Mesh) -> float:
-    """Return six times the signed volume, which winding and mirroring change and rotation does not."""
+    """Return six times the signed volume. Mirroring changes its sign; rotation does not."""
     a, b, c = (mesh.vertices[column].astype(float) for column in mesh.faces.T)
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum())
 
 
 @pytest.mark.parametrize("up", AXES)
-def test_a_glb_is_upright_and_nothing_else_of_it_is_changed(up: str, tmp_path: Path) -> None:
+def test_a_glb_is_rotated_upright_and_otherwise_unchanged(up: str, tmp_path: Path) -> None:
     mesh = Mesh(POINTS, TETRAHEDRON[1].astype(np.int64), COLORS, up=up)
     path = tmp_path / "up.glb"
     msb.save(asset_from_mesh(mesh), path)
@@ -35,14 +35,14 @@ def test_a_glb_is_upright_and_nothing_else_of_it_is_changed(up: str, tmp_path: P
     assert np.array_equal(again.vertex_colors[:, :3], COLORS)
     assert volume(again) == pytest.approx(volume(mesh), rel=1e-6)
     assert (again.up, up_axis(msb.open(path))) == ("+y", "+y")
-    assert np.array_equal(mesh_from_asset(msb.open(path)).vertices, again.vertices)  # once, not each time
-    for suffix in (".ply", ".obj", ".off"):  # they leave open what is up
+    assert np.array_equal(mesh_from_asset(msb.open(path)).vertices, again.vertices)  # not rotated twice
+    for suffix in (".ply", ".obj", ".off"):  # these define no up axis
         assert np.array_equal(as_held(mesh, suffix).vertices, POINTS)
 
 
 @pytest.mark.parametrize(("model", "up"), [("walled", "-y"), ("pebble", "+z")])
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting"])
-def test_trainings_on_colmap_and_on_nerf_synthetic_stand_upright(
+def test_models_of_colmap_and_nerf_synthetic_scenes_are_rotated_upright(
     model: str, up: str, method: str, tmp_path: Path
 ) -> None:
     asset = msb.open(ROOT / "data_stubs" / "models" / model / method)
@@ -52,14 +52,14 @@ def test_trainings_on_colmap_and_on_nerf_synthetic_stand_upright(
     assert np.array_equal(read_mesh(tmp_path / "a.glb").vertices, expected)
 
 
-def test_where_up_is_not_known_nothing_is_turned() -> None:
+def test_a_mesh_with_unknown_up_axis_is_not_rotated() -> None:
     mesh = Mesh(POINTS, TETRAHEDRON[1].astype(np.int64))
     assert as_held(mesh, ".glb").vertices is mesh.vertices
     assert asset_from_mesh(mesh).manifest.coordinate_frame.up == "unknown"
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".off", ".stl", ".glb"])
-def test_what_is_held_is_what_is_read(suffix: str, tmp_path: Path) -> None:
+def test_as_held_equals_the_mesh_read_from_the_file(suffix: str, tmp_path: Path) -> None:
     faces = TETRAHEDRON[1].astype(np.int64)
     mesh = Mesh(POINTS / 3, faces, None, np.arange(3 * len(faces), dtype=np.uint8).reshape(-1, 3), up="-y")
     held = as_held(mesh, suffix)
@@ -72,7 +72,7 @@ def test_what_is_held_is_what_is_read(suffix: str, tmp_path: Path) -> None:
     assert (len(held.vertices) == 12) is (suffix in (".obj", ".stl", ".glb"))
 
 
-def test_a_vertex_that_is_not_there_is_an_error_before_vertices_are_split() -> None:
+def test_invalid_indices_are_rejected_before_vertices_are_split() -> None:
     mesh = replace(Mesh(POINTS, TETRAHEDRON[1].astype(np.int64)), faces=np.array([[0, 1, 9]]))
     with pytest.raises(msb.MsbError, match="INDEX_OUT_OF_RANGE"):
         as_held(mesh, ".stl")

@@ -1,4 +1,4 @@
-"""A format is one module and one line: that of CONTRIBUTING.md, added here, is one everywhere."""
+"""Check all formats. The example of CONTRIBUTING.md works everywhere as soon as it is registered."""
 
 import json
 import re
@@ -33,21 +33,21 @@ TRIANGLES["STL"] = np.array(SQUARE)[[[0, 1, 2], [1, 2, 3]]]
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_every_format_is_what_it_declares(suffix: str, tmp_path: Path) -> None:
+def test_every_format_matches_its_declaration(suffix: str, tmp_path: Path) -> None:
     form = FORMATS[suffix]
     check_format(form, SMALL[suffix], TRIANGLES[form.title], tmp_path)
 
 
 @pytest.fixture
 def tri(monkeypatch: pytest.MonkeyPatch) -> Format:
-    """The format of CONTRIBUTING.md, registered."""
+    """Register the example format of CONTRIBUTING.md."""
     (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "FORMAT = " in block)
     module = ModuleType("msb.meshes.tri")
     exec(text, vars(module))
     monkeypatch.setitem(FORMATS, ".tri", module.FORMAT)
     monkeypatch.setitem(sys.modules, module.__name__, module)
-    found: Format = module.FORMAT
-    return found
+    form: Format = module.FORMAT
+    return form
 
 
 def run(*words: object) -> str:
@@ -69,19 +69,19 @@ def test_an_added_format_is_converted_audited_and_exported(tri: Format, tmp_path
     assert locate(target).kind == "mesh"
 
 
-def test_the_test_of_contributing_holds_the_format_to_its_declaration(tri: Format, tmp_path: Path) -> None:
+def test_the_example_test_of_contributing_passes(tri: Format, tmp_path: Path) -> None:
     (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "check_format(" in block)
     names: dict[str, Any] = {}
     exec(text, names)
     names["test_tri"](tmp_path)
 
 
-def test_an_added_format_is_known_by_its_content(tri: Format, tmp_path: Path) -> None:
+def test_an_added_format_is_recognised_by_its_content(tri: Format, tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_bytes(b"tri\n0 0 0 1 0 0 1 1 0\n")
     with pytest.raises(MeshFileError, match=r"MESH_FILE_INVALID: .*TRI"):
         read_mesh(tmp_path / "a.ply")
     (tmp_path / "a.xyz").touch()
-    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.tri "):
+    with pytest.raises(InputError, match=r"FILE_NOT_RECOGNISED.*\.tri"):
         read_mesh(tmp_path / "a.xyz")
 
 
@@ -93,9 +93,7 @@ def test_an_added_format_is_fuzzed(tri: Format, tmp_path: Path) -> None:
     assert feed(seed[:-5]).code == "MESH_FILE_INVALID"
 
 
-def test_a_format_without_a_writer_is_read_and_not_written(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_read_only_format_cannot_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setitem(FORMATS, ".old", Format("OLD", (".old",), FORMATS[".off"].read))
     (tmp_path / "a.old").write_bytes(SMALL[".off"])
     assert len(read_mesh(tmp_path / "a.old").faces) == 2
@@ -105,10 +103,10 @@ def test_a_format_without_a_writer_is_read_and_not_written(
     assert str(done.exception).startswith("USAGE: ")
 
 
-def test_every_format_has_its_rows_in_the_tables_and_its_small_file() -> None:
+def test_every_format_is_documented_and_has_a_small_test_file() -> None:
     text = (ROOT / "docs" / "meshes.md").read_text()
     read, written = (text.split(f"## What is {what}")[1].split("\n## ")[0] for what in ("read", "written"))
     assert set(re.findall(r"^\| (glTF|[A-Z]+) \|", read, re.MULTILINE)) == {f.title for f in FORMATS.values()}
-    writers = {each.title for each in FORMATS.values() if each.write is not None}
+    writers = {form.title for form in FORMATS.values() if form.write is not None}
     assert set(re.findall(r"^\| ([A-Z]+) \|", written, re.MULTILINE)) == writers
     assert set(SUFFIXES) <= set(SMALL)

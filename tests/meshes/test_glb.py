@@ -1,4 +1,4 @@
-"""GLB as stored: accessors, primitives in node order, node transforms, colours."""
+"""Read GLB files: accessors, primitives in node order, node transforms and colours."""
 
 from pathlib import Path
 from typing import Any
@@ -41,47 +41,47 @@ def test_triangles_strips_and_fans(read: Read, mode: int, indices: list[int], fa
 
 @pytest.mark.parametrize("mode", [0, 1, 2, 3])
 def test_points_and_lines_are_ignored(read: Read, mode: int) -> None:
-    made = glb_square()
-    made.primitive(made.accessor(MOVED, "f4", "VEC3"), mode=mode)
-    assert read(made.bytes(), ".glb").vertices.tolist() == SQUARE
+    glb = glb_square()
+    glb.primitive(glb.accessor(MOVED, "f4", "VEC3"), mode=mode)
+    assert read(glb.bytes(), ".glb").vertices.tolist() == SQUARE
 
 
 def test_without_indices_three_vertices_make_a_face(read: Read) -> None:
-    made = Glb()
-    made.primitive(made.accessor([*SQUARE[:3], *SQUARE[:3]], "f4", "VEC3"))
-    mesh = read(made.bytes(), ".glb")
+    glb = Glb()
+    glb.primitive(glb.accessor([*SQUARE[:3], *SQUARE[:3]], "f4", "VEC3"))
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.vertices.shape == (6, 3)
     assert mesh.faces.tolist() == [[0, 1, 2], [3, 4, 5]]
 
 
 def test_interleaved_vertices(read: Read) -> None:
-    made = glb_square()
+    glb = glb_square()
     rows = np.zeros(4, dtype=[("normal", "<f4", 3), ("position", "<f4", 3), ("color", "u1", 4)])
     rows["position"] = MOVED
     rows["color"] = [1, 2, 3, 4]
-    view = made.view(rows.tobytes(), byteStride=28)
-    made.root["accessors"][0] |= {"bufferView": view, "byteOffset": 12}
+    view = glb.view(rows.tobytes(), byteStride=28)
+    glb.root["accessors"][0] |= {"bufferView": view, "byteOffset": 12}
     color = {"bufferView": view, "byteOffset": 24, "componentType": 5121, "count": 4, "type": "VEC4"}
-    made.root["accessors"].append(color)
-    made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
-    mesh = read(made.bytes(), ".glb")
+    glb.root["accessors"].append(color)
+    glb.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = 2
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.vertices.tolist() == MOVED
     assert_colors(mesh.vertex_colors, np.uint8([[13, 22, 28, 4]] * 4))
 
 
 @pytest.mark.parametrize("has_base", [True, False])
 def test_sparse_accessors_are_applied(read: Read, has_base: bool) -> None:
-    made = glb_square()
+    glb = glb_square()
     sparse = {
         "count": 2,
-        "indices": {"bufferView": made.view(np.array([1, 3], "<u2").tobytes()), "componentType": 5123},
-        "values": {"bufferView": made.view(np.array([[7, 7, 7], [8, 8, 8]], "<f4").tobytes())},
+        "indices": {"bufferView": glb.view(np.array([1, 3], "<u2").tobytes()), "componentType": 5123},
+        "values": {"bufferView": glb.view(np.array([[7, 7, 7], [8, 8, 8]], "<f4").tobytes())},
     }
-    made.root["accessors"][0]["sparse"] = sparse
+    glb.root["accessors"][0]["sparse"] = sparse
     if not has_base:
-        del made.root["accessors"][0]["bufferView"]
+        del glb.root["accessors"][0]["bufferView"]
     base = SQUARE if has_base else [[0.0, 0.0, 0.0]] * 4
-    vertices = read(made.bytes(), ".glb").vertices.tolist()
+    vertices = read(glb.bytes(), ".glb").vertices.tolist()
     assert vertices == [base[0], [7, 7, 7], base[2], [8, 8, 8]]
 
 
@@ -96,24 +96,24 @@ def test_sparse_accessors_are_applied(read: Read, has_base: bool) -> None:
 def test_quantized_positions(
     read: Read, dtype: str, normalized: bool, stored: list[int], expected: list[float]
 ) -> None:
-    made = Glb()
-    made.primitive(made.accessor([stored] * 3, dtype, "VEC3", normalized=normalized))
-    made.root["extensionsRequired"] = ["KHR_mesh_quantization"]
-    # Rows of three bytes or shorts are not aligned as the format wants it; readers need not care.
-    mesh = read(made.bytes(), ".glb")
+    glb = Glb()
+    glb.primitive(glb.accessor([stored] * 3, dtype, "VEC3", normalized=normalized))
+    glb.root["extensionsRequired"] = ["KHR_mesh_quantization"]
+    # The rows are not aligned to four bytes as the format requires, which readers can ignore.
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.vertices.dtype == np.float64
     np.testing.assert_allclose(mesh.vertices, [expected] * 3, rtol=1e-15)
 
 
 def two_nodes(nodes: list[dict[str, Any]], roots: list[int] | None = None) -> bytes:
-    """Return a file with the square as mesh 0, and these nodes; roots None means no scenes."""
-    made = glb_square()
-    made.root["nodes"] = nodes
+    """Return a file with the square as mesh 0 and these nodes; without scenes if `roots` is None."""
+    glb = glb_square()
+    glb.root["nodes"] = nodes
     if roots is None:
-        del made.root["scene"], made.root["scenes"]
+        del glb.root["scene"], glb.root["scenes"]
     else:
-        made.root["scenes"] = [{"nodes": roots}]
-    return made.bytes()
+        glb.root["scenes"] = [{"nodes": roots}]
+    return glb.bytes()
 
 
 @pytest.mark.parametrize("roots", [[0, 1], [1, 0], None])
@@ -124,13 +124,13 @@ def test_nodes_are_taken_in_ascending_order(read: Read, roots: list[int] | None)
     assert mesh.faces.tolist() == SQUARE_FACES + SECOND
 
 
-def test_only_the_default_scene_is_shown(read: Read) -> None:
-    made = glb_square()
-    made.root["nodes"] = [{"mesh": 0, "translation": [10, 0, 0]}, {"mesh": 0}]
-    made.root["scenes"] = [{"nodes": [0]}, {"nodes": [1]}]
-    assert read(made.bytes(), ".glb").vertices.tolist() == MOVED
-    made.root["scene"] = 1
-    mesh = read(made.bytes(), ".glb")
+def test_only_the_default_scene_is_read(read: Read) -> None:
+    glb = glb_square()
+    glb.root["nodes"] = [{"mesh": 0, "translation": [10, 0, 0]}, {"mesh": 0}]
+    glb.root["scenes"] = [{"nodes": [0]}, {"nodes": [1]}]
+    assert read(glb.bytes(), ".glb").vertices.tolist() == MOVED
+    glb.root["scene"] = 1
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.vertices.tolist() == SQUARE
     assert mesh.vertices.dtype == np.float32
 
@@ -162,8 +162,8 @@ def test_transform_of_the_x_axis(read: Read, node: dict[str, Any], expected: lis
         ({"scale": [0, 1, 1]}, False),
     ],
 )
-def test_mirrored_nodes_turn_their_faces_round(read: Read, node: dict[str, Any], turned: bool) -> None:
-    """The front of a mirrored node is where corners go clockwise."""
+def test_mirrored_nodes_reverse_the_winding(read: Read, node: dict[str, Any], turned: bool) -> None:
+    """Mirroring reverses the order of corners, so the faces must be reversed, too."""
     mesh = read(two_nodes([{"mesh": 0, **node}, {"mesh": 0}], [0, 1]), ".glb")
     first = [[a, c, b] for a, b, c in SQUARE_FACES] if turned else SQUARE_FACES
     assert mesh.faces.tolist() == first + SECOND
@@ -187,18 +187,18 @@ def test_the_identity_keeps_float32(read: Read) -> None:
 )
 @pytest.mark.parametrize("normalized", [True, False])
 def test_colors(read: Read, dtype: str, values: list[float], expected: np.ndarray, normalized: bool) -> None:
-    made = glb_square()
-    color = made.accessor([values] * 4, dtype, f"VEC{len(values)}", normalized=normalized)
-    made.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = color
-    assert_colors(read(made.bytes(), ".glb").vertex_colors, np.stack([expected] * 4))
+    glb = glb_square()
+    color = glb.accessor([values] * 4, dtype, f"VEC{len(values)}", normalized=normalized)
+    glb.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = color
+    assert_colors(read(glb.bytes(), ".glb").vertex_colors, np.stack([expected] * 4))
 
 
 def test_primitives_join_with_white_where_one_has_no_color(read: Read) -> None:
-    made = glb_square()
-    position = made.accessor(MOVED[:3], "f4", "VEC3")
-    made.primitive(position, attributes={"COLOR_0": made.accessor([[0, 0.5, 1, 0.25]] * 3, "f4", "VEC4")})
-    made.primitive(position, attributes={"COLOR_0": made.accessor([[255, 0, 51]] * 3, "u1", "VEC3")})
-    mesh = read(made.bytes(), ".glb")
+    glb = glb_square()
+    position = glb.accessor(MOVED[:3], "f4", "VEC3")
+    glb.primitive(position, attributes={"COLOR_0": glb.accessor([[0, 0.5, 1, 0.25]] * 3, "f4", "VEC4")})
+    glb.primitive(position, attributes={"COLOR_0": glb.accessor([[255, 0, 51]] * 3, "u1", "VEC3")})
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.vertices.tolist() == SQUARE + MOVED[:3] * 2
     assert mesh.faces.tolist() == [*SQUARE_FACES, [4, 5, 6], [7, 8, 9]]
     expected = [[1, 1, 1, 1]] * 4 + [[0, 0.735357, 1, 0.25]] * 3 + [[1, 0, 124 / 255, 1]] * 3
@@ -206,29 +206,29 @@ def test_primitives_join_with_white_where_one_has_no_color(read: Read) -> None:
 
 
 def test_an_index_outside_its_primitive_stays_outside_the_mesh(read: Read) -> None:
-    made = glb_square(indices=[0, 1, 2, 0, 2, 9])
-    assert read(made.bytes(), ".glb").faces.tolist() == [[0, 1, 2], [0, 2, 9]]
-    made.primitive(made.accessor(MOVED * 3, "f4", "VEC3"))
-    mesh = read(made.bytes(), ".glb")
-    # 9 is a vertex of the second primitive, which the first one cannot mean.
+    glb = glb_square(indices=[0, 1, 2, 0, 2, 9])
+    assert read(glb.bytes(), ".glb").faces.tolist() == [[0, 1, 2], [0, 2, 9]]
+    glb.primitive(glb.accessor(MOVED * 3, "f4", "VEC3"))
+    mesh = read(glb.bytes(), ".glb")
+    # Index 9 is out of range in the first primitive, and must not refer to the second one.
     assert mesh.faces[1].tolist() == [0, 2, 9 - 4 + len(mesh.vertices)]
 
 
 def test_an_empty_scene_is_an_empty_mesh(read: Read) -> None:
-    made = Glb()
-    made.root |= {"scenes": [{}], "meshes": [], "nodes": []}
-    assert read(made.bytes(), ".glb").vertices.shape == (0, 3)
+    glb = Glb()
+    glb.root |= {"scenes": [{}], "meshes": [], "nodes": []}
+    assert read(glb.bytes(), ".glb").vertices.shape == (0, 3)
 
 
 def test_harmless_requirements_and_later_chunks(read: Read) -> None:
-    made = glb_square()
-    made.root["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_transform"]
-    content = bytearray(made.bytes() + b"\4\0\0\0XTRAdata")
+    glb = glb_square()
+    glb.root["extensionsRequired"] = ["KHR_materials_unlit", "KHR_texture_transform"]
+    content = bytearray(glb.bytes() + b"\4\0\0\0XTRAdata")
     content[8:12] = len(content).to_bytes(4, "little")
     assert read(bytes(content), ".glb").faces.tolist() == SQUARE_FACES
 
 
-def test_a_file_of_too_many_nodes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_too_many_nodes_are_rejected(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("msb.meshes.gltf.MAX_NODES", 0)
     (tmp_path / "nodes.glb").write_bytes(SMALL[".glb"])
     with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):

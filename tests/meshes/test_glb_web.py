@@ -1,4 +1,4 @@
-"""A GLB for the web reads back as the same mesh, as near as it says, in another order."""
+"""Web GLB files read back as the same mesh in another order, within the requested precision."""
 
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ SIDE = 40
 
 
 def wavy() -> Mesh:
-    """Return a sheet with a hole, a flipped face, a repeated one, an unused vertex and dark colours."""
+    """Return a sheet with a hole, a flipped face, a duplicate face, an unused vertex and dark colours."""
     x, y = (each.ravel() for each in np.mgrid[:SIDE, :SIDE])
     corner = (x * SIDE + y).reshape(SIDE, SIDE)
     low, right, up = corner[:-1, :-1].ravel(), corner[1:, :-1].ravel(), corner[:-1, 1:].ravel()
@@ -37,7 +37,7 @@ def wavy() -> Mesh:
 
 
 def corners_of(mesh: Mesh) -> Any:
-    """Return the corners of faces in an order that does not tell rows."""
+    """Return the positions and colours of all corners, in an order that is independent of rows."""
     levels = mesh.vertex_colors[:, :3] * (1.0 if mesh.vertex_colors.dtype == np.uint8 else 255.0)
     values = np.concatenate((mesh.vertices[mesh.faces], levels[mesh.faces]), axis=2)
     first = values[..., 0] * 1e4 + values[..., 1] * 1e2 + values[..., 2]
@@ -49,7 +49,7 @@ def corners_of(mesh: Mesh) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("web", "levels"), [(Web(56, None), 6), (Web(80, 1.0), 1)])
-def test_counts_stay_and_what_is_lost_is_bounded(web: Web, levels: int, tmp_path: Path) -> None:
+def test_the_audit_is_unchanged_and_errors_are_bounded(web: Web, levels: int, tmp_path: Path) -> None:
     mesh, files = wavy(), [tmp_path / "plain.glb", tmp_path / "web.glb"]
     write_mesh(mesh, files[0], suffix=".glb")
     write_mesh(mesh, files[1], suffix=".glb", style=Style(web=web))
@@ -65,7 +65,7 @@ def test_counts_stay_and_what_is_lost_is_bounded(web: Web, levels: int, tmp_path
 
 
 def soup() -> Mesh:
-    """Return the faces of the sheet with vertices of their own, each of one colour, and some far away."""
+    """Return the sheet as a triangle soup with uniform face colours and some distant faces."""
     mesh = wavy()
     vertices = mesh.vertices[mesh.faces]
     vertices[::9] *= 20
@@ -74,7 +74,7 @@ def soup() -> Mesh:
 
 
 @pytest.mark.slow
-def test_a_soup_needs_no_indices_and_is_finer_near_its_middle(tmp_path: Path) -> None:
+def test_a_soup_has_no_indices_and_a_finer_grid_near_its_centre(tmp_path: Path) -> None:
     mesh = soup()
     write_mesh(mesh, tmp_path / "plain.glb", suffix=".glb")
     for by_distance in (False, True):
@@ -83,21 +83,21 @@ def test_a_soup_needs_no_indices_and_is_finer_near_its_middle(tmp_path: Path) ->
         assert "indices" not in opened(path.read_bytes())[0]["meshes"][0]["primitives"][0]
         assert msb.audit(path).counts == msb.audit(tmp_path / "plain.glb").counts
         again, grid = read_mesh(path), Grid.of(mesh, Web(76, by_distance=by_distance))
-        made = np.sort(again.vertices.astype(np.float32).view("f4,f4,f4"), axis=0)
-        assert np.array_equal(made, np.sort(grid.positions.view("f4,f4,f4"), axis=0))
-        off = np.abs(grid.positions - mesh.vertices).max(axis=1)
+        vertices = np.sort(again.vertices.astype(np.float32).view("f4,f4,f4"), axis=0)
+        assert np.array_equal(vertices, np.sort(grid.positions.view("f4,f4,f4"), axis=0))
+        error = np.abs(grid.positions - mesh.vertices).max(axis=1)
         step = grid.step * 2.0**grid.exponents
-        assert (off <= step / 2 + 1e-4 * grid.step).all()
+        assert (error <= step / 2 + 1e-4 * grid.step).all()
         assert bool(grid.exponents.any()) == by_distance
     far = np.linalg.norm(mesh.vertices - np.median(mesh.vertices, axis=0), axis=1) > 200
     assert step[far].min() > step[~far].min()
 
 
-def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texel(tmp_path: Path) -> None:
+def test_web_textures_are_webp_and_uvs_are_precise_to_a_sixteenth_of_a_texel(tmp_path: Path) -> None:
     ramp = np.arange(0, 256, 8, dtype=np.uint8)[:, None, None].repeat(16, 1).repeat(3, 2)
-    shown = np.array([1, 0, 1], np.uint32)
+    textures = np.array([1, 0, 1], np.uint32)
     mesh = Mesh(
-        CORNERS, FACES, corner_uvs=UVS, textures=(ramp, ramp[::-1]), face_textures=shown, sampler=Sampler()
+        CORNERS, FACES, corner_uvs=UVS, textures=(ramp, ramp[::-1]), face_textures=textures, sampler=Sampler()
     )
     write_mesh(mesh, tmp_path / "a.glb", suffix=".glb", style=Style(texture="webp", web=Web()))
     again = read_mesh(tmp_path / "a.glb")
@@ -106,13 +106,13 @@ def test_textures_of_the_web_are_webp_and_coordinates_keep_a_sixteenth_of_a_texe
         faces = again.faces[again.face_textures == texture]
         assert np.abs(again.textures[texture].astype(int) - image).max() < 8
         uvs = again.vertex_uvs[faces].reshape(-1, 2)
-        expected = mesh.corner_uvs.reshape(3, 3, 2)[shown == texture].reshape(-1, 2)
+        expected = mesh.corner_uvs.reshape(3, 3, 2)[textures == texture].reshape(-1, 2)
         near = np.abs(uvs[:, None] - expected).max(axis=2).min(axis=0)
         assert (near < 1 / 32 / 16).all()
 
 
 @pytest.mark.parametrize("most", [255.9, 255.99998, 256.0, 511.99997, 3000.0])
-def test_coordinates_that_are_tiled_often_do_not_wrap(most: float, tmp_path: Path) -> None:
+def test_large_tiled_uvs_do_not_overflow(most: float, tmp_path: Path) -> None:
     image = np.zeros((16, 4096, 3), np.uint8)
     mesh = Mesh(CORNERS, FACES, corner_uvs=UVS * np.float32(most), textures=(image,), sampler=Sampler())
     write_mesh(as_held(mesh, ".glb"), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))
@@ -121,7 +121,7 @@ def test_coordinates_that_are_tiled_often_do_not_wrap(most: float, tmp_path: Pat
     assert abs(again.max() - mesh.corner_uvs.max()) <= most * 2**-22
 
 
-def test_without_the_extra_one_line_names_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_missing_extra_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(extras, "find_spec", lambda _: None)
     with pytest.raises(UsageError, match=r"EXTRA_MISSING: .*\[compressed\]"):
         write_mesh(wavy(), tmp_path / "a.glb", suffix=".glb", style=Style(web=Web()))

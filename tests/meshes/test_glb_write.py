@@ -1,4 +1,4 @@
-"""What a GLB that we write holds: linear colours, textures, and no more vertices than it needs."""
+"""Write GLB files: linear colours, textures, and as few vertices as possible."""
 
 import io
 import json
@@ -21,7 +21,7 @@ from .checks import equal
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [5, 5, 5], [2, 0, 0]], np.float32)
 FACES = np.array([[0, 1, 2], [2, 1, 3], [1, 5, 3]])
-"""Two triangles of one chart, and a third that meets it at vertices 1 and 3; vertex 4 is unused."""
+"""Two triangles of one chart, and a third one that meets it at vertices 1 and 3. Vertex 4 is unused."""
 UVS = np.array([[0, 1], [1, 1], [0, 0], [0, 0], [1, 1], [1, 0], [0, 0.5], [1, 0.5], [1, 0]], np.float32)
 IMAGES = tuple(
     np.random.default_rng(channels).integers(0, 256, (4, 8, channels), np.uint8) for channels in (3, 4)
@@ -35,7 +35,7 @@ def file(mesh: Mesh, **style: Any) -> bytes:
 
 
 def opened(content: bytes) -> tuple[dict[str, Any], bytes]:
-    """Return the JSON of a GLB, and its binary chunk."""
+    """Return the JSON and the binary chunk of a GLB."""
     (size,) = struct.unpack_from("<I", content, 12)
     return json.loads(content[20 : 20 + size]), content[28 + size :]
 
@@ -58,7 +58,7 @@ def colors_of(mesh: Mesh, **style: Any) -> NDArray[Any]:
 
 
 @pytest.mark.parametrize("darkest", [0, 140])
-def test_colors_are_linear_and_survive_in_the_smallest_type(tmp_path: Path, darkest: int) -> None:
+def test_colors_are_linear_in_the_smallest_sufficient_type(tmp_path: Path, darkest: int) -> None:
     grey = np.arange(darkest, 256, dtype=np.uint8)
     points = np.zeros((len(grey), 3), np.float32)
     for colors in (grey[:, None].repeat(3, 1), (grey[:, None].repeat(3, 1) / 255.3).astype(np.float32)):
@@ -74,12 +74,12 @@ def test_colors_are_linear_and_survive_in_the_smallest_type(tmp_path: Path, dark
         assert equal(read_mesh(tmp_path / "srgb.glb").vertex_colors[:, :3].copy(), colors)
 
 
-def test_linear_white_is_white_and_alpha_is_kept() -> None:
+def test_white_and_alpha_are_unchanged() -> None:
     colors = np.array([[255, 0, 255, 128]] * 6, np.uint8)
     assert colors_of(Mesh(CORNERS, FACES, colors)).tolist() == colors.tolist()
 
 
-def test_indices_take_two_bytes_where_they_fit() -> None:
+def test_indices_are_uint16_if_they_fit() -> None:
     for count, kind in ((65535, np.uint16), (65536, np.uint16), (65537, np.uint32)):
         content = file(Mesh(np.zeros((count, 3), np.float32), np.array([[0, 1, count - 2]])))
         indices = values(content, opened(content)[0]["meshes"][0]["primitives"][0]["indices"])
@@ -92,11 +92,11 @@ def textured(**changes: Any) -> Mesh:
     return replace(Mesh(CORNERS, FACES, colors, corner_uvs=UVS, textures=IMAGES[:1]), **changes)
 
 
-def test_vertices_are_doubled_only_where_coordinates_differ() -> None:
+def test_vertices_are_split_only_if_uvs_differ() -> None:
     mesh = textured()
     held = with_vertex_uvs(mesh)
     assert np.array_equal(held.vertices[:6], mesh.vertices)
-    # Vertex 1 has another coordinate in the second chart; vertex 3 has the same in both.
+    # Vertex 1 has different coordinates in the two charts; vertex 3 has the same.
     assert held.faces.tolist() == [[0, 1, 2], [2, 1, 3], [6, 5, 3]]
     assert held.vertices[6].tolist() == [1, 0, 0]
     assert equal(held.vertex_uvs[held.faces].reshape(-1, 2), UVS)
@@ -105,9 +105,9 @@ def test_vertices_are_doubled_only_where_coordinates_differ() -> None:
 
 
 def test_each_texture_is_a_primitive_with_its_own_vertices() -> None:
-    shown = np.array([1, 0, 1], np.uint32)
+    textures = np.array([1, 0, 1], np.uint32)
     sampler = Sampler("nearest", True, "clamp", "mirror", 0.25)
-    content = file(textured(textures=IMAGES, face_textures=shown, sampler=sampler))
+    content = file(textured(textures=IMAGES, face_textures=textures, sampler=sampler))
     root, binary = opened(content)
     first, second = root["meshes"][0]["primitives"]
     assert values(content, first["indices"])[:, 0].tolist() == [1, 0, 2]
@@ -134,9 +134,7 @@ def test_each_texture_is_a_primitive_with_its_own_vertices() -> None:
 
 @pytest.mark.parametrize("side", [4, 16384])
 @pytest.mark.parametrize("uvs", [UVS / 3, UVS + 0.5, np.concatenate((UVS[:8] / 3, UVS[8:] / 3 + 1e-6))])
-def test_beside_wide_colors_coordinates_are_short_where_that_is_not_seen(
-    side: int, uvs: NDArray[np.float32]
-) -> None:
+def test_uvs_are_uint16_if_the_error_is_invisible(side: int, uvs: NDArray[np.float32]) -> None:
     image = np.zeros((1, side, 3), np.uint8)
     content = file(textured(corner_uvs=uvs.astype(np.float32), textures=(image,)))
     (primitive,) = opened(content)[0]["meshes"][0]["primitives"]
@@ -145,13 +143,13 @@ def test_beside_wide_colors_coordinates_are_short_where_that_is_not_seen(
     are_short = side == 4 and uvs.max() <= 1 and np.array_equal(uvs, UVS / 3)
     assert rows["TEXCOORD_0"].dtype == (np.uint16 if are_short else np.float32)
     if are_short:
-        assert sum(each.itemsize * each.shape[1] for each in rows.values()) == 24
+        assert sum(array.itemsize * array.shape[1] for array in rows.values()) == 24
         corners = values(content, primitive["indices"])[:, 0]
         assert np.abs(rows["TEXCOORD_0"][corners] / 65535 - uvs).max() * side < 1 / 8
 
 
 @pytest.mark.parametrize("kind", ["jpeg", "webp"])
-def test_textures_may_be_packed_harder(kind: str) -> None:
+def test_textures_as_jpeg_and_webp(kind: str) -> None:
     ramp = np.arange(0, 256, 8, dtype=np.uint8)[:, None, None].repeat(16, 1).repeat(3, 2)
     root, binary = opened(file(textured(textures=(ramp,)), texture=kind))
     assert root["images"][0]["mimeType"] == f"image/{kind}"

@@ -1,4 +1,4 @@
-"""Textures and colours of glTF, in the file and beside it, as a GPU shows them; what is said of the rest."""
+"""Read textures and colours of glTF materials, embedded and linked, and list the ignored properties."""
 
 import base64
 from pathlib import Path
@@ -31,18 +31,18 @@ RGBA = np.concatenate([TEXELS, np.uint8([[[0], [255]], [[60], [200]]])], axis=2)
 BYTES = picture()
 
 
-def surface(made: Glb, material: int = 0) -> dict[str, Any]:
-    return made.root["materials"][material]["pbrMetallicRoughness"]
+def surface(glb: Glb, material: int = 0) -> dict[str, Any]:
+    return glb.root["materials"][material]["pbrMetallicRoughness"]
 
 
 def two_parts(first: dict[str, Any], second: dict[str, Any], **attributes: Any) -> Glb:
-    """Return the square twice, with a texture and these materials."""
-    made = glb_textured(picture(RGBA), **first)
-    uvs = made.accessor(UVS, "f4", "VEC2")
-    made.primitive(0, 1, attributes={"TEXCOORD_0": uvs, **attributes})
-    made.material(primitive=1, **second)
-    surface(made, 1)["baseColorTexture"] = {"index": 0}
-    return made
+    """Return the square twice, with a common texture and two materials."""
+    glb = glb_textured(picture(RGBA), **first)
+    uvs = glb.accessor(UVS, "f4", "VEC2")
+    glb.primitive(0, 1, attributes={"TEXCOORD_0": uvs, **attributes})
+    glb.material(primitive=1, **second)
+    surface(glb, 1)["baseColorTexture"] = {"index": 0}
+    return glb
 
 
 def test_a_texture_is_read_with_its_coordinates(read: Read) -> None:
@@ -71,12 +71,12 @@ GREY = np.uint8([[0, 70], [200, 255]])
         (picture(RGBA), TEXELS),
     ],
 )
-def test_kinds_of_images(read: Read, content: bytes, expected: np.ndarray) -> None:
+def test_image_formats(read: Read, content: bytes, expected: np.ndarray) -> None:
     (image,) = read(glb_textured(content).bytes(), ".glb").textures
     assert image.tolist() == expected.tolist()
 
 
-def test_images_beside_the_file_and_in_its_text(read: Read, tmp_path: Path) -> None:
+def test_linked_and_embedded_images(read: Read, tmp_path: Path) -> None:
     (tmp_path / "maps").mkdir()
     (tmp_path / "maps" / "a b.png").write_bytes(BYTES)
     text = base64.b64encode(BYTES).decode()
@@ -88,15 +88,15 @@ def test_images_beside_the_file_and_in_its_text(read: Read, tmp_path: Path) -> N
 
 
 def test_each_image_is_read_once_and_faces_without_one_are_white(read: Read, tmp_path: Path) -> None:
-    made = two_parts({}, {})
-    made.primitive(0, 1)
-    made.material(primitive=2)
-    surface(made, 2)["baseColorFactor"] = [0.5, 0.25, 1, 1]
-    mesh = read(made.bytes(), ".glb")
+    glb = two_parts({}, {})
+    glb.primitive(0, 1)
+    glb.material(primitive=2)
+    surface(glb, 2)["baseColorFactor"] = [0.5, 0.25, 1, 1]
+    mesh = read(glb.bytes(), ".glb")
     assert [image.tolist() for image in mesh.textures] == [TEXELS.tolist(), [[[255] * 3]]]
     assert mesh.face_textures is not None
     assert mesh.face_textures.tolist() == [0, 0, 0, 0, 1, 1]
-    bare = read_mesh(tmp_path / "mesh.glb", images=False)  # what an audit reads: a seam may be between them
+    bare = read_mesh(tmp_path / "mesh.glb", images=False)  # an audit needs them to find seams
     assert bare.textures == ()
     assert np.array_equal(bare.face_textures, mesh.face_textures)
     assert mesh.vertex_uvs is not None
@@ -119,35 +119,35 @@ def test_each_image_is_read_once_and_faces_without_one_are_white(read: Read, tmp
     ],
 )
 def test_samplers(read: Read, entry: dict[str, int], expected: Sampler) -> None:
-    made = glb_textured()
-    made.root["samplers"] = [entry]
-    made.root["textures"][0]["sampler"] = 0
-    assert read(made.bytes(), ".glb").sampler == expected
+    glb = glb_textured()
+    glb.root["samplers"] = [entry]
+    glb.root["textures"][0]["sampler"] = 0
+    assert read(glb.bytes(), ".glb").sampler == expected
 
 
-def test_a_second_sampler_is_left_out(read: Read) -> None:
-    made = two_parts({}, {})
-    made.root["samplers"] = [{"wrapS": 33071}]
-    made.root["textures"].append({"source": 0, "sampler": 0})
-    surface(made, 1)["baseColorTexture"] = {"index": 1}
-    mesh = read(made.bytes(), ".glb")
+def test_a_second_sampler_is_ignored(read: Read) -> None:
+    glb = two_parts({}, {})
+    glb.root["samplers"] = [{"wrapS": 33071}]
+    glb.root["textures"].append({"source": 0, "sampler": 0})
+    surface(glb, 1)["baseColorTexture"] = {"index": 1}
+    mesh = read(glb.bytes(), ".glb")
     assert (mesh.sampler, len(mesh.textures), mesh.left_out) == (Sampler(), 1, ("further samplers",))
 
 
-def test_the_transform_of_a_texture_and_its_own_set_of_coordinates(read: Read) -> None:
-    """The example of the extension: the lower left quadrant of the image, turned by 90 degrees."""
-    made = glb_textured()
-    attributes = made.root["meshes"][0]["primitives"][0]["attributes"]
+def test_texture_transform_and_uv_set(read: Read) -> None:
+    """Test the example of the extension: the lower left quadrant of the image, rotated by 90 degrees."""
+    glb = glb_textured()
+    attributes = glb.root["meshes"][0]["primitives"][0]["attributes"]
     uvs = [[0, 0], [255, 0], [255, 255], [0, 51]]
-    attributes["TEXCOORD_3"] = made.accessor(uvs, "u1", "VEC2", normalized=True)
+    attributes["TEXCOORD_3"] = glb.accessor(uvs, "u1", "VEC2", normalized=True)
     moved = {"offset": [0, 1], "rotation": np.pi / 2, "scale": [0.5, 0.5], "texCoord": 3}
-    surface(made)["baseColorTexture"]["extensions"] = {"KHR_texture_transform": moved}
-    mesh = read(made.bytes(), ".glb")
+    surface(glb)["baseColorTexture"]["extensions"] = {"KHR_texture_transform": moved}
+    mesh = read(glb.bytes(), ".glb")
     np.testing.assert_allclose(mesh.vertex_uvs, [[0, 1], [0, 0.5], [0.5, 0.5], [0.1, 1]], atol=1e-7)
     assert mesh.left_out == ("further UVs",)
 
 
-def test_cut_offs_are_made_one_and_alpha_counts_nowhere_else(read: Read) -> None:
+def test_alpha_cut_offs_are_unified_and_other_alpha_is_dropped(read: Read) -> None:
     mesh = read(two_parts({"alphaMode": "MASK", "alphaCutoff": 0.25}, {}).bytes(), ".glb")
     assert mesh.sampler.alpha_cutoff == 0.25
     assert [image.tolist() for image in mesh.textures] == [RGBA.tolist(), TEXELS.tolist()]
@@ -157,38 +157,38 @@ def test_cut_offs_are_made_one_and_alpha_counts_nowhere_else(read: Read) -> None
     mesh = read(masked.bytes(), ".glb")
     assert (mesh.sampler.alpha_cutoff, len(mesh.textures)) == (0.25, 1)
     assert_colors(mesh.vertex_colors, np.uint8([[255, 255, 255, 102]] * 4 + [[255] * 4] * 4))
-    own = np.tile([1, 1, 1, 0.5], (4, 1))
-    for cutoff in (1e-46, 1e300):  # no floats hold them
+    rows = np.tile([1, 1, 1, 0.5], (4, 1))
+    for cutoff in (1e-46, 1e300):  # out of range for float32
         odd = two_parts({}, {})
         for material in odd.root["materials"]:
             material |= {"alphaMode": "MASK", "alphaCutoff": cutoff}
-        odd.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = odd.accessor(own, "f4", "VEC4")
+        odd.root["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"] = odd.accessor(rows, "f4", "VEC4")
         colors = read(odd.bytes(), ".glb").vertex_colors
         assert colors is not None
         assert np.isfinite(colors).all()
     opaque = read(two_parts({}, {"alphaMode": "BLEND"}).bytes(), ".glb")
     assert opaque.sampler.alpha_cutoff is None
     assert opaque.textures[0].shape[2] == 3
-    assert opaque.left_out == ("blending by alpha",)
+    assert opaque.left_out == ("alpha blending",)
 
 
-def test_what_is_not_read_is_named(read: Read) -> None:
-    made = glb_textured(normalTexture={"index": 0}, emissiveFactor=[0, 0.5, 0])
-    made.root["materials"][0]["extensions"] = {"KHR_materials_unlit": {}, "KHR_materials_ior": {}}
-    mesh = read(made.bytes(), ".glb")
+def test_ignored_properties_are_listed(read: Read) -> None:
+    glb = glb_textured(normalTexture={"index": 0}, emissiveFactor=[0, 0.5, 0])
+    glb.root["materials"][0]["extensions"] = {"KHR_materials_unlit": {}, "KHR_materials_ior": {}}
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.left_out == ("normal maps", "emission", "KHR_materials_ior")
-    made = glb_textured()
-    made.root["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
-    mesh = read(made.bytes(), ".glb")
+    glb = glb_textured()
+    glb.root["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
+    mesh = read(glb.bytes(), ".glb")
     assert mesh.textures == ()
     assert len(mesh.left_out) == 2
-    made = glb_textured()
-    made.root["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {}}
-    (left_out,) = read(made.bytes(), ".glb").left_out
+    glb = glb_textured()
+    glb.root["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {}}
+    (left_out,) = read(glb.bytes(), ".glb").left_out
     assert "EXT_mesh_gpu_instancing" in left_out
 
 
-def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
+def test_no_image_is_decoded_without_images(tmp_path: Path) -> None:
     path = tmp_path / "a.glb"
     path.write_bytes(glb_textured(b"no image").bytes())
     mesh = read_mesh(path, images=False)
@@ -199,7 +199,7 @@ def test_who_needs_the_surface_alone_decodes_no_image(tmp_path: Path) -> None:
         read_mesh(path)
 
 
-def test_links_that_leave_the_folder_are_refused(read: Read, tmp_path: Path) -> None:
+def test_links_to_other_folders_are_rejected(read: Read, tmp_path: Path) -> None:
     (tmp_path / "inside.png").write_bytes(BYTES)
     (tmp_path / "to_inside.png").symlink_to(tmp_path / "inside.png")
     (tmp_path / "to_outside.png").symlink_to(Path(__file__))
@@ -208,15 +208,15 @@ def test_links_that_leave_the_folder_are_refused(read: Read, tmp_path: Path) -> 
         read(glb_textured("to_outside.png").bytes(), ".glb")
 
 
-def test_more_textures_than_an_asset_has_buffers_for(read: Read) -> None:
-    made = glb_square()
-    uvs = made.accessor(UVS, "f4", "VEC2")
-    made.root["meshes"][0]["primitives"] = []
+def test_too_many_textures_are_rejected(read: Read) -> None:
+    glb = glb_square()
+    uvs = glb.accessor(UVS, "f4", "VEC2")
+    glb.root["meshes"][0]["primitives"] = []
     for number in range(60):
-        made.primitive(0, 1, attributes={"TEXCOORD_0": uvs})
-        made.material(BYTES, number)
+        glb.primitive(0, 1, attributes={"TEXCOORD_0": uvs})
+        glb.material(BYTES, number)
     with pytest.raises(MeshFileError, match="MESH_FILE_TOO_LARGE"):
-        read(made.bytes(), ".glb")
+        read(glb.bytes(), ".glb")
 
 
 def assert_square(path: Path) -> None:
@@ -227,44 +227,45 @@ def assert_square(path: Path) -> None:
 
 
 @pytest.mark.parametrize("uri", ["a.bin", "a%20folder/b.bin"])
-def test_buffers_and_images_beside(tmp_path: Path, uri: str) -> None:
-    made = glb_textured("a%20folder/map.png")
+def test_linked_buffers_and_images(tmp_path: Path, uri: str) -> None:
+    glb = glb_textured("a%20folder/map.png")
     (tmp_path / "a folder").mkdir()
     (tmp_path / "a folder" / "map.png").write_bytes(picture())
-    (tmp_path / uri.replace("%20", " ")).write_bytes(made.binary + b"more")
-    (tmp_path / "a.gltf").write_bytes(made.text(uri))
+    (tmp_path / uri.replace("%20", " ")).write_bytes(glb.binary + b"more")
+    (tmp_path / "a.gltf").write_bytes(glb.text(uri))
     assert_square(tmp_path / "a.gltf")
 
 
-def test_embedded_data_is_no_part_of_the_limit_of_the_text(
+def test_embedded_data_does_not_count_for_the_json_limit(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("msb.meshes.gltf.MAX_JSON_BYTES", 2000)
     path = tmp_path / "a.gltf"
-    made = glb_textured()
-    made.view(bytes(6000))
-    path.write_bytes(made.text())
+    glb = glb_textured()
+    glb.view(bytes(6000))
+    path.write_bytes(glb.text())
     assert path.stat().st_size > 8000
     assert_square(path)
 
 
-def test_a_file_that_several_buffers_name_is_read_once(
+def test_a_file_that_several_buffers_link_to_is_read_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[Path] = []
     monkeypatch.setattr(
-        "msb.meshes.beside.read_file", lambda path, most: (opened.append(path), read_file(path, most))[1]
+        "msb.meshes.linked_files.read_file",
+        lambda path, most: (opened.append(path), read_file(path, most))[1],
     )
-    made = glb_textured()
-    whole = made.root["buffers"][0]["byteLength"]
-    made.root["buffers"] += [{"uri": "./a.bin", "byteLength": whole}, {"uri": "%61.bin", "byteLength": 40}]
-    made.root["bufferViews"][1]["buffer"] = 1
+    glb = glb_textured()
+    whole = glb.root["buffers"][0]["byteLength"]
+    glb.root["buffers"] += [{"uri": "./a.bin", "byteLength": whole}, {"uri": "%61.bin", "byteLength": 40}]
+    glb.root["bufferViews"][1]["buffer"] = 1
     path = tmp_path / "a.gltf"
-    (tmp_path / "a.bin").write_bytes(made.binary)
-    path.write_bytes(made.text("a.bin"))
+    (tmp_path / "a.bin").write_bytes(glb.binary)
+    path.write_bytes(glb.text("a.bin"))
     assert_square(path)
     assert opened == [tmp_path.resolve() / "a.bin"]
-    made.root["bufferViews"][0]["buffer"] = 2
-    path.write_bytes(made.text("a.bin"))
+    glb.root["bufferViews"][0]["buffer"] = 2
+    path.write_bytes(glb.text("a.bin"))
     with pytest.raises(MeshFileError, match="MESH_FILE_TRUNCATED"):
         read_mesh(path)

@@ -1,4 +1,4 @@
-"""Textures of OBJ: images and colours of MTL files, by corner and by face."""
+"""Read the materials of OBJ files: images and colours of MTL files."""
 
 import codecs
 from pathlib import Path
@@ -30,9 +30,7 @@ def read(folder: Path, obj: bytes, mtl: bytes | None = ONE) -> Mesh:
     return mesh
 
 
-def test_an_image_is_read_by_corner_and_v_is_turned_down(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_uvs_are_read_per_corner_with_v_downwards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for block in (1, text.BLOCK_BYTES):
         monkeypatch.setattr(text, "BLOCK_BYTES", block)
         mesh = read(folder, OBJ_TEXTURED, codecs.BOM_UTF8 + ONE)
@@ -43,7 +41,7 @@ def test_an_image_is_read_by_corner_and_v_is_turned_down(
         assert mesh.left_out == ()
 
 
-def test_each_material_is_its_image_or_a_texel_of_its_colour(folder: Path) -> None:
+def test_a_material_becomes_its_image_or_a_texel_of_its_colour(folder: Path) -> None:
     obj = b"mtllib a.mtl\n" + OBJ_SQUARE + UVS + b"f 1 2 3\nusemtl red\nf 1/1 3/2 4//\n"
     mesh = read(folder, obj, b"newmtl red\nKd 1 0.2 0\n" + ONE)
     assert [image.tolist() for image in mesh.textures] == [[[[255] * 3]], [[[255, 51, 0]]]]
@@ -85,7 +83,7 @@ def test_options_of_maps(folder: Path, mtl: bytes, left_out: tuple[str, ...]) ->
         (ONE.replace(b"one", b"One"), "material one"),
     ],
 )
-def test_what_cannot_be_read_is_left_out_and_the_mesh_is_there(
+def test_unreadable_materials_are_listed_and_the_mesh_is_read(
     folder: Path, mtl: bytes | None, words: str
 ) -> None:
     assert words in ", ".join(read(folder, OBJ_TEXTURED, mtl).left_out)
@@ -101,14 +99,12 @@ def test_what_cannot_be_read_is_left_out_and_the_mesh_is_there(
         b"map_Kd " + b"-bm 1 " * 10**6,
     ],
 )
-def test_a_long_line_of_a_library_takes_no_longer_than_it_is(line: bytes, folder: Path) -> None:
+def test_long_lines_are_read_in_linear_time(line: bytes, folder: Path) -> None:
     mtl = ONE + line.replace(b"%s", b"1" * 10**6) + b"\n"
     assert read(folder, OBJ_TEXTURED, mtl).textures
 
 
-def test_each_library_is_read_once_and_all_of_them_have_a_limit(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_libraries_are_read_once_and_limited_in_size(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(read(folder, b"mtllib a.mtl\n" * 10**5 + OBJ_TEXTURED).textures) == 1
     assert len(read(folder, b"mtllib " + b"a" * 10**6 + b"\n" + OBJ_TEXTURED).textures) == 1
     (folder / "b c.mtl").write_bytes(ONE)
@@ -120,11 +116,11 @@ def test_each_library_is_read_once_and_all_of_them_have_a_limit(
     assert [text for text in left_out if "material two" in text]
 
 
-def test_who_needs_the_surface_alone_opens_nothing(folder: Path) -> None:
+def test_no_library_is_opened_without_images(folder: Path) -> None:
     (folder / "a.obj").write_bytes(OBJ_TEXTURED)
     mesh = read_mesh(folder / "a.obj", images=False)
     assert (mesh.textures, mesh.left_out) == ((), ())
-    assert mesh.corner_uvs is not None  # which tell seams from holes
+    assert mesh.corner_uvs is not None  # an audit needs them to find seams
     assert len(mesh.corner_uvs) == 6
 
 
@@ -145,7 +141,7 @@ def test_bad_coordinates(folder: Path, old: bytes, new: bytes) -> None:
         read_mesh(folder / "a.obj")
 
 
-def test_colours_of_materials_give_way_to_those_of_vertices(folder: Path) -> None:
+def test_vertex_colours_take_precedence_over_material_colours(folder: Path) -> None:
     lines = OBJ_TEXTURED.split(b"\n")
     colored = b"\n".join(line + b" 1 0 0" if line.startswith(b"v ") else line for line in lines)
     mesh = read(folder, colored, b"newmtl one\nKd 0.5 0.5 0.5\n")

@@ -1,4 +1,4 @@
-"""STL as stored: three vertices a face, float32, binary and text."""
+"""Read STL files: three float32 vertices per face, binary and text."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from msb.meshes import text
 from .builders import SQUARE, Read, stl_binary, stl_facet, stl_text
 
 TRIANGLES = [SQUARE[:3], [SQUARE[1]] * 3, SQUARE[:3]]
-"""A face, one that is a point, and the first again: none may be merged or dropped."""
+"""A face, a degenerate face, and the first face again. None may be merged or dropped."""
 
 
 def facets() -> list[bytes]:
@@ -52,6 +52,6 @@ def test_text_becomes_the_nearest_float32(read: Read) -> None:
 
 
 @pytest.mark.parametrize("content", [stl_binary([]), stl_text(), b"solid\nendsolid"])
-def test_no_faces_are_fine(read: Read, content: bytes) -> None:
+def test_files_without_faces_are_valid(read: Read, content: bytes) -> None:
     mesh = read(content, ".stl")
     assert mesh.vertices.shape == mesh.faces.shape == (0, 3)

@@ -1,4 +1,4 @@
-"""Textures in formats that have them beside the file, or not at all."""
+"""Write textures in formats with companion files, and in formats without textures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +20,8 @@ FLAT = np.full((4, 8, 3), (200, 100, 50), np.uint8)
 
 
 def two_textures() -> Mesh:
-    shown = np.array([1, 0, 1], np.uint32)
-    return textured(textures=IMAGES, face_textures=shown, sampler=Sampler(alpha_cutoff=0.5))
+    numbers = np.array([1, 0, 1], np.uint32)
+    return textured(textures=IMAGES, face_textures=numbers, sampler=Sampler(alpha_cutoff=0.5))
 
 
 def test_an_obj_with_its_materials_reads_back(tmp_path: Path) -> None:
@@ -36,25 +36,25 @@ def test_an_obj_with_its_materials_reads_back(tmp_path: Path) -> None:
         again = read_mesh(folder / "a b.obj")
         assert equal(again.vertices, mesh.vertices.astype(np.float64))
         assert equal(again.faces, mesh.faces)
-        own = again.vertex_uvs[again.faces].reshape(-1, 2) if again.corner_uvs is None else again.corner_uvs
-        np.testing.assert_allclose(own, UVS, rtol=0, atol=1e-7)
+        uvs = again.vertex_uvs[again.faces].reshape(-1, 2) if again.corner_uvs is None else again.corner_uvs
+        np.testing.assert_allclose(uvs, UVS, rtol=0, atol=1e-7)
         for face in range(len(FACES)):
             texture = 0 if mesh.face_textures is None else mesh.face_textures[face]
-            shown = 0 if again.face_textures is None else again.face_textures[face]
+            number = 0 if again.face_textures is None else again.face_textures[face]
             image = mesh.textures[texture]
-            assert equal(again.textures[shown][..., :3].copy(), image[..., :3].copy())
+            assert equal(again.textures[number][..., :3].copy(), image[..., :3].copy())
 
 
-def test_an_obj_and_what_lies_beside_it_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_an_obj_and_its_companion_files_are_written_together_or_not_at_all(tmp_path: Path) -> None:
     asset = asset_from_mesh(textured())
-    (tmp_path / "a.png").write_bytes(b"somebody's")
+    (tmp_path / "a.png").write_bytes(b"another file")
     with pytest.raises(UsageError, match=r"OUTPUT_EXISTS: .*a\.png"):
         msb.save(asset, tmp_path / "a.obj")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
     (tmp_path / "a.obj").mkdir()
     with pytest.raises(OutputError, match="OUTPUT_UNWRITABLE"):
         msb.save(asset, tmp_path / "a.obj", overwrite=True)
-    assert (tmp_path / "a.png").read_bytes() == b"somebody's"
+    assert (tmp_path / "a.png").read_bytes() == b"another file"
     (tmp_path / "a.obj").rmdir()
     msb.save(asset, tmp_path / "a.obj", overwrite=True)
     assert {path.name for path in tmp_path.iterdir()} == {"a.obj", "a.mtl", "a.png"}
@@ -62,12 +62,12 @@ def test_an_obj_and_what_lies_beside_it_is_written_whole_or_not_at_all(tmp_path:
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off"])
-def test_without_a_place_textures_are_colours_of_vertices(suffix: str, tmp_path: Path) -> None:
+def test_textures_become_vertex_colours_in_formats_without_textures(suffix: str, tmp_path: Path) -> None:
     tinted = textured(textures=(FLAT,), vertex_colors=np.full((6, 3), 188, np.uint8))
     held = as_held(tinted, suffix)
     assert not held.textures
     assert equal(held.faces, FACES)
-    # Half the light, in sRGB; vertex 4, which no face uses, keeps its own colour.
+    # sRGB 188 is half the light. Vertex 4 is unused and keeps its colour.
     assert np.abs(held.vertex_colors[[0, 1, 2, 3, 5]] - np.array([146, 71, 34])).max() <= 1
     write_whole(held, tmp_path / f"a{suffix}")
     assert equal(read_mesh(tmp_path / f"a{suffix}").vertex_colors, held.vertex_colors)
@@ -75,19 +75,19 @@ def test_without_a_place_textures_are_colours_of_vertices(suffix: str, tmp_path:
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off"])
-def test_colours_of_faces_are_not_lost_beside_textures(suffix: str) -> None:
+def test_face_colours_are_multiplied_with_textures(suffix: str) -> None:
     white = np.full((1, 1, 3), 255, np.uint8)
     colors = np.array([[255, 0, 0], [255, 0, 0], [0, 0, 255]], np.uint8)
     mesh = textured(textures=(white,), vertex_colors=None, face_colors=colors)
     held = as_held(mesh, suffix)
-    assert held.face_colors is None  # vertices 1 and 3 are of faces of both colours, vertex 4 is of none
+    assert held.face_colors is None  # vertices 1 and 3 belong to faces of both colours, vertex 4 to none
     assert held.vertex_colors[[0, 2, 4, 5]].tolist() == [[255, 0, 0], [255, 0, 0], [255] * 3, [0, 0, 255]]
     assert held.vertex_colors[[1, 3], 1].tolist() == [0, 0]
     assert (held.vertex_colors[[1, 3]][:, [0, 2]] > 100).all()
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb", ".obj"])
-def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None:
+def test_non_finite_values_are_rejected_before_sampling(suffix: str) -> None:
     uvs = UVS.copy()
     uvs[4, 1] = np.nan
     with pytest.raises(AssetError, match="TRIASSET_VALUE_NONFINITE"):
@@ -97,15 +97,17 @@ def test_what_is_not_finite_is_refused_before_it_is_sampled(suffix: str) -> None
     assert not as_held(textured(corner_uvs=uvs), ".stl").textures
 
 
-def test_a_vertex_sees_the_texture_at_the_size_of_its_faces() -> None:
+def test_textures_are_filtered_to_the_size_of_the_faces() -> None:
     checks = (np.indices((64, 64)).sum(axis=0) % 2 * 255).astype(np.uint8)[..., None].repeat(3, 2)
     uvs = CORNERS[FACES].reshape(-1, 3)[:, :2] / 2
     mesh = Mesh(CORNERS, FACES, corner_uvs=uvs.astype(np.float32), textures=(checks,))
     colors = as_held(mesh, ".ply").vertex_colors[[0, 1, 2, 3, 5]]
-    assert np.abs(colors.astype(int) - 188).max() <= 2  # the sRGB of half the light, neither black nor white
+    assert (
+        np.abs(colors.astype(int) - 188).max() <= 2
+    )  # half the light in sRGB: the average of black and white
 
 
 @pytest.mark.parametrize("size", [1e-30, 1e78, 1e99, 1e200])
-def test_colours_of_a_mesh_too_large_to_be_squared_are_sampled(size: float) -> None:
+def test_textures_of_extremely_large_meshes_are_sampled(size: float) -> None:
     usual, huge = (as_held(textured(vertices=CORNERS.astype(float) * by), ".ply") for by in (1, size))
     assert np.abs(usual.vertex_colors.astype(int) - huge.vertex_colors).max() <= 1

@@ -1,4 +1,4 @@
-"""USD: what is written is read back and stands before its validators; what is no mesh is refused."""
+"""Read and write USD: round trips, foreign and invalid stages, and the validators of usd-core."""
 
 import subprocess
 import sys
@@ -56,7 +56,7 @@ def Xform "root"
 
 
 def textured() -> Mesh:
-    """A square whose two triangles show an image each, repeated one way."""
+    """Return a square with a texture for each triangle, repeated in one direction."""
     rng = np.random.default_rng(3)
     images = tuple(rng.integers(0, 256, (4, 4, 3), np.uint8) for _ in range(2))
     return Mesh(
@@ -71,7 +71,7 @@ def textured() -> Mesh:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
-def test_textures_are_there_again(suffix: str, tmp_path: Path) -> None:
+def test_textures_round_trip(suffix: str, tmp_path: Path) -> None:
     mesh, path = textured(), tmp_path / f"a{suffix}"
     write_whole(mesh, path)
     first = path.read_bytes()
@@ -88,7 +88,7 @@ def test_textures_are_there_again(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["vertex_colors", "face_colors"])
-def test_colors_are_the_same_bytes(kind: str, tmp_path: Path) -> None:
+def test_colors_round_trip(kind: str, tmp_path: Path) -> None:
     mesh = make(np.float32, *(("uint8 rgb", "none") if kind == "vertex_colors" else ("none", "uint8 rgb")))
     path = tmp_path / "a.usdc"
     write_mesh(mesh, path, suffix=".usdc")
@@ -98,12 +98,12 @@ def test_colors_are_the_same_bytes(kind: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(getattr(again, kind), getattr(mesh, kind))
 
 
-def test_a_stage_of_others_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_foreign_stage_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     Path("a.usda").write_text(STAGE)
     mesh = read_mesh("a.usda")
     assert mesh.up == "+z"
-    # A left-handed polygon has its front where its corners go clockwise.
+    # The corners of left-handed polygons are in clockwise order.
     np.testing.assert_array_equal(mesh.faces, [[0, 2, 1], [0, 3, 2]])
     np.testing.assert_array_equal(mesh.vertices[:, 2], 5)
     np.testing.assert_array_equal(mesh.face_colors, np.array([[255, 0, 0]] * 2, np.uint8))
@@ -119,14 +119,14 @@ def test_a_stage_of_others_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         ('def Sphere "ball"', 'def "ball" (references = @/etc/other.usda@)', "UNSUPPORTED"),
     ],
 )
-def test_what_is_no_mesh_of_one_file_is_refused(old: str, new: str, code: str, tmp_path: Path) -> None:
+def test_invalid_and_composed_stages_are_rejected(old: str, new: str, code: str, tmp_path: Path) -> None:
     path = tmp_path / "a.usda"
     path.write_text(STAGE.replace(old, new, 1))
     with pytest.raises(MeshFileError, match=f"MESH_FILE_{code}: {path}"):
         read_mesh(path)
 
 
-def test_an_image_elsewhere_is_refused(tmp_path: Path) -> None:
+def test_an_image_in_another_folder_is_rejected(tmp_path: Path) -> None:
     path = tmp_path / "a.usda"
     write_whole(textured(), path)
     path.write_text(path.read_text().replace("@./a_0.png@", "@/etc/passwd@"))
@@ -151,25 +151,25 @@ SUBSETS = """        def Material "%s" {
 """
 
 
-def parts_of_colours() -> str:
+def stage_with_subsets() -> str:
     """Return the stage with a red triangle and a green one."""
     before, _, after = STAGE.partition("        color3f[]")
-    own = "".join(
+    subsets = "".join(
         SUBSETS % (name, name, color, name, face, name)
         for name, color, face in (("red", "(1, 0, 0)", 0), ("green", "(0, 1, 0)", 1))
     )
-    text = before + own + after.partition('            interpolation = "uniform"\n        )\n')[2]
+    text = before + subsets + after.partition('            interpolation = "uniform"\n        )\n')[2]
     return text.replace("Counts = [4]", "Counts = [3, 3]").replace("[0, 1, 2, 3]", "[0, 1, 2, 0, 2, 3]")
 
 
-def test_plain_colours_of_parts_are_those_of_their_faces(tmp_path: Path) -> None:
+def test_material_colours_of_subsets_become_face_colours(tmp_path: Path) -> None:
     path = tmp_path / "a.usda"
-    path.write_text(parts_of_colours())
+    path.write_text(stage_with_subsets())
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.face_colors, np.array([[255, 0, 0], [0, 255, 0]], np.uint8))
 
 
-def test_a_package_is_stored_and_aligned(tmp_path: Path) -> None:
+def test_a_package_is_uncompressed_and_aligned(tmp_path: Path) -> None:
     path = tmp_path / "Fläche.usdz"
     write_whole(textured(), path)
     data = path.read_bytes()
@@ -182,7 +182,7 @@ def test_a_package_is_stored_and_aligned(tmp_path: Path) -> None:
         assert (member.compress_type, start % 64) == (zipfile.ZIP_STORED, 0)
 
 
-def test_a_package_that_is_cut_off_is_refused_wherever(tmp_path: Path) -> None:
+def test_truncated_packages_are_rejected(tmp_path: Path) -> None:
     path = tmp_path / "a.usdz"
     write_whole(textured(), path)
     whole = path.read_bytes()
@@ -192,12 +192,12 @@ def test_a_package_that_is_cut_off_is_refused_wherever(tmp_path: Path) -> None:
             read_mesh(path)
 
 
-def test_what_cannot_be_written_is_refused() -> None:
+def test_invalid_meshes_are_not_written() -> None:
     check_refusals(FORMATS[1])
 
 
 def problems(path: Path) -> list[str]:
-    """Return what the validators of usd-core say."""
+    """Return the messages of usd-core's validators."""
     from pxr import Usd, UsdValidation
 
     known = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
@@ -206,7 +206,7 @@ def problems(path: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
-def test_validators_of_usd_find_nothing(suffix: str, tmp_path: Path) -> None:
+def test_the_validators_of_usd_core_find_no_problems(suffix: str, tmp_path: Path) -> None:
     pytest.importorskip("pxr.UsdValidation", reason="this usd-core has no validators in Python")
     for number, mesh in enumerate((textured(), make(np.float32, "uint8 rgb"))):
         path = tmp_path / f"{number}{suffix}"
@@ -215,7 +215,7 @@ def test_validators_of_usd_find_nothing(suffix: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_repaired_stands_before_the_validators(tmp_path: Path) -> None:
+def test_repaired_models_pass_the_validators(tmp_path: Path) -> None:
     pytest.importorskip("usd_validation_nvidia", reason="usd-validation-nvidia is not installed")
     for model in ("walled/mesh_splatting", "pebble/mesh_splatting", "pebble/two_dts"):
         path = tmp_path / f"{model.replace('/', '_')}.usdc"
@@ -223,7 +223,7 @@ def test_what_is_repaired_stands_before_the_validators(tmp_path: Path) -> None:
         assert problems(path) == []
     program = Path(sys.executable).with_name("nvidia_usd_validate")
     done = subprocess.run([program, tmp_path], capture_output=True, text=True, check=False)
-    said = done.stdout + done.stderr
-    assert "Failures: 0" in said, said
-    assert "Errors: 0" in said, said
-    assert "[ManifoldChecker]" not in said, said
+    output = done.stdout + done.stderr
+    assert "Failures: 0" in output, output
+    assert "Errors: 0" in output, output
+    assert "[ManifoldChecker]" not in output, output

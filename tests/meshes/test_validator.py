@@ -1,4 +1,4 @@
-"""The official glTF-Validator sees what tests write: tests/conftest.py asks it of every GLB."""
+"""The official glTF-Validator checks every GLB that tests write (see tests/conftest.py)."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from tests.validator import Validator, missing
 __all__ = ["msb"]
 
 
-def test_what_is_written_is_judged_and_a_fault_is_seen(
+def test_the_validator_sees_written_files_and_finds_errors(
     validator: Validator | None, demo_asset: Path, msb: Msb, tmp_path: Path
 ) -> None:
     if validator is None:

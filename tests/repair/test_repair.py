@@ -1,4 +1,4 @@
-"""A repaired asset is the same asset, but manifold, with its seams and textures."""
+"""Repair assets and meshes: they become manifold, and keep their buffers, seams and textures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,7 @@ from msb.meshes import Mesh
 from msb.meshes.assets import as_held, asset_from_mesh
 from msb.repair import Repaired
 from msb.repair.assets import repair_asset, repair_mesh
-from msb.repair.carry import carry, turned_lattice
+from msb.repair.buffers import carry, turned_lattice
 from msb.repair.plan import Options, parse_plan
 from msb.repair.run import run_plan
 from msb.topology import audit_arrays
@@ -38,15 +38,15 @@ def fixed(splat: Asset) -> Repaired:
     return msb.repair(splat)
 
 
-def test_what_is_one_sided_is_cut_after_pages_found_each_other() -> None:
+def test_a_one_sided_strip_is_cut_and_pages_are_paired() -> None:
     points = np.random.default_rng(1).random((24, 3))
     mesh = Mesh(np.concatenate([points, BOOK[0]]), np.concatenate([strip(8, 2), BOOK[1] + 24]))
     after = repair_mesh(mesh, Options())[1].after
     assert (after.counts.inconsistent_winding_edges, after.counts.nonmanifold_edges) == (0, 0)
-    assert after.counts.components == 3  # the strip, two pages, the third
+    assert after.counts.components == 3  # the strip, a pair of pages, and the third page
 
 
-def test_the_default_makes_the_model_mesh_manifold_in_far_fewer_pieces_than_cutting_everywhere(
+def test_the_default_plan_makes_a_model_manifold_with_few_components(
     fixed: Repaired,
 ) -> None:
     after = fixed.after.counts
@@ -58,10 +58,10 @@ def test_the_default_makes_the_model_mesh_manifold_in_far_fewer_pieces_than_cutt
     assert 5_799 <= after.components < 7_500  # libigl's cut: 25,434
     assert (fixed.before.verdict, fixed.after.verdict) == ("bad", "limited")
     assert len(fixed.left) == 1
-    assert "open stays open" in fixed.left[0]
+    assert "close" in fixed.left[0]
 
 
-def test_maps_lead_every_row_back_to_where_it_came_from_bit_for_bit(splat: Asset, fixed: Repaired) -> None:
+def test_maps_give_the_exact_original_row(splat: Asset, fixed: Repaired) -> None:
     old, new = splat.buffers, fixed.asset.buffers
     assert set(old) == set(new)
     for name in ("positions", "f_dc", "opacity"):
@@ -77,7 +77,7 @@ def test_a_second_repair_changes_nothing(fixed: Repaired) -> None:
     assert msb.repair(fixed.asset).asset is fixed.asset
 
 
-def test_cut_edges_are_those_that_became_several(splat: Asset, fixed: Repaired) -> None:
+def test_cut_edges_are_the_nonmanifold_edges(splat: Asset, fixed: Repaired) -> None:
     ends = fixed.cut_edges
     assert len(ends) == len(np.unique(ends, axis=0)) == fixed.before.counts.nonmanifold_edges
     assert ends.max() < len(splat.buffers["positions"])
@@ -94,7 +94,7 @@ def test_a_plan_is_repeated_until_nothing_changes() -> None:
     assert done.after.counts.inconsistent_winding_edges == 0
 
 
-def test_maps_of_several_steps_are_put_together() -> None:
+def test_maps_of_several_steps_are_composed() -> None:
     points = np.concatenate([BOOK[0], TETRAHEDRON[0] + 9])
     faces = np.concatenate([[[0, 0, 1]], BOOK[1], (TETRAHEDRON[1] + 5)[1:]])
     done = msb.repair(mesh_asset(points, faces), "drop,orient,close,debris", debris_faces=3, close_share=1)
@@ -104,21 +104,21 @@ def test_maps_of_several_steps_are_put_together() -> None:
     assert done.after.counts.boundary_edges == 0
 
 
-def test_numbers_may_stand_after_the_steps_of_a_plan() -> None:
+def test_steps_of_a_plan_may_have_numbers() -> None:
     plan = parse_plan("weld:0.5,pair:1,debris:3:0.5,close:9", close_share=1)
     assert plan == Options(("weld", "pair", "debris", "close"), 0.5, 1.0, 3, 0.5, 9, 1.0)
     assert parse_plan(None, peer="igl").plan == ("cut",)
     assert parse_plan(["weld"], weld="0.5").weld == 0.5
 
 
-def test_open_stays_open_unless_asked() -> None:
+def test_holes_stay_open_without_close() -> None:
     opened = mesh_asset(TETRAHEDRON[0], TETRAHEDRON[1][1:])
     assert msb.repair(opened).after.counts.boundary_edges == 3
     closed = msb.repair(opened, "orient,pair,close", close_share=1)
     assert (closed.after.verdict, closed.left) == ("ok", ())
 
 
-def test_weld_of_a_soup_gives_a_mesh_of_its_static_look() -> None:
+def test_weld_turns_a_soup_into_a_mesh_with_static_colours() -> None:
     points = TETRAHEDRON[0][TETRAHEDRON[1].reshape(-1)]
     arrays = {
         "positions": points.astype(np.float32),
@@ -132,11 +132,11 @@ def test_weld_of_a_soup_gives_a_mesh_of_its_static_look() -> None:
     assert done.asset.manifest.method == "mesh"
     assert done.after.verdict == "ok"
     assert done.asset.manifest.vertex_count == 4
-    shown = build_asset(arrays, {"f_dc": "face", "opacity": "face"}, hidden(about))
-    less = msb.repair(shown, "weld,orient,pair")
+    reduced = build_asset(arrays, {"f_dc": "face", "opacity": "face"}, hidden(about))
+    less = msb.repair(reduced, "weld,orient,pair")
     assert less.face_map.tolist() == [0, 1, 2]
     assert np.array_equal(less.asset.buffers["color"], done.asset.buffers["color"][:3])
-    assert msb.repair(soup).asset is soup  # without a weld there is nothing to do
+    assert msb.repair(soup).asset is soup  # nothing to do without a weld
 
 
 def hidden(about: Description) -> Description:
@@ -146,9 +146,8 @@ def hidden(about: Description) -> Description:
 
 
 @pytest.mark.parametrize("method", ["mesh_splatting", "two_dts", "triangle_splatting", "diffsoup"])
-def test_every_method_is_repaired_as_itself(method: str) -> None:
+def test_every_method_is_kept(method: str) -> None:
     original = msb.open(MODELS / method)
-    # Turned over where it was not: whatever is at the corners must come along.
     done = msb.repair(original)
     assert done.asset.manifest.method == method
     assert set(done.asset.buffers) == set(original.buffers)
@@ -160,15 +159,15 @@ def test_nothing_visible_changes(splat: Asset, fixed: Repaired, tier: Any) -> No
     camera = msb.Camera.look_at(
         (1.5, 1.2, 1.4), (0.5, 0.5, 0.5), up=(0, 0, 1), width=320, height=240, fov_y=0.8
     )
-    was, now = (msb.render(one, camera, tier=tier).image for one in (splat, fixed.asset))
+    was, now = (msb.render(asset, camera, tier=tier).image for asset in (splat, fixed.asset))
     assert msb.metrics.psnr(now, was) > 70
 
 
 @pytest.mark.slow
-def test_a_turned_lattice_is_drawn_as_before() -> None:
+def test_a_turned_lattice_renders_as_before() -> None:
     original = msb.open(MODELS / "diffsoup")
     faces = original.buffers["indices"].copy()
-    faces[::7] = faces[::7, ::-1]  # the look is another one, and the winding flips
+    faces[::7] = faces[::7, ::-1]  # changes the look and reverses the winding
     specs = original.manifest.buffers
     kept = {name: getattr(original.manifest, name) for name in Description.__dataclass_fields__}
     domains = {name: spec.domain for name, spec in specs.items()}
@@ -176,29 +175,29 @@ def test_a_turned_lattice_is_drawn_as_before() -> None:
     done = msb.repair(flipped, "orient")
     assert done.turned.any()
     camera = msb.Camera.look_at((0, -3, 1), (0, 0, 0), up=(0, 0, 1), width=160, height=120, fov_y=0.8)
-    was, now = (msb.render(one, camera, tier="dedicated").image for one in (flipped, done.asset))
+    was, now = (msb.render(asset, camera, tier="dedicated").image for asset in (flipped, done.asset))
     assert msb.metrics.psnr(now, was) > 50
 
 
-def test_a_position_that_is_not_finite_is_refused_by_its_vertex() -> None:
+def test_non_finite_positions_are_rejected() -> None:
     buffers = {
         "positions": np.array([[0, 0, 0], [1, np.nan, 0], [0, 1, 0]]),
         "indices": np.array([[0, 1, 2]]),
     }
-    with pytest.raises(MeshError) as found:
+    with pytest.raises(MeshError) as caught:
         run_plan(buffers, {}, Options())
-    assert found.value.code == "MESH_NONFINITE"
+    assert caught.value.code == "MESH_NONFINITE"
 
 
 @pytest.mark.parametrize("faces", [np.zeros((0, 3), int), np.array([[0, 0, 1]]), np.array([[0, 1, 2]] * 3)])
-def test_meshes_without_proper_faces_and_with_doubles_are_repaired_too(faces: np.ndarray) -> None:
+def test_meshes_with_degenerate_or_duplicate_faces_are_repaired(faces: np.ndarray) -> None:
     buffers = {"positions": np.eye(4, 3), "indices": faces}
     every = ("weld", "orient", "pair", "cut", "drop", "debris", "close")
     done = run_plan(buffers, {}, Options(every, debris_faces=1))
     assert done.after.counts.nonmanifold_edges == 0
 
 
-def test_debris_that_a_cut_of_what_is_one_sided_parts_goes_too() -> None:
+def test_debris_split_off_by_cutting_a_one_sided_strip_is_removed() -> None:
     faces = np.concatenate([strip(8, 2), [[1, 4, 24]]])  # a third face at an edge of the strip
     buffers = {"positions": np.random.default_rng(1).random((25, 3)), "indices": faces}
     for plan in ("debris:2,orient", "orient,debris:2"):
@@ -207,14 +206,14 @@ def test_debris_that_a_cut_of_what_is_one_sided_parts_goes_too() -> None:
         assert len(done.face_map) == len(faces) - 1
 
 
-def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
+def test_a_mesh_keeps_its_precision_and_both_kinds_of_colours() -> None:
     points = BOOK[0].astype(np.float64) + 1e-12
     colors, shades = np.arange(15, dtype=np.uint8).reshape(5, 3), np.arange(9, dtype=np.uint8).reshape(3, 3)
-    made, done = repair_mesh(Mesh(points, BOOK[1], colors, shades), Options())
-    assert made.vertices.dtype == np.float64
-    assert np.array_equal(made.vertices, points[done.vertex_map])
-    assert np.array_equal(made.vertex_colors, colors[done.vertex_map])
-    assert np.array_equal(made.face_colors, shades)
+    repaired, done = repair_mesh(Mesh(points, BOOK[1], colors, shades), Options())
+    assert repaired.vertices.dtype == np.float64
+    assert np.array_equal(repaired.vertices, points[done.vertex_map])
+    assert np.array_equal(repaired.vertex_colors, colors[done.vertex_map])
+    assert np.array_equal(repaired.face_colors, shades)
 
 
 @pytest.mark.parametrize(
@@ -235,16 +234,16 @@ def test_a_mesh_keeps_the_precision_and_both_colours_of_its_file() -> None:
         ({"plan": "debris", "debris_faces": 99}, "TRIASSET_EMPTY"),
     ],
 )
-def test_what_cannot_be_asked_is_refused(arguments: dict[str, Any], code: str) -> None:
-    with pytest.raises(MsbError) as found:
+def test_invalid_arguments_are_rejected(arguments: dict[str, Any], code: str) -> None:
+    with pytest.raises(MsbError) as caught:
         msb.repair(mesh_asset(*TETRAHEDRON), **arguments)
-    assert found.value.code == code
+    assert caught.value.code == code
 
 
 @pytest.mark.oracle
 @pytest.mark.slow
 @pytest.mark.parametrize(("peer", "step"), [("igl", "cut"), ("pymeshlab", "drop")])
-def test_a_peer_does_a_step_in_our_stead(splat: Asset, peer: str, step: str) -> None:
+def test_a_step_can_be_done_by_another_library(splat: Asset, peer: str, step: str) -> None:
     pytest.importorskip(peer)
     done = repair_asset(splat, Options((step,), peer=peer))
     assert done.after.counts.nonmanifold_edges == 0
@@ -254,11 +253,11 @@ def test_a_peer_does_a_step_in_our_stead(splat: Asset, peer: str, step: str) -> 
 
 
 @pytest.mark.oracle
-def test_a_peer_that_takes_too_long_is_ended_and_named() -> None:
+def test_a_library_that_exceeds_its_time_limit_is_ended() -> None:
     pytest.importorskip("igl")
-    with pytest.raises(MsbError) as found:
+    with pytest.raises(MsbError) as caught:
         repair_asset(mesh_asset(*BOOK), Options(("cut",), peer="igl", limits=Limits(0.001)))
-    assert found.value.code == "PEER_FAILED"
+    assert caught.value.code == "PEER_FAILED"
 
 
 def corner_uvs(asset: Asset) -> np.ndarray:
@@ -276,43 +275,47 @@ def test_a_closed_asset_has_nothing_to_repair(by: str) -> None:
 
 
 @pytest.mark.parametrize("by", ["vertex", "corner"])
-def test_a_hole_is_closed_and_the_texture_stays_bit_for_bit(by: str, tmp_path: Any) -> None:
+def test_a_hole_is_closed_and_the_texture_is_unchanged(by: str, tmp_path: Any) -> None:
     asset = asset_from_mesh(textured_cube(by, slice(0, 11)))
     done = msb.repair(asset, "close")
     assert (done.before.verdict, done.after.verdict, done.left) == ("limited", "ok", ())
-    made = done.asset
-    assert np.array_equal(made.buffers["texture.0"], TEXTURE)
-    assert made.manifest.appearance == asset.manifest.appearance
-    assert (made.manifest.vertex_count, made.manifest.face_count) == (8, 12)
-    assert np.array_equal(asset.buffers["positions"][done.vertex_map], made.buffers["positions"])
-    assert np.array_equal(corner_uvs(made)[:33], corner_uvs(asset))
-    # The cap has what there is along the edge that it grew from, and nothing of between the charts.
-    cap = corner_uvs(made)[33:]
+    repaired = done.asset
+    assert np.array_equal(repaired.buffers["texture.0"], TEXTURE)
+    assert repaired.manifest.appearance == asset.manifest.appearance
+    assert (repaired.manifest.vertex_count, repaired.manifest.face_count) == (8, 12)
+    assert np.array_equal(asset.buffers["positions"][done.vertex_map], repaired.buffers["positions"])
+    assert np.array_equal(corner_uvs(repaired)[:33], corner_uvs(asset))
+    # The UVs of the cap lie on the edge that it shares with its neighbour, not between the charts.
+    cap = corner_uvs(repaired)[33:]
     ends = [uv for uv in np.unique(cap, axis=0) if (corner_uvs(asset) == uv).all(axis=1).any()]
     assert len(ends) == 2
     assert (cap == np.mean(ends, axis=0, dtype=np.float32)).all(axis=1).sum() == 1
-    msb.save(made, tmp_path / "made.triasset")
-    assert [one for one in msb.validate(tmp_path / "made.triasset").findings if one.severity != "info"] == []
+    msb.save(repaired, tmp_path / "repaired.triasset")
+    assert [
+        entry for entry in msb.validate(tmp_path / "repaired.triasset").findings if entry.severity != "info"
+    ] == []
 
 
 @pytest.mark.parametrize("plan", ["orient,pair", "orient,cut", "drop,orient", "close", "debris:2"])
-def test_doubles_change_nothing_of_what_a_repair_does(plan: str) -> None:
+def test_split_vertices_do_not_change_a_repair(plan: str) -> None:
     points, faces = torus(6, 6)
     points = np.concatenate([points, np.eye(4, 3, dtype=np.float32) + 5])
-    # A hole, a third face at an edge, a face alone, and a turned one.
+    # Add a hole, a third face at an edge, a lone face, and a face of opposite winding.
     faces = np.concatenate([np.delete(faces, 20, axis=0), [[0, 1, 36], [37, 38, 39]]])
     faces[5] = faces[5, ::-1]
     uvs = np.random.default_rng(3).integers(0, 3, (faces.size, 2)).astype(np.float32)
-    uvs[np.isin(faces.reshape(-1), [0, 1])] = 0  # of three torn edges it is not known which belong together
+    uvs[np.isin(faces.reshape(-1), [0, 1])] = (
+        0  # with three split edges, it would be ambiguous which belong together
+    )
     texture = {"textures": (TEXTURE,)}
     stored, rows, values = doubled(points, faces, uvs)
-    one, done = repair_mesh(Mesh(points, faces, corner_uvs=uvs, **texture), parse_plan(plan))
-    other, again = repair_mesh(Mesh(stored, rows, vertex_uvs=values, **texture), parse_plan(plan))
-    assert len(one.faces) == len(other.faces)
+    merged, done = repair_mesh(Mesh(points, faces, corner_uvs=uvs, **texture), parse_plan(plan))
+    split, again = repair_mesh(Mesh(stored, rows, vertex_uvs=values, **texture), parse_plan(plan))
+    assert len(merged.faces) == len(split.faces)
     assert replace(again.after.counts, vertices=0) == replace(done.after.counts, vertices=0)
-    assert np.array_equal(one.corner_uvs, other.corner_uvs)
-    assert np.array_equal(one.vertices[one.faces], other.vertices[other.faces])
-    assert np.array_equal(stored[again.vertex_map], other.vertices)
+    assert np.array_equal(merged.corner_uvs, split.corner_uvs)
+    assert np.array_equal(merged.vertices[merged.faces], split.vertices[split.faces])
+    assert np.array_equal(stored[again.vertex_map], split.vertices)
 
 
 @pytest.mark.parametrize("kinds", [1, 2])
@@ -321,29 +324,29 @@ def test_colours_that_differ_at_a_seam_are_kept(kinds: int) -> None:
     stored, rows, values = doubled(CUBE[0], CUBE[1], colors)
     rows[3] = rows[3, ::-1]
     mesh = Mesh(stored, rows, values)
-    made, done = repair_mesh(mesh, parse_plan("orient"))
+    repaired, done = repair_mesh(mesh, parse_plan("orient"))
     assert done.after.verdict == "ok"
-    assert audit_arrays(made.vertices, made.faces, attributes=made.attributes)[0].verdict == "ok"
+    assert audit_arrays(repaired.vertices, repaired.faces, attributes=repaired.attributes)[0].verdict == "ok"
     old = values[rows]
     old[done.turned] = old[done.turned][:, [0, 2, 1]]
-    assert np.array_equal(made.vertex_colors[made.faces], old)
+    assert np.array_equal(repaired.vertex_colors[repaired.faces], old)
     asset = msb.repair(asset_from_mesh(mesh), "orient").asset
     assert asset.manifest.buffers["color"].domain == ("vertex" if kinds == 1 else "corner")
 
 
-def test_what_a_repair_took_apart_stays_apart_in_a_file() -> None:
+def test_cut_edges_stay_cut_in_a_file() -> None:
     points, faces = np.float32(BOOK[0]), np.asarray(BOOK[1], np.int64)
     mesh = Mesh(points, faces, corner_uvs=np.arange(18, dtype=np.float32).reshape(9, 2), textures=(TEXTURE,))
     for plan in ("orient,pair", "orient,cut"):
-        made, done = repair_mesh(mesh, parse_plan(plan))
+        repaired, done = repair_mesh(mesh, parse_plan(plan))
         assert done.before.counts.nonmanifold_edges == 1
-        held = as_held(made, ".glb")
-        found = audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0].judged.counts
-        assert (found.nonmanifold_edges, found.nonmanifold_vertices) == (0, 0)
+        held = as_held(repaired, ".glb")
+        counts = audit_arrays(held.vertices, held.faces, attributes=held.attributes)[0].judged.counts
+        assert (counts.nonmanifold_edges, counts.nonmanifold_vertices) == (0, 0)
 
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], np.float32)
-FACES = np.array([[0, 1, 2], [1, 2, 3]], np.uint32)  # both run along 1-2 in one direction
+FACES = np.array([[0, 1, 2], [1, 2, 3]], np.uint32)  # both faces use edge 1-2 in the same direction
 RNG = np.random.default_rng(0)
 BASE = {"positions": POINTS, "indices": FACES}
 
@@ -355,7 +358,7 @@ def turned() -> Change:
 
 
 def with_cap() -> Change:
-    """Return a change that adds a vertex in the middle of three, and a face with it beside the second."""
+    """Return a change that adds a vertex in the middle of three, and a face next to the second face."""
     faces = np.array([[0, 1, 2], [1, 2, 3], [1, 0, 4]])
     rims = Rims(np.array([0, 3]), np.array([0, 1, 2]))
     return Change(
@@ -363,7 +366,7 @@ def with_cap() -> Change:
     )
 
 
-def test_values_of_corners_turn_with_the_face() -> None:
+def test_corner_values_are_swapped_when_a_face_is_turned() -> None:
     color = RNG.random((6, 3), np.float32)
     done = carry({**BASE, "color": color}, {"color": "corner"}, turned())
     assert np.array_equal(done["color"], color[[0, 1, 2, 3, 5, 4]])
@@ -372,12 +375,12 @@ def test_values_of_corners_turn_with_the_face() -> None:
 
 
 @pytest.mark.parametrize("level", [0, 1, 3])
-def test_a_lattice_turns_with_the_face(level: int) -> None:
+def test_a_lattice_is_permuted_when_a_face_is_turned(level: int) -> None:
     sides = 2**level
     s, y = np.tril_indices(sides + 1)
     weights = np.stack([s - y, y, sides - s], axis=1) / sides  # of the three corners
     value = np.float32([3.0, 5.0, 11.0])
-    # A linear function of the place: after the turn, corners hold the values in their new order.
+    # A linear function of the position: after the turn, it has the same values at the swapped corners.
     before = np.stack([weights @ value, weights @ value]).astype(np.float32)
     done = carry({**BASE, "features.opacity": before}, {"features.opacity": "face"}, turned(), level)
     assert np.array_equal(done["features.opacity"][0], before[0])
@@ -385,7 +388,7 @@ def test_a_lattice_turns_with_the_face(level: int) -> None:
     assert np.array_equal(turned_lattice(sides)[turned_lattice(sides)], np.arange(len(s)))
 
 
-def test_a_new_vertex_has_the_mean_of_its_rim_and_a_new_face_the_values_beside_it() -> None:
+def test_added_vertices_and_faces_get_values_of_their_neighbours() -> None:
     buffers = {
         **BASE,
         "color": np.array([[0, 0, 0], [10, 0, 0], [0, 100, 0], [9, 9, 9]], np.uint8),
@@ -395,7 +398,7 @@ def test_a_new_vertex_has_the_mean_of_its_rim_and_a_new_face_the_values_beside_i
     done = carry(buffers, {"color": "vertex", "opacity": "vertex", "sigma": "face"}, with_cap())
     np.testing.assert_allclose(done["positions"][4], [1 / 3, 1 / 3, 0], rtol=1e-6)
     assert done["color"][4].tolist() == [3, 33, 0]
-    assert done["opacity"].tolist() == [1, 2, np.inf, 0, 1]  # a mean with infinity says nothing
+    assert done["opacity"].tolist() == [1, 2, np.inf, 0, 1]  # an average with infinity is undefined
     assert done["sigma"].tolist() == [5, 7, 7]
 
 
@@ -403,21 +406,26 @@ def test_a_new_vertex_has_the_mean_of_its_rim_and_a_new_face_the_values_beside_i
     ("name", "domain", "values", "change"),
     [
         ("of_the_method", "face", np.zeros((2, 4), np.float32), turned()),
-        ("features.lattice", "face", np.zeros((2, 4, 7), np.float32), turned()),  # no level has 4 samples
+        (
+            "features.lattice",
+            "face",
+            np.zeros((2, 4, 7), np.float32),
+            turned(),
+        ),  # a lattice cannot have 4 samples
         ("of_the_method", "face", np.zeros((2, 4), np.float32), with_cap()),
         ("of_the_method", "corner", np.zeros((6, 3), np.float32), with_cap()),
         ("of_the_method", "vertex", np.zeros(4, np.uint32), with_cap()),
     ],
 )
-def test_what_cannot_be_carried_is_an_error_that_names_it(
+def test_buffers_that_cannot_be_carried_are_reported(
     name: str, domain: str, values: np.ndarray, change: Change
 ) -> None:
-    with pytest.raises(Unsupported, match=name) as found:
+    with pytest.raises(Unsupported, match=name) as caught:
         carry({**BASE, name: values}, {name: domain}, change, 1)
-    assert found.value.code == "UNSUPPORTED_REPAIR"
+    assert caught.value.code == "UNSUPPORTED_REPAIR"
 
 
-def test_what_does_not_turn_is_carried_whatever_it_means() -> None:
+def test_unknown_face_buffers_are_carried_if_no_face_is_turned() -> None:
     strange = np.zeros((2, 4), np.float32)
     same = unchanged(FACES.astype(np.int32), 4)
     assert np.array_equal(carry({**BASE, "odd": strange}, {"odd": "face"}, same)["odd"], strange)

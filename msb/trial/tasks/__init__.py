@@ -1,1 +1,1 @@
-"""The tasks, a module each. A new one is a module here and a word in `msb.trial.registry`."""
+"""The tasks. Each module has a tuple `TASKS`, and a line in `msb.trial.registry`."""

@@ -1,27 +1,29 @@
-"""A boolean with a box by manifold3d: the half of a mesh that the box takes away, and the one it leaves."""
-
-from collections.abc import Mapping
+"""Boolean with a box by manifold3d: subtract a box that covers half of the mesh."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.topology.faces import signed_volume
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Numbers, Task
-from msb.trial.tasks.decimate import beside
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task
+from msb.trial.tasks.decimate import draw_side_by_side
 from msb.trial.tasks.solid import INWARDS, offer
 
-TOLERANCE = 0.01  # largest relative error of a volume
+# Largest relative difference between the volume of the mesh and the sum of its parts. Correct booleans differ
+# by rounding only.
+TOLERANCE = 0.01
 
 
-def _work(mesh: TriedMesh, _: Arrays) -> Made:
+def _work(mesh: TrialMesh, _: Arrays) -> Output:
+    """Subtract the box, and measure the volumes of both parts."""
     import manifold3d
 
     solid, numbers = offer(mesh)
     if solid is None:
-        return Made(numbers)
+        return Output(numbers)
+    # The box covers half of the longest side, and the whole mesh with a margin along the other sides.
     used = mesh.vertices[mesh.faces].reshape(-1, 3).astype(np.float64)
     low, high = used.min(axis=0), used.max(axis=0)
     margin = 0.1 * float((high - low).max())
@@ -39,11 +41,11 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
     rest = left.to_mesh()
     points = np.ascontiguousarray(rest.vert_properties[:, :3], np.float32)
     faces = np.asarray(rest.tri_verts, np.int64)
-    return Made(numbers, {"left": TriedMesh(points, faces, _nearest_colors(mesh, points))})
+    return Output(numbers, {"left": TrialMesh(points, faces, _nearest_colors(mesh, points))})
 
 
-def _nearest_colors(mesh: TriedMesh, points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the colour of the nearest vertex: the library keeps none."""
+def _nearest_colors(mesh: TrialMesh, points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the colours (n, 3) of the nearest vertices of `mesh`, because the library drops colours."""
     from scipy.spatial import cKDTree
 
     used = np.unique(mesh.faces)
@@ -51,26 +53,26 @@ def _nearest_colors(mesh: TriedMesh, points: NDArray[np.float32]) -> NDArray[np.
     return mesh.colors[used[np.asarray(nearest, np.int64)]]
 
 
-def _judge(_: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
-    numbers = made["manifold3d"].numbers
+def _judge(_: TrialMesh, outputs: Outputs, __: Renderings) -> Judgement:
+    numbers = outputs["manifold3d"].numbers
     if not numbers["accepted_merged"]:
-        return Judgement("fails", f"manifold3d refuses it: {numbers['status']}", numbers)
+        return Judgement("fails", f"manifold3d rejects the mesh: {numbers['status']}", numbers)
     whole, left, taken = (numbers[name] for name in ("volume", "volume_left", "volume_taken"))
-    size = max(abs(whole), abs(left) + abs(taken))  # bodies wound both ways may cancel each other
+    size = max(abs(whole), abs(left) + abs(taken))  # volumes of opposite winding may cancel out
     error = abs(left + taken - whole) / size if size else 1.0
     numbers = {**numbers, "volume_error": error}
     if error > TOLERANCE:
         return Judgement(
-            "fails", f"the parts have {100 * error:.0f} % more or less volume than the whole", numbers
+            "fails", f"the volume of the parts differs from the mesh by {100 * error:.0f} %", numbers
         )
     if not numbers["accepted"]:
-        return Judgement("care", "manifold3d takes it only once it has merged vertices", numbers)
+        return Judgement("care", "manifold3d accepts the mesh only after merging vertices", numbers)
     if whole < 0:
         return Judgement("care", INWARDS, numbers)
     return Judgement("works", None, numbers)
 
 
-def _says(numbers: Numbers) -> str:
+def _summarize(numbers: Numbers) -> str:
     if "volume_left" not in numbers:
         return ""
     left, taken = abs(numbers["volume_left"]), abs(numbers["volume_taken"])
@@ -84,8 +86,8 @@ TASKS = (
         "Boolean with a box",
         (Attempt("manifold3d", ("manifold3d",), _work),),
         _judge,
-        _says,
+        _summarize,
         powers={"volume": 3, "volume_left": 3, "volume_taken": 3},
-        picture=beside,
+        picture=draw_side_by_side,
     ),
 )

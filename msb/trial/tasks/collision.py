@@ -1,10 +1,8 @@
-"""A collision shape by CoACD: how many convex parts, how far from what cameras see, and what it blocks.
+"""Collision shape by CoACD: its convex parts, its distance from the visible surface, and its protrusion.
 
-Where CoACD gives none, a convex hull is made, which moving things can have, and a mesh of fewer faces, for
-what stands still.
+If CoACD fails, a convex hull (for moving objects) and a decimated mesh (for static objects) are made instead.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,50 +11,60 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays
 from msb.topology.faces import face_areas, signed_volume
 from msb.topology.hulls import HULL_CORNERS, hull_directions
-from msb.trial.geometry import random_colors
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
-from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Numbers, Task, counted, graded, judged, worst
-from msb.trial.tasks.decimate import beside, by_pymeshlab
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings, random_colors
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
+from msb.trial.tasks.decimate import decimate_with_pymeshlab, draw_side_by_side
 
-# Largest distance from the visible surface to the shape for 95 % of the points, relative to the diagonal.
+# Distances from the visible surface to the shape that work, and that work with limitations. They are the 95 %
+# quantile, relative to the bounding-box diagonal.
 NEAR, FAR = 0.02, 0.05
-# Share of the shape's volume that cameras see to be empty.
+# Protruding fractions of the shape that work, and that work with limitations: parts that cameras see to be
+# empty space.
 LITTLE, MUCH = 0.1, 0.3
-TOLERANCE = 0.01  # distance in front of the surface, relative to the diagonal, from which a point is outside
-_POINTS = 20_000  # sample points of the visible surface, and of the shape's volume
-_PERCENT = 10  # faces of the substitute mesh, in percent of the mesh's
+# A point protrudes from this distance in front of the surface on, relative to the diagonal.
+TOLERANCE = 0.01
+# Sample points on the visible surface, and in the volume of the shape. Fractions have a standard error below
+# 0.4 %.
+_POINTS = 20_000
+# Faces of the decimated mesh, in percent of the original.
+_PERCENT = 10
 
 
-def _prepare(_: TriedMesh, look: Look) -> dict[str, NDArray[Any]]:
-    points = look.visible_points(_POINTS)
+def _prepare(_: TrialMesh, renderings: Renderings) -> dict[str, NDArray[Any]]:
+    """Sample the visible surface: the array "visible" (n, 3)."""
+    points = renderings.visible_points(_POINTS)
     return {} if points is None else {"visible": points}
 
 
-def _coacd(mesh: TriedMesh, given: Arrays) -> Made:
+def _coacd(mesh: TrialMesh, given: Arrays) -> Output:
+    """Decompose the mesh into convex parts with CoACD."""
     import coacd
 
     coacd.set_log_level("error")
     parts = coacd.run_coacd(coacd.Mesh(mesh.vertices.astype(np.float64), mesh.faces.astype(np.int32)))
     if not parts:
-        raise ValueError("it gives no part")
+        raise ValueError("it returns no part")
+    # Concatenate the parts: points (n, 3) and faces (F, 3), with indices moved behind earlier parts.
     sizes = [len(points) for points, _ in parts]
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    points = np.concatenate([np.asarray(one, np.float64) for one, _ in parts])
+    points = np.concatenate([np.asarray(vertices, np.float64) for vertices, _ in parts])
     faces = np.concatenate(
-        [np.asarray(one, np.int64) + start for (_, one), start in zip(parts, starts, strict=True)]
+        [np.asarray(rows, np.int64) + start for (_, rows), start in zip(parts, starts, strict=True)]
     )
-    volumes = [abs(signed_volume(np.asarray(own), np.asarray(rows, np.int64))) for own, rows in parts]
+    volumes = [abs(signed_volume(np.asarray(part), np.asarray(rows, np.int64))) for part, rows in parts]
     numbers: Numbers = {"parts": len(parts), "faces": len(faces), "volume": float(sum(volumes))}
     label = np.repeat(np.arange(len(parts)), sizes)
-    shape = TriedMesh(points, faces, random_colors(label))
+    shape = TrialMesh(points, faces, random_colors(label))
     inside = points_inside(parts, np.asarray(volumes), _POINTS)
-    return Made(numbers | _distances(shape, given), {"shape": shape}, {"inside": inside})
+    return Output(numbers | _distances(shape, given), {"shape": shape}, {"inside": inside})
 
 
-def _hull(mesh: TriedMesh, given: Arrays) -> Made:
+def _hull(mesh: TrialMesh, given: Arrays) -> Output:
+    """Make the convex hull of the mesh with manifold3d."""
     import manifold3d
 
+    # Limit the corners of the hull: use the farthest vertices in a fixed set of directions.
     used = mesh.vertices[np.unique(mesh.faces)].astype(np.float64)
     farthest = np.unique([int((used @ direction).argmax()) for direction in hull_directions(HULL_CORNERS)])
     solid = manifold3d.Manifold.hull_points(used[farthest]).to_mesh()
@@ -68,18 +76,20 @@ def _hull(mesh: TriedMesh, given: Arrays) -> Made:
     if volume <= 1e-6 * mesh.diagonal**3:
         raise ValueError("the hull of a flat mesh has no volume")
     numbers: Numbers = {"parts": 1, "faces": len(faces), "volume": volume}
-    shape = TriedMesh(points, faces, random_colors(np.zeros(len(points), np.int64)))
+    shape = TrialMesh(points, faces, random_colors(np.zeros(len(points), np.int64)))
     inside = points_inside([(points, faces)], np.array([volume]), _POINTS)
-    return Made(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
+    return Output(numbers | _distances(shape, given), {"hull": shape}, {"inside": inside})
 
 
-def _fewer_faces(mesh: TriedMesh, given: Arrays) -> Made:
+def _fewer_faces(mesh: TrialMesh, given: Arrays) -> Output:
+    """Decimate the mesh with PyMeshLab, and measure how much of the result is far from the mesh."""
     import igl
 
-    shape = by_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
+    shape = decimate_with_pymeshlab(mesh, {}, percent=_PERCENT).meshes["mesh"]
     if not len(shape.faces):
         raise ValueError("no face is left")
-    # What one bumps into is a surface: points even over it, of which those far from the mesh are in mid-air.
+    # Sample points (n, 3) uniformly on the surface, with normalised exponential variables as barycentric
+    # coordinates. Points far from the mesh protrude.
     rng = np.random.default_rng(0)
     corners = shape.vertices[
         shape.faces[
@@ -87,15 +97,18 @@ def _fewer_faces(mesh: TriedMesh, given: Arrays) -> Made:
         ]
     ]
     weights = rng.exponential(size=(_POINTS, 3))
-    on_it = np.einsum("nk,nki->ni", weights / weights.sum(axis=1, keepdims=True), corners)
-    away = np.sqrt(igl.point_mesh_squared_distance(on_it, mesh.vertices.astype(np.float64), mesh.faces)[0])
+    samples = np.einsum("nk,nki->ni", weights / weights.sum(axis=1, keepdims=True), corners)
+    away = np.sqrt(igl.point_mesh_squared_distance(samples, mesh.vertices.astype(np.float64), mesh.faces)[0])
     empty = float(np.count_nonzero(away > TOLERANCE * mesh.diagonal) / _POINTS)
     numbers: Numbers = {"faces": len(shape.faces), "empty_share": empty}
-    return Made(numbers | _distances(shape, given), {"mesh": shape})
+    return Output(numbers | _distances(shape, given), {"mesh": shape})
 
 
-def _distances(shape: TriedMesh, given: Arrays) -> Numbers:
-    """Return how far the points of the visible surface are from a shape, if there are any."""
+def _distances(shape: TrialMesh, given: Arrays) -> Numbers:
+    """Return the average and the 95 % quantile of the distances from the visible surface to a shape.
+
+    Without points of the visible surface, the result is empty.
+    """
     import igl
 
     if not len(given.get("visible", ())):
@@ -110,10 +123,10 @@ def _distances(shape: TriedMesh, given: Arrays) -> Numbers:
 def points_inside(
     parts: list[tuple[Any, Any]], volumes: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """Return `count` points (count, 3), evenly over the volume of convex parts, the same every time.
+    """Return `count` reproducible points (count, 3), distributed uniformly over the volume of convex parts.
 
-    A part falls into the tetrahedra between its middle and its faces; in each, four exponential numbers over
-    their sum are even barycentric coordinates.
+    Each part is split into tetrahedra between its centre and its faces. Four exponential variables divided by
+    their sum are uniformly distributed barycentric coordinates.
     """
     rng = np.random.default_rng(0)
     sampled = []
@@ -122,73 +135,81 @@ def points_inside(
             continue
         points, faces = np.asarray(points, np.float64), np.asarray(faces, np.int64)
         corners = points[faces]
-        middle = points.mean(axis=0)
+        # Volumes (F,) of the tetrahedra, up to a factor. Choose a tetrahedron for each point by volume.
+        centre = points.mean(axis=0)
         sizes = np.abs(
-            np.einsum("fi,fi->f", corners[:, 0] - middle, np.cross(*(corners[:, k] - middle for k in (1, 2))))
+            np.einsum("fi,fi->f", corners[:, 0] - centre, np.cross(*(corners[:, k] - centre for k in (1, 2))))
         )
         chosen = corners[rng.choice(len(faces), number, p=_shares(sizes))]
         weights = rng.exponential(size=(number, 4))
         weights /= weights.sum(axis=1, keepdims=True)
-        sampled.append(np.einsum("nk,nki->ni", weights[:, :3], chosen) + weights[:, 3:] * middle)
+        sampled.append(np.einsum("nk,nki->ni", weights[:, :3], chosen) + weights[:, 3:] * centre)
     return np.concatenate(sampled) if sampled else np.zeros((0, 3))
 
 
 def _shares(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sizes (n,) divided by their sum; equal shares if all are zero."""
     total = float(sizes.sum())
     return sizes / total if total > 0 else np.full(len(sizes), 1 / len(sizes))
 
 
-def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
-    shapes = {library: _judged(mesh, one, look) for library, one in made.items()}
-    best = min(shapes, key=lambda library: OUTCOMES.index(shapes[library].outcome))
-    own = shapes[best]
+def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgement:
+    # Judge all shapes; the best one counts. Without CoACD's shape, the task works with limitations at best.
+    shapes = {library: _judge_shape(mesh, output, renderings) for library, output in outputs.items()}
+    best = min(shapes, key=lambda library: shapes[library].rank)
+    judgement = shapes[best]
     if best == "coacd":
-        return own
-    kinds = {"manifold3d": "hull of {}{}", "pymeshlab": "mesh of {} for what stands still{}"}
+        return judgement
+    kinds = {"manifold3d": "convex hull of {}{}", "pymeshlab": "decimated mesh of {} for static objects{}"}
     parts = [
-        "a " + kinds[library].format(counted(one.numbers["faces"], "face"), _bracketed(one.numbers))
-        for library, one in shapes.items()
+        "a " + kinds[library].format(count_text(shape.numbers["faces"], "face"), _in_brackets(shape.numbers))
+        for library, shape in shapes.items()
     ]
-    why = f"{' and '.join(parts)} {'stands' if len(parts) == 1 else 'stand'} in"
-    why += f"; of the {kinds[best].split()[0]}, {own.why}" if own.why else ""
-    numbers = {**own.numbers, "best": best, "instead": {name: one.numbers for name, one in shapes.items()}}
-    return Judgement(worst((own.outcome, "care")), why, numbers)
+    why = f"instead: {' and '.join(parts)}"
+    why += f"; {' '.join(kinds[best].split()[:2])}: {judgement.why}" if judgement.why else ""
+    instead = {library: shape.numbers for library, shape in shapes.items()}
+    numbers = {**judgement.numbers, "best": best, "instead": instead}
+    return Judgement("fails" if judgement.outcome == "fails" else "care", why, numbers)
 
 
-def _judged(mesh: TriedMesh, one: Made, look: Look) -> Judgement:
-    """Return the judgement of one shape."""
+def _judge_shape(mesh: TrialMesh, output: Output, renderings: Renderings) -> Judgement:
+    """Return the judgement of a single shape."""
     diagonal = mesh.diagonal
-    far = one.numbers.get("distance_95")
-    relative = far / diagonal if far is not None and diagonal else None
-    inside = one.arrays.get("inside")
-    empty = one.numbers["empty_share"] if inside is None else look.empty_share(inside, TOLERANCE * diagonal)
-    away = f"5 % of what is seen is {100 * (relative or 0):.1f} % of the size or more away from it"
-    in_air = f"{100 * (empty or 0):.0f} % of it is where nothing is seen"
-    numbers = {**one.numbers, "distance_95_of_diagonal": relative, "empty_share": empty}
-    return judged(numbers, (graded(relative, NEAR, FAR), away), (graded(empty, LITTLE, MUCH), in_air))
+    distance = output.numbers.get("distance_95")
+    relative = distance / diagonal if distance is not None and diagonal else None
+    if (inside := output.arrays.get("inside")) is None:
+        empty = output.numbers["empty_share"]
+    else:
+        empty = renderings.empty_share(inside, TOLERANCE * diagonal)
+    far = f"5 % of the visible surface is farther away than {100 * (relative or 0):.1f} % of the diagonal"
+    protrudes = f"{100 * (empty or 0):.0f} % of the shape protrudes into empty space"
+    numbers = {**output.numbers, "distance_95_of_diagonal": relative, "empty_share": empty}
+    return combine(numbers, (grade(relative, NEAR, FAR), far), (grade(empty, LITTLE, MUCH), protrudes))
 
 
-def _bracketed(numbers: Numbers) -> str:
+def _in_brackets(numbers: Numbers) -> str:
+    """Return the distance and the protrusion in brackets, or an empty text."""
     parts = _near_and_empty(numbers)
     return f" ({', '.join(parts)})" if parts else ""
 
 
 def _near_and_empty(numbers: Numbers) -> list[str]:
+    """Return the distance and the protrusion in words, as far as they are known."""
     relative, empty = numbers["distance_95_of_diagonal"], numbers["empty_share"]
     parts = []
     if relative is not None:
         share = "less than 0.01" if relative < 1e-4 else f"{100 * relative:.2g}"
-        parts.append(f"95 % within {share} % of the size")
+        parts.append(f"95 % of the visible surface within {share} % of the diagonal")
     if empty is not None:
-        parts.append(f"{100 * empty:.0f} % of it in mid-air")
+        parts.append(f"{100 * empty:.0f} % protrudes")
     return parts
 
 
-def _says(numbers: Numbers) -> str:
-    """Return the numbers of CoACD's shape; what stands in for it is said with why it does."""
+def _summarize(numbers: Numbers) -> str:
+    """Return the numbers of CoACD's shape. Fallbacks are described by the reason for the outcome."""
     if "instead" in numbers:
         return ""
-    return ", ".join((counted(numbers["parts"], "part"), *_near_and_empty(numbers)))
+    return ", ".join((count_text(numbers["parts"], "part"), *_near_and_empty(numbers)))
 
 
 TASKS = (
@@ -197,14 +218,14 @@ TASKS = (
         "Collision shape",
         (Attempt("coacd", ("coacd", "igl"), _coacd),),
         _judge,
-        _says,
+        _summarize,
         powers={"volume": 3, "distance_mean": 1, "distance_95": 1},
-        instead=(
+        fallbacks=(
             Attempt("manifold3d", ("manifold3d", "igl"), _hull),
             Attempt("pymeshlab", ("pymeshlab", "igl"), _fewer_faces),
         ),
         prepare=_prepare,
-        picture=beside,
-        by_look=True,
+        picture=draw_side_by_side,
+        needs_images=True,
     ),
 )

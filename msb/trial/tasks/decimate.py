@@ -1,6 +1,5 @@
-"""Decimation to a half, a quarter and a tenth of the faces, by two libraries; the better one counts."""
+"""Decimation to 50, 25 and 10 % of the faces by two libraries; the better result counts."""
 
-from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -9,26 +8,29 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.metrics.likeness import ALIKE, NEARLY, decibels
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
-from msb.trial.task import OUTCOMES, Attempt, Judgement, Made, Numbers, Outcome, Task, file_outcome, worst
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings
+from msb.trial.task import Attempt, Judgement, Numbers, Outcome, Output, Outputs, Task, file_outcome, worst
 
-SLACK = 1.05  # a target counts as reached with up to this multiple of its faces
+# A result may have up to this multiple of the requested faces.
+SLACK = 1.05
 
 
-def _target(mesh: TriedMesh, percent: int) -> int:
+def _target(mesh: TrialMesh, percent: int) -> int:
+    """Return the requested number of faces."""
     return max(1, len(mesh.faces) * percent // 100)
 
 
-def _fast_simplification(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
+def _fast_simplification(mesh: TrialMesh, _: Arrays, *, percent: int) -> Output:
+    """Decimate the mesh with fast-simplification."""
     import fast_simplification
 
     faces = mesh.faces.astype(np.int32)
     *_mesh, collapses = fast_simplification.simplify(
         mesh.vertices, faces, target_count=_target(mesh, percent), return_collapses=True
     )
-    # It knows no colours: a vertex gets the mean of those that were merged into it and that faces used. One
-    # whose faces are all gone is merged into none.
+    # The library drops colours. Replay the collapses to find the new vertex of each old one (-1 if its faces
+    # are gone), and average the colours of the used vertices that were merged into each new vertex.
     vertices, kept, merged = fast_simplification.replay_simplification(mesh.vertices, faces, collapses)
     used = np.unique(mesh.faces)
     used = used[np.asarray(merged)[used] >= 0]
@@ -36,11 +38,11 @@ def _fast_simplification(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
     count = np.maximum(np.bincount(into, minlength=len(vertices)), 1)
     sums = [np.bincount(into, mesh.colors[used, k], len(vertices)) for k in range(3)]
     colors = (np.stack(sums, axis=1) / count[:, None]).astype(np.float32)
-    return Made({}, {"mesh": TriedMesh(vertices, kept.astype(np.int64), colors)})
+    return Output({}, {"mesh": TrialMesh(vertices, kept.astype(np.int64), colors)})
 
 
-def by_pymeshlab(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
-    """Return the mesh with `percent` of its faces, by quadric edge collapse."""
+def decimate_with_pymeshlab(mesh: TrialMesh, _: Arrays, *, percent: int) -> Output:
+    """Decimate the mesh to `percent` of its faces with PyMeshLab's quadric edge collapse."""
     import pymeshlab
 
     opaque = np.ones((len(mesh.colors), 1))
@@ -49,75 +51,79 @@ def by_pymeshlab(mesh: TriedMesh, _: Arrays, *, percent: int) -> Made:
     meshes.add_mesh(pymeshlab.Mesh(mesh.vertices.astype(np.float64), mesh.faces, v_color_matrix=colors))
     meshes.meshing_decimation_quadric_edge_collapse(targetfacenum=_target(mesh, percent))
     simplified = meshes.current_mesh()
-    made = TriedMesh(
+    result = TrialMesh(
         simplified.vertex_matrix(),
         simplified.face_matrix().astype(np.int64),
         simplified.vertex_color_matrix()[:, :3].astype(np.float32),
     )
-    return Made({}, {"mesh": made})
+    return Output({}, {"mesh": result})
 
 
-def _judge(mesh: TriedMesh, made: Mapping[str, Made], look: Look, *, percent: int) -> Judgement:
+def _judge(mesh: TrialMesh, outputs: Outputs, renderings: Renderings, *, percent: int) -> Judgement:
     target = _target(mesh, percent)
     numbers: Numbers = {"target_faces": target}
     best: tuple[int, bool, float] | None = None
     outcome: Outcome = "fails"
     why: str | None = None
-    for library, one in made.items():
-        simplified = one.meshes["mesh"]
+    # Grade each library. The best outcome counts, then reaching the target, then the PSNR.
+    for library, output in outputs.items():
+        simplified = output.meshes["mesh"]
         reached = 0 < len(simplified.faces) <= SLACK * target
-        likeness = look.psnr(simplified)
-        numbers[_key(library)] = own = {
+        likeness = renderings.psnr(simplified)
+        numbers[_key(library)] = entry = {
             "faces": len(simplified.faces),
             "reached": reached,
             **likeness,
-            **one.numbers,
+            **output.numbers,
         }
-        grade, reason = _grade(own, target)
-        of_file = worst((grade, file_outcome(mesh, simplified)))
-        rank = (OUTCOMES.index(of_file), not reached, -(likeness["psnr"] or 0.0))
+        library_outcome, reason = _grade(entry, target)
+        with_file = Judgement(worst((library_outcome, file_outcome(mesh, simplified))))
+        rank = (with_file.rank, not reached, -(likeness["psnr"] or 0.0))
         if best is None or rank < best:
-            best, outcome, why = rank, grade, reason
+            best, outcome, why = rank, library_outcome, reason
             numbers["best"] = library
     return Judgement(outcome, why, numbers)
 
 
-def _grade(own: Numbers, target: int) -> tuple[Outcome, str | None]:
-    if not own["reached"]:
-        return "fails", f"it stops at {own['faces']:,} faces; {target:,} were asked for"
-    likeness = own["psnr"]
+def _grade(entry: Numbers, target: int) -> tuple[Outcome, str | None]:
+    """Return the outcome of a library, and the reason why it is not better."""
+    if not entry["reached"]:
+        return "fails", f"it stops at {entry['faces']:,} of {target:,} requested faces"
+    likeness = entry["psnr"]
     if likeness is None or likeness >= ALIKE:
         return "works", None
     if likeness >= NEARLY:
-        return "care", f"the difference can be seen ({decibels(likeness)})"
+        return "care", f"the difference is visible ({decibels(likeness)})"
     return "fails", f"it looks different ({decibels(likeness)})"
 
 
 def _key(library: str) -> str:
+    """Return the key of a library in the numbers."""
     return library.replace("-", "_")
 
 
-def _says(numbers: Numbers) -> str:
+def _summarize(numbers: Numbers) -> str:
+    """Return the results of the libraries, the best one first."""
     libraries = [library for library, _, _ in _LIBRARIES if _key(library) in numbers]
     libraries.sort(key=lambda library: library != numbers["best"])
     parts = []
     for library in libraries:
-        own = numbers[_key(library)]
-        likeness = "" if own["psnr"] is None else f"{decibels(own['psnr'])} with "
-        parts.append(f"{likeness}{own['faces']:,} faces by {library}")
+        entry = numbers[_key(library)]
+        likeness = "" if entry["psnr"] is None else f"{decibels(entry['psnr'])} with "
+        parts.append(f"{likeness}{entry['faces']:,} faces by {library}")
     return ", ".join(parts)
 
 
-def beside(_: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
-    """Draw what each library made, side by side."""
-    drawn = [look.picture(mesh) for one in made.values() for mesh in one.meshes.values()]
-    pictures = [one for one in drawn if one is not None]
+def draw_side_by_side(_: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
+    """Draw the results of all libraries side by side."""
+    drawn = [renderings.picture(mesh) for output in outputs.values() for mesh in output.meshes.values()]
+    pictures = [image for image in drawn if image is not None]
     return np.concatenate(pictures, axis=1) if pictures else None
 
 
 _LIBRARIES = (
     ("fast-simplification", "fast_simplification", _fast_simplification),
-    ("pymeshlab", "pymeshlab", by_pymeshlab),
+    ("pymeshlab", "pymeshlab", decimate_with_pymeshlab),
 )
 TASKS = tuple(
     Task(
@@ -128,9 +134,9 @@ TASKS = tuple(
             for library, module, work in _LIBRARIES
         ),
         partial(_judge, percent=percent),
-        _says,
-        picture=beside,
-        by_look=True,
+        _summarize,
+        picture=draw_side_by_side,
+        needs_images=True,
     )
     for percent in (50, 25, 10)
 )

@@ -1,6 +1,5 @@
-"""Faces that cross each other (`msb.topology.crossings`), and slivers, which a structural audit ignores."""
+"""Count self-intersections (`msb.topology.crossings`) and slivers, which a structural audit ignores."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,17 +8,23 @@ from numpy.typing import NDArray
 from msb.base.children import Arrays
 from msb.topology.crossings import crossing_pairs
 from msb.topology.verdict import percent
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Numbers, Task, counted, graded, judged
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, count_text, grade
 
-FEW = 0.01  # share of crossing faces; one in a hundred is repaired by hand
+# Largest fraction of crossing faces that works with limitations: one in a hundred can be repaired by hand.
+FEW = 0.01
+# Largest fractions of slivers that work, and that work with limitations.
 FEW_SLIVERS, MANY_SLIVERS = 0.01, 0.1
+# Colours of faces in the image: red, yellow and grey.
 _CROSSING, _SLIVER, _PLAIN = (0.85, 0.1, 0.1), (0.9, 0.7, 0.1), (0.75, 0.75, 0.75)
-SLIVER = 0.01  # height over the longest side below which a face is a sliver; its smallest angle is below 1.2°
+# A face is a sliver if its height is below this fraction of its longest side. Then its smallest angle is
+# below 1.2 degrees.
+SLIVER = 0.01
 
 
-def _work(mesh: TriedMesh, _: Arrays) -> Made:
+def _work(mesh: TrialMesh, _: Arrays) -> Output:
+    """Count crossing faces and slivers, and mark them in the arrays (F,)."""
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     pairs = crossing_pairs(corners)
     thin = slivers(corners)
@@ -33,37 +38,37 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
         "slivers": int(thin.sum()),
         "sliver_share": float(thin.sum() / count),
     }
-    return Made(numbers, {}, {"crossing": crossing, "sliver": thin})
+    return Output(numbers, {}, {"crossing": crossing, "sliver": thin})
 
 
-def _judge(mesh: TriedMesh, made: Mapping[str, Made], __: Look) -> Judgement:
-    numbers = made["numpy"].numbers
-    crossing = graded(numbers["face_share"], 0.0, FEW)
-    thin = graded(numbers["sliver_share"], FEW_SLIVERS, MANY_SLIVERS)
-    return judged(
+def _judge(mesh: TrialMesh, outputs: Outputs, __: Renderings) -> Judgement:
+    numbers = outputs["numpy"].numbers
+    crossing = grade(numbers["face_share"], 0.0, FEW)
+    thin = grade(numbers["sliver_share"], FEW_SLIVERS, MANY_SLIVERS)
+    return combine(
         numbers,
-        (crossing, f"{percent(numbers['faces'], len(mesh.faces))} of the faces cross another"),
+        (crossing, f"{percent(numbers['faces'], len(mesh.faces))} of the faces cross other faces"),
         (thin, f"{percent(numbers['slivers'], len(mesh.faces))} are slivers"),
     )
 
 
-def _says(numbers: Numbers) -> str:
-    crossing = counted(numbers["faces"], "face crosses", "faces cross")
-    return f"{crossing}, {counted(numbers['slivers'], 'sliver')}"
+def _summarize(numbers: Numbers) -> str:
+    crossing = count_text(numbers["faces"], "face crosses", "faces cross")
+    return f"{crossing}, {count_text(numbers['slivers'], 'sliver')}"
 
 
-def _picture(mesh: TriedMesh, made: Mapping[str, Made], look: Look) -> NDArray[Any] | None:
-    """Draw the mesh with the faces that cross in red, slivers in yellow."""
-    marks = made["numpy"].arrays
+def _picture(mesh: TrialMesh, outputs: Outputs, renderings: Renderings) -> NDArray[Any] | None:
+    """Draw the mesh with crossing faces in red and slivers in yellow."""
+    marks = outputs["numpy"].arrays
     colors = np.full((len(mesh.faces), 3), _PLAIN, np.float32)
     colors[marks["sliver"]] = _SLIVER
     colors[marks["crossing"]] = _CROSSING
-    apart = np.arange(mesh.faces.size, dtype=np.int64).reshape(-1, 3)
-    return look.picture(TriedMesh(mesh.vertices[mesh.faces.reshape(-1)], apart, np.repeat(colors, 3, axis=0)))
+    return renderings.picture(mesh.unshared(np.repeat(colors, 3, axis=0)))
 
 
 def slivers(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which faces (F,) of corners (F, 3, 3) are slivers; faces without area are."""
+    """Return a mask (F,) of slivers among the faces with corners (F, 3, 3), including faces without area."""
+    # Compare the height, which is twice the area over the longest side, with the longest side.
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.sqrt((sides**2).sum(axis=2).max(axis=1))
     twice = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
@@ -76,7 +81,7 @@ TASKS = (
         "Self-intersections, slivers",
         (Attempt("numpy", ("numpy",), _work, any_unit=True),),
         _judge,
-        _says,
+        _summarize,
         picture=_picture,
     ),
 )

@@ -1,6 +1,5 @@
-"""A solid with a volume, as slicers and physics take it: what manifold3d and trimesh say of the mesh."""
+"""Solid with a volume, as slicers and physics engines need it, checked by manifold3d and trimesh."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -8,18 +7,20 @@ from numpy.typing import NDArray
 
 from msb.base.children import Arrays
 from msb.topology.faces import signed_volume
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Numbers, Task
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task
 
+# Width and height of the image, in pixels.
 _PIXELS = 360
-INWARDS = "it is wound inwards: its volume is negative"
+INWARDS = "the winding is inside out: the volume is negative"
 
 
-def offer(mesh: TriedMesh) -> tuple[Any, Numbers]:
-    """Return the solid, None if it is refused both ways, and what manifold3d said; in a child process only.
+def offer(mesh: TrialMesh) -> tuple[Any, Numbers]:
+    """Return manifold3d's solid of the mesh, and its status as numbers. Call this in a child process only.
 
-    It crashes on some meshes whose half-edges cannot pair up.
+    The solid is None if manifold3d rejects the mesh, also after merging vertices. It crashes on some meshes
+    with unpaired half-edges.
     """
     import manifold3d
 
@@ -28,29 +29,32 @@ def offer(mesh: TriedMesh) -> tuple[Any, Numbers]:
         tri_verts=np.ascontiguousarray(mesh.faces, np.uint32),
     )
     solid = manifold3d.Manifold(given)
-    said = solid.status()
+    status = solid.status()
     fine = manifold3d.Error.NoError
-    accepted = said == fine
+    accepted = status == fine
+    # Try again with merged vertices.
     merged = False
     if not accepted and given.merge():
         solid = manifold3d.Manifold(given)
         merged = solid.status() == fine
-    numbers = {"accepted": accepted, "accepted_merged": accepted or merged, "status": said.name}
+    numbers = {"accepted": accepted, "accepted_merged": accepted or merged, "status": status.name}
     return (solid if accepted or merged else None), numbers
 
 
-def _manifold(mesh: TriedMesh, _: Arrays) -> Made:
+def _manifold(mesh: TrialMesh, _: Arrays) -> Output:
+    """Measure the volume and the genus of manifold3d's solid."""
     solid, numbers = offer(mesh)
     if solid is not None:
         numbers |= {"volume": float(solid.volume()), "genus": int(solid.genus())}
-    return Made(numbers)
+    return Output(numbers)
 
 
-def _trimesh(mesh: TriedMesh, _: Arrays) -> Made:
+def _trimesh(mesh: TrialMesh, _: Arrays) -> Output:
+    """Check with trimesh whether the mesh is watertight and consistently wound."""
     import trimesh
 
     body = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    return Made(
+    return Output(
         {
             "watertight": bool(body.is_watertight),
             "winding_consistent": bool(body.is_winding_consistent),
@@ -59,34 +63,34 @@ def _trimesh(mesh: TriedMesh, _: Arrays) -> Made:
     )
 
 
-def _judge(mesh: TriedMesh, made: Mapping[str, Made], _: Look) -> Judgement:
-    numbers: Numbers = {name: one.numbers for name, one in made.items()}
+def _judge(mesh: TrialMesh, outputs: Outputs, _: Renderings) -> Judgement:
+    numbers: Numbers = {name: output.numbers for name, output in outputs.items()}
     slicer, checked = numbers.get("manifold3d"), numbers.get("trimesh")
     numbers["volume"] = volume = signed_volume(mesh.vertices, mesh.faces)
     if checked is not None and not checked["watertight"]:
         merged = slicer is not None and slicer["accepted_merged"]
         if merged:
-            return Judgement("care", "it is closed only once coincident vertices are merged", numbers)
-        said = f"; manifold3d says {slicer['status']}" if slicer else ""
-        return Judgement("fails", f"it is not watertight{said}", numbers)
+            return Judgement("care", "the mesh is closed only after merging coincident vertices", numbers)
+        status = f" (manifold3d: {slicer['status']})" if slicer else ""
+        return Judgement("fails", f"the mesh is not watertight{status}", numbers)
     if slicer is not None and not slicer["accepted"]:
         if slicer["accepted_merged"]:
-            return Judgement("care", "manifold3d takes it only once it has merged vertices", numbers)
-        return Judgement("fails", f"manifold3d says {slicer['status']}", numbers)
+            return Judgement("care", "manifold3d accepts the mesh only after merging vertices", numbers)
+        return Judgement("fails", f"manifold3d rejects the mesh: {slicer['status']}", numbers)
     if volume < 0:
         return Judgement("care", INWARDS, numbers)
     return Judgement("works", None, numbers)
 
 
-def _says(numbers: Numbers) -> str:
-    taken = numbers.get("manifold3d", {"accepted_merged": True})["accepted_merged"]
-    if not (taken and numbers.get("trimesh", {"watertight": True})["watertight"]):
+def _summarize(numbers: Numbers) -> str:
+    accepted = numbers.get("manifold3d", {"accepted_merged": True})["accepted_merged"]
+    if not (accepted and numbers.get("trimesh", {"watertight": True})["watertight"]):
         return ""
     return f"volume {numbers['volume']:.4g}"
 
 
-def _picture(mesh: TriedMesh, _: Mapping[str, Made], __: Look) -> NDArray[Any] | None:
-    """Draw a cut through the middle, as a slicer makes it, across the mesh's longest axis."""
+def _picture(mesh: TrialMesh, _: Outputs, __: Renderings) -> NDArray[Any] | None:
+    """Draw a cross-section through the middle, perpendicular to the longest side, like a slicer."""
     from PIL import Image, ImageDraw
 
     lines = section(mesh)
@@ -101,18 +105,22 @@ def _picture(mesh: TriedMesh, _: Mapping[str, Made], __: Look) -> NDArray[Any] |
     return np.asarray(image)
 
 
-def section(mesh: TriedMesh) -> NDArray[np.float64]:
-    """Return the segments (n, 2, 2) in which a plane through the middle of the bounds cuts the faces."""
+def section(mesh: TrialMesh) -> NDArray[np.float64]:
+    """Return the segments (n, 2, 2) of a cross-section: the faces cut by a plane.
+
+    The plane goes through the centre of the bounding box, perpendicular to its longest side.
+    """
     corners = mesh.vertices[mesh.faces].astype(np.float64)
     if not len(corners):
         return np.zeros((0, 2, 2))
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     axis = int(np.argmax(high - low))
+    # Signed distance (F, 3) of the corners from the plane; a face is cut if it has corners on both sides.
     heights = corners[:, :, axis] - (low + high)[axis] / 2
     above = heights > 0
     cut = above.any(axis=1) & ~above.all(axis=1)
     corners, heights, above = corners[cut], heights[cut], above[cut]
-    # The corner that is alone on its side: both edges from there are cut.
+    # odd (n,): the corner that is alone on its side of the plane. Both of its edges are cut.
     odd = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     rows = np.arange(len(odd))
     ends = []
@@ -129,7 +137,7 @@ TASKS = (
         "Solid: volume, printing",
         (Attempt("manifold3d", ("manifold3d",), _manifold), Attempt("trimesh", ("trimesh",), _trimesh)),
         _judge,
-        _says,
+        _summarize,
         powers={"volume": 3},
         picture=_picture,
     ),

@@ -1,11 +1,10 @@
-"""Loop subdivision by libigl: whether it is defined, and the gaps that open where faces were merely beside.
+"""Loop subdivision by libigl: check whether it is defined, and measure the cracks that open.
 
-Loop's rule knows edges of one and of two faces. Modelling programs turn faces to one winding, cut the mesh at
-all other edges and go on; so is done here. The copies of an edge are then smoothed apart, and the area
-between them is a crack.
+Loop's rule is defined for edges of one and of two faces. Modelling programs turn faces to a consistent
+winding, cut the mesh at all other edges, and go on. This module does the same. The copies of a cut edge are
+smoothed independently, and the area between them is a crack.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,34 +17,38 @@ from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of
 from msb.topology.steps import turn_faces
 from msb.topology.steps.cut import split_vertices
 from msb.topology.weld import merged_vertices
-from msb.trial.look import Look
-from msb.trial.mesh import TriedMesh
-from msb.trial.task import Attempt, Judgement, Made, Numbers, Task, graded, judged
-from msb.trial.tasks.decimate import beside
+from msb.trial.mesh import TrialMesh
+from msb.trial.renderings import Renderings
+from msb.trial.task import Attempt, Judgement, Numbers, Output, Outputs, Task, combine, grade
+from msb.trial.tasks.decimate import draw_side_by_side
 
-# Share of the faces without a neighbour; they are no surface to smooth.
+# Fractions of faces without a neighbour that work, and that work with limitations. They only shrink.
 FEW_LONE, MANY_LONE = 0.01, 0.1
-SMALL_GAPS = 0.001  # area of the cracks, relative to the surface, that an image mostly hides
+# Largest area of cracks, relative to the surface, that works with limitations: images mostly hide it.
+SMALL_GAPS = 0.001
 
 
-def _work(mesh: TriedMesh, _: Arrays) -> Made:
+def _work(mesh: TrialMesh, _: Arrays) -> Output:
+    """Subdivide the mesh once, and measure cracks and lone faces."""
     import igl
 
     proper = mesh.faces[~names_vertex_twice(mesh.faces)]
     if not len(proper):
-        raise ValueError("it has no proper face")
+        raise ValueError("the mesh has no valid face")
+    # Remove unused vertices, and count the edges that the rule is not defined for.
     used, stored = np.unique(proper, return_inverse=True)
     stored = stored.reshape(-1, 3)
     vertices = mesh.vertices[used].astype(np.float64)
     given = build_half_edges(stored, len(used))
     crowded = int(np.count_nonzero(given.multiplicity > 2))
-    clashes = len(given.two_face_halfedges[0]) - len(agreeing(given)[0])
+    clashes = len(given.two_face_halfedges[0]) - len(agreeing_halfedges(given)[0])
+    # Turn faces, cut the mesh (origin (W,) is the old vertex of each new one), and subdivide it.
     turned = turn_faces(stored, len(used)).faces
     cut, origin = cut_apart(turned, len(used))
     matrix, faces = igl.loop_matrix(cut, len(origin))
     points = matrix @ vertices[origin]
     colors = np.clip(matrix @ mesh.colors[used][origin].astype(np.float64), 0, 1)
-    made = TriedMesh(points.astype(np.float32), faces.astype(np.int64), colors.astype(np.float32))
+    result = TrialMesh(points.astype(np.float32), faces.astype(np.int64), colors.astype(np.float32))
     gaps = gap_area(vertices[origin], cut, points, faces)
     surface = float(face_areas(vertices, stored)[0].sum())
     numbers = {
@@ -58,30 +61,30 @@ def _work(mesh: TriedMesh, _: Arrays) -> Made:
         "gap_area": gaps,
         "gap_share": gaps / surface if surface else None,
     }
-    return Made(numbers, {"mesh": made})
+    return Output(numbers, {"mesh": result})
 
 
-def agreeing(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the two half-edges of each edge of two faces that run along it in both directions."""
-    one, other = mesh.two_face_halfedges
-    agree = mesh.origin[one] != mesh.origin[other]
-    return one[agree], other[agree]
+def agreeing_halfedges(mesh: HalfEdgeMesh) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the two half-edges (n,), (n,) of each edge of two faces with consistent winding."""
+    first, second = mesh.two_face_halfedges
+    agree = mesh.origin[first] != mesh.origin[second]
+    return first[agree], second[agree]
 
 
 def _lone_share(mesh: HalfEdgeMesh) -> float:
-    """Return the share of faces that are joined to no other, which the rule shrinks each by itself."""
+    """Return the fraction of faces that are not connected to any other face."""
     joined = np.zeros(mesh.face_count, bool)
-    joined[face_of(np.concatenate(agreeing(mesh)))] = True
+    joined[face_of(np.concatenate(agreeing_halfedges(mesh)))] = True
     return float(1 - joined.mean())
 
 
 def cut_apart(faces: NDArray[Any], vertex_count: int) -> tuple[NDArray[np.int64], NDArray[Any]]:
-    """Return faces (F, 3) that stay joined only across edges of two faces with one winding.
+    """Return the faces (F, 3), cut at all edges except edges of two faces with consistent winding.
 
-    Every vertex has one fan of faces then; the second array (W,) has the vertex that each one is a copy of.
+    Then every vertex has a single fan of faces. The second array (W,) is the old vertex of each new one.
     """
     mesh = build_half_edges(faces, vertex_count)
-    change = split_vertices(mesh, *agreeing(mesh))
+    change = split_vertices(mesh, *agreeing_halfedges(mesh))
     return change.faces.astype(np.int64), change.vertex_map
 
 
@@ -91,75 +94,81 @@ def gap_area(
     points: NDArray[np.float64],
     fine: NDArray[np.int64],
 ) -> float:
-    """Return the area between edges that lay on each other before one subdivision and do not after it.
+    """Return the area of the cracks that a subdivision opens between edges that coincided before.
 
-    Edges lie on each other if their ends have the same coordinates, whether faces share them or not. Of
-    several, each is held against the first: four triangles between the halves of both. `vertices` (V, 3) and
-    the faces `cut` (F, 3) are before, cut apart; `points` (W, 3), which begin with the same vertices, and
-    `fine` (4F, 3) after.
+    Edges coincide if their ends have equal coordinates, whether they share vertices or not. Each of several
+    coincident edges is compared with the first one: the crack consists of four triangles between their
+    halves.
+
+    `vertices` (V, 3) and `cut` (F, 3) are the cut mesh before the subdivision. `points` (W, 3), which begin
+    with the same vertices, and `fine` (4F, 3) are the mesh after it.
     """
     _, place = merged_vertices(vertices, "exact")
-    # Each edge of the cut mesh once, from the end with the lower place to the other.
+    # The edges (E,) of the cut mesh. `place` (V,) numbers the locations; edges start at the lower number.
     start, stop = build_half_edges(cut, len(vertices)).edge_vertices.astype(np.int64).T
     turned = place[start] > place[stop]
     start, stop = np.where(turned, stop, start), np.where(turned, start, stop)
     here, there = place[start], place[stop]
     middle = _middles(start, stop, fine)
+    # Group coincident edges. lead (E,) is the first edge of each edge's group.
     _, group, count = np.unique(
         np.stack([here, there], axis=1), axis=0, return_inverse=True, return_counts=True
     )
     order = np.argsort(group.reshape(-1), kind="stable")
     lead = order[np.concatenate([[0], np.cumsum(count)[:-1]])][group.reshape(-1)]
     other = np.flatnonzero(lead != np.arange(len(start)))
+    # Each edge has become a curve of three points (n, 3, 3). Add up the triangles between two such curves.
     curves = points[np.stack([start, middle, stop], axis=1)]
-    one, two = curves[lead[other]], curves[other]
+    first, second = curves[lead[other]], curves[other]
     total = 0.0
     for k in (0, 1):
         for corner, left, right in (
-            (one[:, k], one[:, k + 1], two[:, k]),
-            (two[:, k + 1], one[:, k + 1], two[:, k]),
+            (first[:, k], first[:, k + 1], second[:, k]),
+            (second[:, k + 1], first[:, k + 1], second[:, k]),
         ):
             total += float(np.linalg.norm(np.cross(left - corner, right - corner), axis=1).sum() / 2)
     return total
 
 
 def _middles(start: NDArray[np.int64], stop: NDArray[np.int64], fine: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the new vertex between the ends of each edge: the one that is a neighbour of both afterwards.
+    """Return the new vertex (E,) in the middle of each edge from `start` (E,) to `stop` (E,).
 
-    A face abc becomes four, of which three have a corner of it and the middles of the two edges there.
+    A face abc becomes four faces. Three of them have one old corner, and the middles of the two edges there.
     """
     old = int(max(start.max(), stop.max())) + 1
+    # corner (n,): the old corner of each such face, with its position in the face.
     corners = fine[(fine < old).sum(axis=1) == 1]
     turn = np.argmax(corners < old, axis=1)
     rows = np.arange(len(corners))
     corner = corners[rows, turn]
     pairs = [(corner, corners[rows, (turn + k) % 3]) for k in (1, 2)]
-    vertex, middle = (np.concatenate(each) for each in zip(*pairs, strict=True))
-    # Each middle has the two ends of its edge, once or twice each.
+    vertex, middle = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    # Every middle is paired with the two ends of its edge, once or twice with each.
     ends = np.unique(np.stack([middle, vertex], axis=1), axis=0)
     low, high = ends[0::2, 1], ends[1::2, 1]
+    # Find the edges by a key of their ends.
     key = low * np.int64(old) + high
     order = np.argsort(key)
     wanted = np.minimum(start, stop) * np.int64(old) + np.maximum(start, stop)
     return np.asarray(ends[0::2, 0][order][np.searchsorted(key[order], wanted)])
 
 
-def _judge(_: TriedMesh, made: Mapping[str, Made], look: Look) -> Judgement:
-    one = made["libigl"]
-    numbers = {**one.numbers, **look.psnr(one.meshes["mesh"])}
-    cracks = graded(numbers["gap_share"], 0.0, SMALL_GAPS)
-    lone = graded(numbers["lone_share"], FEW_LONE, MANY_LONE)
+def _judge(_: TrialMesh, outputs: Outputs, renderings: Renderings) -> Judgement:
+    output = outputs["libigl"]
+    numbers = {**output.numbers, **renderings.psnr(output.meshes["mesh"])}
+    cracks = grade(numbers["gap_share"], 0.0, SMALL_GAPS)
+    lone = grade(numbers["lone_share"], FEW_LONE, MANY_LONE)
     if cracks == lone == "works" and not numbers["defined"]:
-        first = "is cut" if numbers["vertices_cut"] else "is turned to one winding"
-        return Judgement("care", f"the mesh {first} first, which opens nothing", numbers)
-    return judged(
+        change = "cut" if numbers["vertices_cut"] else "turned to a consistent winding"
+        return Judgement("care", f"the mesh must be {change} first, but no cracks open", numbers)
+    return combine(
         numbers,
-        (cracks, f"cracks open over {100 * (numbers['gap_share'] or 0):.2g} % of the surface"),
-        (lone, f"{100 * numbers['lone_share']:.0f} % of the faces have no neighbour and shrink alone"),
+        (cracks, f"cracks cover {100 * (numbers['gap_share'] or 0):.2g} % of the surface"),
+        (lone, f"{100 * numbers['lone_share']:.0f} % of the faces have no neighbour and only shrink"),
     )
 
 
-def _says(numbers: Numbers) -> str:
+def _summarize(numbers: Numbers) -> str:
     likeness = "" if numbers["psnr"] is None else f", {decibels(numbers['psnr'])}"
     return f"{numbers['faces']:,} faces{likeness}"
 
@@ -170,7 +179,7 @@ TASKS = (
         "Loop subdivision",
         (Attempt("libigl", ("igl",), _work, any_unit=True),),
         _judge,
-        _says,
-        picture=beside,
+        _summarize,
+        picture=draw_side_by_side,
     ),
 )

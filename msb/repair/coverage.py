@@ -1,4 +1,4 @@
-"""How much of an image each face covers: what debris is to the viewer."""
+"""Count the pixels that each face covers in images, as the weights of faces."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,21 +12,24 @@ from msb.render import Renderer
 from msb.scenes import Camera
 
 
-def seen_pixels(
+def count_pixels(
     asset: Asset,
     cameras: Sequence[Camera],
     device: str | None = None,
     step: Callable[[], None] = lambda: None,
 ) -> NDArray[np.float64]:
-    """Return the number of pixels (F,) that each face covers on the standard tier, over all cameras."""
+    """Return the number of pixels (F,) that each face covers in standard-tier renderings of all cameras.
+
+    `step` is called after each camera.
+    """
     if why := refusal(asset.manifest, "standard"):
-        text = f"faces are weighted by what the standard tier shows; {why}"
+        text = f"--cameras needs standard-tier renderings to weigh faces; {why}"
         raise Unsupported("UNSUPPORTED_TIER", text, file=asset.opened_from)
     pixels = np.zeros(asset.manifest.face_count)
     with Renderer(asset, tier="standard", device=device) as renderer:
         for camera in cameras:
-            seen = renderer.render(camera).face_id
-            if seen is not None:
-                pixels += np.bincount(seen[seen >= 0], minlength=len(pixels))
+            faces = renderer.render(camera).face_id  # (H, W), -1 for the background
+            if faces is not None:
+                pixels += np.bincount(faces[faces >= 0], minlength=len(pixels))
             step()
     return pixels

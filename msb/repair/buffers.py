@@ -1,4 +1,4 @@
-"""Carry what vertices, faces and corners hold through a change of the mesh."""
+"""Carry the data of vertices, faces and corners through a change of the mesh."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     Buffers = Mapping[str, NDArray[Any]]
 
-# Buffers whose face values do not depend on the order of the corners.
-_OF_THE_WHOLE_FACE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
-# Corner buffers that are linear along an edge, so that an added face can continue them.
-_BETWEEN_CORNERS = {"uv", "color"}
-# DiffSoup's samples of a barycentric lattice, which turn with the face.
+# Face buffers whose values do not depend on the order of the corners.
+_ORDER_FREE = {"color", "f_dc", "f_rest", "opacity", "sigma", "face_texture"}
+# Corner buffers that can be interpolated along an edge, so that added faces can continue them.
+_INTERPOLATED = {"uv", "color"}
+# DiffSoup's samples on a barycentric lattice, which are permuted when a face is turned.
 _LATTICES = {"features.lattice", "features.opacity"}
 
 
@@ -29,9 +29,11 @@ def carry(
 ) -> dict[str, NDArray[Any]]:
     """Return the buffers of the changed mesh.
 
-    Values are copied, bit for bit. A new vertex has the mean of its rim; an added face has the values of the
-    face beside it, at its third corner the mean of the two that both have. `domains` are "vertex", "face",
-    "corner" or "global"; `level` is that of DiffSoup's lattice.
+    Values are copied bit by bit. A new vertex gets the average of its rim. An added face gets the values of
+    the adjacent face; its third corner gets the average of the two corners that both faces share.
+
+    `domains` are "vertex", "face", "corner" or "global" by buffer name. `level` is the level of DiffSoup's
+    lattice, if there is one.
     """
     known = {**domains, "positions": "vertex", "indices": "face"}
     return {
@@ -45,6 +47,7 @@ def carry(
 
 
 def _carried(name: str, array: NDArray[Any], domain: str, change: Change, level: int | None) -> NDArray[Any]:
+    """Return a vertex, face or global buffer of the changed mesh."""
     if domain == "vertex":
         kept = array[change.vertex_map[: len(change.vertex_map) - change.rims.count]]
         if change.rims.count == 0:
@@ -56,33 +59,37 @@ def _carried(name: str, array: NDArray[Any], domain: str, change: Change, level:
 
 
 def _of_faces(name: str, array: NDArray[Any], change: Change, level: int | None) -> NDArray[Any]:
-    whole = name in _OF_THE_WHOLE_FACE
-    if len(change.added_from) and not whole:
-        _refuse(name, "values for each face whose meaning is the method's own", "added")
+    """Return a face buffer of the changed mesh. Values that depend on the order of corners are permuted."""
+    is_order_free = name in _ORDER_FREE
+    if len(change.added_from) and not is_order_free:
+        _refuse(name, "method-specific face values", "added")
     values = array[np.concatenate([change.face_map[change.face_map != NONE], change.added_from])]
-    if whole or not change.turned.any():
+    if is_order_free or not change.turned.any():
         return np.asarray(values)
+    # Only lattices with the expected number of samples can be turned.
     samples = None if level is None else (2**level + 1) * (2**level + 2) // 2
     if name not in _LATTICES or level is None or values.ndim < 2 or values.shape[1] != samples:
-        _refuse(name, "values for each face whose meaning is the method's own", "turned")
+        _refuse(name, "method-specific face values", "turned")
     values[change.turned] = values[change.turned][:, turned_lattice(2**level)]
     return np.asarray(values)
 
 
 def _of_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[Any]) -> NDArray[Any]:
-    """Return the values of corners; an added face shows all over what there is along the edge it grew from.
+    """Return a corner buffer of the changed mesh; `faces` (F, 3) are the faces before the change.
 
-    Its third corner could be in another chart, and between the corners of a hole a texture holds nothing.
-    `faces` are those before the change.
+    The values of an added face lie on the edge that it shares with the adjacent face: the vertex opposite the
+    edge may belong to another chart, and textures are undefined between charts.
     """
     added = len(change.added_from)
     kept = array[change.corner_map[: 3 * (len(change.faces) - added)]]
     if not added:
         return np.asarray(kept)
-    if name not in _BETWEEN_CORNERS:
-        _refuse(name, "a value for each corner", "added")
-    was = change.vertex_map[change.faces[-added:]]
-    same = was[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
+    if name not in _INTERPOLATED:
+        _refuse(name, "corner values that cannot be interpolated", "added")
+    # same (n, 3, 3): whether corner i of the added face is corner j of the adjacent face.
+    old_vertices = change.vertex_map[change.faces[-added:]]
+    same = old_vertices[:, :, None] == faces[change.added_from].astype(np.int64)[:, None]
+    # Copy the values of shared corners, and average them for the remaining corner.
     values = array.reshape(len(faces), 3, -1)[change.added_from].astype(np.float64)
     values = np.take_along_axis(values, same.argmax(axis=2)[:, :, None], axis=1)
     shared = same.any(axis=2, keepdims=True)
@@ -91,10 +98,10 @@ def _of_corners(name: str, array: NDArray[Any], change: Change, faces: NDArray[A
 
 
 def turned_lattice(sides: int) -> NDArray[np.intp]:
-    """Return which sample each one is, when the second and the third corner of a face change places.
+    """Return the permutation of lattice samples when the second and third corner of a face are swapped.
 
-    Sample ``s (s + 1) / 2 + y`` lies at b0 = (s - y) / n, b1 = y / n, so b2 = (n - s) / n, n being `sides`.
-    Its place in the face before was (b0, b2, b1), that is y = n - s and s = n - y.
+    Sample ``s (s + 1) / 2 + y`` has the barycentric coordinates b0 = (s - y) / n, b1 = y / n and
+    b2 = (n - s) / n, where n is `sides`. Its value comes from (b0, b2, b1), which is y = n - s and s = n - y.
     """
     s, y = np.tril_indices(sides + 1)
     s, y = sides - y, sides - s
@@ -102,9 +109,9 @@ def turned_lattice(sides: int) -> NDArray[np.intp]:
 
 
 def _means(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
-    """Return the mean over each rim; the first value where that is not finite, as of infinite opacities."""
+    """Return the average over each rim, or its first value if that is not finite (infinite opacities)."""
     if array.dtype.kind != "f" and array.dtype != np.uint8:
-        _refuse(name, f"{array.dtype} values for each vertex, which have no mean,", "added")
+        _refuse(name, f"{array.dtype} vertex values that cannot be averaged", "added")
     values = array[rims.vertices].astype(np.float64)
     starts = rims.offsets[:-1]
     sizes = np.diff(rims.offsets).reshape(-1, *(1,) * (array.ndim - 1))
@@ -114,10 +121,12 @@ def _means(name: str, array: NDArray[Any], rims: Rims) -> NDArray[Any]:
 
 
 def _typed(means: NDArray[np.float64], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return averages in the type of their buffer, rounded for integers."""
     return np.asarray(means.astype(dtype) if dtype.kind == "f" else np.rint(means).astype(dtype))
 
 
-def _refuse(name: str, what: str, done: str) -> NoReturn:
-    how = "orient turns faces" if done == "turned" else "close adds faces"
-    text = f"buffer {name} holds {what} and cannot be carried where faces are {done}: leave out the step by "
-    raise Unsupported("UNSUPPORTED_REPAIR", f"{text}which {how}", pointer=name)
+def _refuse(name: str, content: str, change: str) -> NoReturn:
+    """Raise UNSUPPORTED_REPAIR for a buffer that cannot follow faces that are "turned" or "added"."""
+    step = "orient" if change == "turned" else "close"
+    text = f"buffer {name} has {content}, which are undefined for {change} faces; omit {step} from the plan"
+    raise Unsupported("UNSUPPORTED_REPAIR", text, pointer=name)
