@@ -8,16 +8,14 @@ import mmap
 import weakref
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from msb.cl.queue import Queue
 from msb.cl.records import short_name
 from msb.errors import DeviceError
-
-if TYPE_CHECKING:
-    from msb.cl.queue import Queue
 
 Shape = int | tuple[int, ...]
 

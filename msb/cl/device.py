@@ -1,26 +1,20 @@
 """An open device: its context, its queue, and everything made on it."""
 
-from __future__ import annotations
-
 import contextlib
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from msb.cl import programs
-from msb.cl.buffers import SCRATCH, Memory, bytes_by_use
-from msb.cl.kernel_text import OWN
+from msb.cl.buffers import SCRATCH, Buffer, Memory, Shape, bytes_by_use
+from msb.cl.kernel_text import OWN, Define
 from msb.cl.queue import Queue
+from msb.cl.records import DeviceRecord, Style
 from msb.cl.timing import Timing
-
-if TYPE_CHECKING:
-    from msb.cl.buffers import Buffer, Shape
-    from msb.cl.kernel_text import Define
-    from msb.cl.records import DeviceRecord, Style
 
 
 class Device:

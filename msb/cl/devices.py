@@ -1,23 +1,17 @@
 """List the OpenCL devices, and choose the one that a selector means."""
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from msb.cl import mend
 from msb.cl.device import Device
 from msb.cl.loader import how_to_get_a_device, how_to_get_another, looked_for, opencl
 from msb.cl.programs import UNKNOWN_CPU
-from msb.cl.records import DeviceRecord, describe, short_name
-from msb.cl.trial import try_device
+from msb.cl.records import DeviceRecord, Style, describe, short_name
+from msb.cl.trial import Trial, try_device
 from msb.errors import DeviceError, UsageError, shorten
-
-if TYPE_CHECKING:
-    from msb.cl.records import Style
-    from msb.cl.trial import Trial
 
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
@@ -158,17 +152,12 @@ def _choose(known: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> 
     for record in meant:
         if try_device(handles[record.selector], record).builds:
             return Choice(record, selector, source), handles[record.selector]
-    raise _none_builds([(record, handles[record.selector]) for record in meant])
-
-
-def _none_builds(meant: Sequence[tuple[DeviceRecord, Any]]) -> DeviceError:
-    """Return the error that says of each device why it does not build, and what to do about the first."""
-    reasons = [try_device(handle, record).why or "" for record, handle in meant]
+    reasons = [try_device(handles[record.selector], record).why or "" for record in meant]
     text = "; ".join(
-        f"{record} does not build kernels: {why}" for (record, _), why in zip(meant, reasons, strict=True)
+        f"{record} does not build kernels: {why}" for record, why in zip(meant, reasons, strict=True)
     )
-    advice = _advice(*meant[0], reasons[0])
-    return DeviceError("DEVICE_BUILD", f"{text}. {advice}")
+    advice = _advice(meant[0], handles[meant[0].selector], reasons[0])
+    raise DeviceError("DEVICE_BUILD", f"{text}. {advice}")
 
 
 def _advice(record: DeviceRecord, handle: Any, why: str) -> str:

@@ -9,18 +9,15 @@ import time
 import warnings
 import weakref
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from msb.cl.buffers import Buffer
-from msb.cl.kernel_text import define_lines, place_of, resolve
+from msb.cl.kernel_text import Define, define_lines, place_of, resolve
+from msb.cl.queue import Queue
+from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, shorten
-
-if TYPE_CHECKING:
-    from msb.cl.kernel_text import Define
-    from msb.cl.queue import Queue
-    from msb.cl.records import DeviceRecord
 
 Size = int | tuple[int, ...]
 

@@ -1,17 +1,13 @@
 """Exclusive prefix sum on the device."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from msb.cl.buffers import Buffer
-    from msb.cl.device import Device
-    from msb.cl.kernel_text import Define
-    from msb.cl.programs import Program
+from msb.cl.buffers import Buffer
+from msb.cl.device import Device
+from msb.cl.kernel_text import Define
+from msb.cl.programs import Program
 
 # Most elements of a scan or sort: places are 32-bit numbers.
 MOST = 2**31

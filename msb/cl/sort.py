@@ -1,19 +1,15 @@
 """Stable radix sort of keys with values, on the device."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from msb.cl.buffers import Buffer
+from msb.cl.device import Device
+from msb.cl.kernel_text import Define
+from msb.cl.programs import Program
 from msb.cl.scan import checked_count, chunks_of, exclusive_scan, grouped_program
-
-if TYPE_CHECKING:
-    from msb.cl.buffers import Buffer
-    from msb.cl.device import Device
-    from msb.cl.kernel_text import Define
-    from msb.cl.programs import Program
 
 _ITEMS = 8
 # Most bits that a pass sorts by. A CPU's first-level cache carries 256 write streams, so passes of up to 8

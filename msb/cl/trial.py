@@ -15,7 +15,7 @@ import threading
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,13 +24,11 @@ from msb.base.children import Arrays, run_apart
 from msb.base.limits import Limits
 from msb.base.version import __version__
 from msb.cl import mend
+from msb.cl.device import Device
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import opencl, user_cache
+from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
-
-if TYPE_CHECKING:
-    from msb.cl.device import Device
-    from msb.cl.records import DeviceRecord
 
 # Seconds that a trial may take on a busy machine, the compiler's own start included; it mostly takes a tenth.
 _SECONDS = 120.0
@@ -120,7 +118,6 @@ def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
     `word` is the device's selector, and whether its compiler is mended first; there are no `arrays`.
     """
     os.environ["POCL_KERNEL_CACHE"] = "0"  # a kernel out of a cache says nothing of the compiler
-    from msb.cl.device import Device
     from msb.cl.devices import found_devices
 
     cl = opencl()

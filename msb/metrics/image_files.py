@@ -1,14 +1,12 @@
 """Read images to be evaluated from untrusted files: PNG, JPEG, NumPy and OpenEXR."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +15,7 @@ from msb.base.extras import need_extra
 from msb.base.files import library_reason, regular_file
 from msb.errors import MetricError, shorten
 
-if TYPE_CHECKING:
-    Color = tuple[float, float, float]
+Color = tuple[float, float, float]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".npy", ".exr")
 MAX_SIDE = 65_535

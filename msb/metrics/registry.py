@@ -3,26 +3,21 @@
 Records, commands, gaps and tables read them here.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from msb.base.packages import Lazy, PackageError, contained, installed, load, whose
 from msb.errors import Finding, MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
-from msb.metrics.identity import ImageMetric
+from msb.metrics.identity import Definition, Identity, ImageMetric, Pixels
 from msb.metrics.images import PSNR_CAP, image_pair
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from msb.metrics.identity import Definition, Identity, Pixels
 
 # Module here and name of every image metric, in the order of the tables.
 BUILT_IN = (

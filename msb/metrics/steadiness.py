@@ -5,19 +5,15 @@ explain can be told: triangles that change places in the order of blending pop, 
 docs/protocol.md has the definitions in full.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from msb.scenes import Camera
+from msb.scenes import Camera
 
-    Floats = NDArray[np.float32]
-    Mask = NDArray[np.bool_]
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 # Standard deviation in pixels of the Gaussian that pictures are smoothed by before they are compared: the
 # cubic spline between their pixels is then exact to a fraction of a level.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msb.base.soup import is_soup
 from msb.topology.components import label_components
-from msb.topology.faces import added_areas, extra_duplicates, face_areas, has_no_area
+from msb.topology.faces import added_areas, extra_duplicates, face_areas
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
 
@@ -133,62 +133,32 @@ class Analysis:
         return np.asarray(self.fans.fans_per_vertex > 0)
 
     @property
-    def nonmanifold_vertices(self) -> NDArray[Any]:
-        """Vertices with more than one fan: the strict reading."""
-        return np.flatnonzero(self.fans.fans_per_vertex > 1)
-
-    @property
-    def multifan_vertices(self) -> NDArray[Any]:
-        """Vertices whose faces stay in several groups even across non-manifold edges: bow-ties."""
-        return np.flatnonzero(self.fans.groups_per_vertex > 1)
-
-    @property
-    def nonmanifold_edges(self) -> NDArray[Any]:
-        """Edges with more than two faces."""
-        return np.flatnonzero(self.mesh.multiplicity > 2)
-
-    @property
-    def nonmanifold_edge_endpoints(self) -> NDArray[Any]:
-        """Vertices on a non-manifold edge."""
-        marked = np.zeros(self.mesh.vertex_count, bool)
-        marked[self.mesh.edge_vertices[self.nonmanifold_edges]] = True
-        return np.flatnonzero(marked)
-
-    @property
-    def zero_area_faces(self) -> NDArray[Any]:
-        """Faces with three distinct indices whose double-precision area is exactly 0."""
-        return np.flatnonzero(has_no_area(self.area, self.finite, self.mesh.repeated_index))
-
-    @property
     def offending(self) -> Offending:
         """The elements of this mesh that a person would want to see, by the names of the audit's counts."""
+        mesh, fans = self.mesh, self.fans
+        crowded = np.flatnonzero(mesh.multiplicity > 2)
+        one, other = mesh.two_face_halfedges
+        flips = np.flatnonzero(mesh.multiplicity == 2)[mesh.origin[one] == mesh.origin[other]]
+        no_area = (self.area == 0) & self.finite & ~mesh.repeated_index
         return Offending(
             edges={
-                "nonmanifold_edges": self.nonmanifold_edges,
+                "nonmanifold_edges": crowded,
                 "boundary_edges": self.boundary.edges,
-                "inconsistent_winding_edges": self.inconsistent_winding_edges,
+                "inconsistent_winding_edges": flips,
             },
             vertices={
-                "nonmanifold_vertices": self.nonmanifold_vertices,
-                "multifan_vertices": self.multifan_vertices,
-                "nonmanifold_edge_endpoints": self.nonmanifold_edge_endpoints,
+                "nonmanifold_vertices": np.flatnonzero(fans.fans_per_vertex > 1),
+                "multifan_vertices": np.flatnonzero(fans.groups_per_vertex > 1),
+                "nonmanifold_edge_endpoints": np.unique(mesh.edge_vertices[crowded]),
                 "unreferenced_vertices": np.flatnonzero(~self.referenced),
             },
             faces={
-                "repeated_index_faces": np.flatnonzero(self.mesh.repeated_index),
-                "zero_area_faces": self.zero_area_faces,
+                "repeated_index_faces": np.flatnonzero(mesh.repeated_index),
+                "zero_area_faces": np.flatnonzero(no_area),
                 "nonfinite_faces": np.flatnonzero(~self.finite),
                 "duplicate_faces": np.flatnonzero(self.duplicate),
             },
         )
-
-    @property
-    def inconsistent_winding_edges(self) -> NDArray[Any]:
-        """Two-face edges along which both faces run in the same direction."""
-        one, other = self.mesh.two_face_halfedges
-        origin = self.mesh.origin
-        two_face = np.flatnonzero(self.mesh.multiplicity == 2)
-        return np.asarray(two_face[origin[one] == origin[other]])
 
 
 def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:

@@ -5,23 +5,19 @@ from __future__ import annotations
 import html
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import one_line
+from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
 from msb.topology.faces import names_vertex_twice
-from msb.topology.seams import closes_once_merged, find_seams, is_closed
-from msb.topology.verdict import judge, percent
+from msb.topology.findings import Counts, Findings
+from msb.topology.seams import Attributes, SeamKind, closes_once_merged, find_seams, is_closed
+from msb.topology.verdict import Level, judge, percent
 from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from msb.topology.analysis import Analysis
-    from msb.topology.findings import Counts, Findings
-    from msb.topology.seams import Attributes, SeamKind
-    from msb.topology.verdict import Level
 
 SCHEMA = "msb.audit/1"
 

@@ -1,16 +1,12 @@
 """The findings of an audit as plain numbers, in the one form that NumPy and the OpenCL kernels both give."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.topology.analysis import Analysis
 from msb.topology.faces import added_areas
-
-if TYPE_CHECKING:
-    from msb.topology.analysis import Analysis
 
 # Number of offending elements shown of each kind: enough to go and look, few enough to read.
 SAMPLES = 3

@@ -7,23 +7,17 @@ sort (audit_large.cl). The pairs of faces that belong to one component are liste
 number as root (audit_pairs.cl). docs/audit_speed.md says why, with measurements.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from msb.cl import Buffer, Device, Program
 from msb.topology.findings import SAMPLES, Findings
 from msb.topology.tally import Totals, add_up, tally_dtype
-
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.cl.buffers import Buffer
-    from msb.cl.programs import Program
 
 # The kinds of pairs of audit_pairs.cl.
 TWO_FACE, CROWDED, RIM = range(3)

@@ -4,11 +4,9 @@ The definition is in docs/definitions.md ("Seams"). What is doubled for another 
 format without shared vertices, is no seam; whether a mesh would be closed without such doubles is told, too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +15,8 @@ from msb.base.soup import is_soup
 from msb.topology.components import label_components
 from msb.topology.dispatch import find
 from msb.topology.faces import names_vertex_twice
+from msb.topology.findings import Counts, Findings
 from msb.topology.weld import coincident_vertices, weld_vertices
-
-if TYPE_CHECKING:
-    from msb.topology.findings import Counts, Findings
 
 # What a file doubles vertices for: "uv" (V, 2) and "color" (V, n), or by corner "corner_uv" (3F, 2) and
 # "corner_color" (3F, n), and "face_texture" (F,) of faces.
@@ -93,7 +89,11 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
     if not len(edges):
         return None
-    if (alike or 2 * torn_faces <= len(faces)) and is_soup(faces[near]) and is_soup(_proper(faces)):
+    if (
+        (alike or 2 * torn_faces <= len(faces))
+        and is_soup(faces[near])
+        and is_soup(faces[~names_vertex_twice(faces)])
+    ):
         return None
     ends, node = np.unique(edges.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
@@ -104,11 +104,6 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     number = (np.cumsum(is_first) - 1)[labels]
     kind: SeamKind = "texture" if {"uv", "corner_uv"} & set(attributes) else "color"
     return Seams(np.flatnonzero(is_first), number, kind)
-
-
-def _proper(faces: NDArray[Any]) -> NDArray[Any]:
-    """Return the faces that name no vertex twice."""
-    return np.asarray(faces[~names_vertex_twice(faces)])
 
 
 def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:

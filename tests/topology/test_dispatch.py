@@ -54,7 +54,7 @@ def test_the_kernels_agree_with_the_brute_force_twin() -> None:
 def test_the_analysis_is_made_when_it_is_asked_for() -> None:
     result, analysis = audit_arrays(*MESH)
     assert analysis.timings_ms == {}
-    assert len(analysis.nonmanifold_vertices) == result.counts.nonmanifold_vertices
+    assert len(analysis.offending.vertices["nonmanifold_vertices"]) == result.counts.nonmanifold_vertices
     assert "fans" in analysis.timings_ms
 
 

@@ -5,23 +5,18 @@ USD. `peers.py` asks these peers, each in a process of its own; `expected.py` co
 what they should say; this module compares the two.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike
 
 from msb.base.extras import install, is_installed, need_extra
+from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
+from msb.topology.audit import Audit
 from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts
-from msb.topology.crosscheck.peers import PEERS, ask_peers
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from msb.topology.analysis import Analysis
-    from msb.topology.audit import Audit
-    from msb.topology.crosscheck.peers import Answer, Answers
+from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 
 __all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
 

@@ -5,23 +5,18 @@ disagreement even where definitions differ. Almost every shift comes from repeat
 edges for us and three vertex pairs for most peers. docs/definitions.md has the table in words.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.topology.analysis import Analysis
+from msb.topology.audit import Audit
 from msb.topology.components import label_components
 from msb.topology.crosscheck.pairs import pair_numbers
-
-if TYPE_CHECKING:
-    from msb.topology.analysis import Analysis
-    from msb.topology.audit import Audit
-    from msb.topology.crosscheck.peers import Answer
-    from msb.topology.findings import Counts
+from msb.topology.crosscheck.peers import Answer
+from msb.topology.findings import Counts
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,16 @@
 """Join faces in pairs at edges of more than two faces, and cut what is left over."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.topology.fans import corners_at_ends, group_corners
 from msb.topology.halfedge import HalfEdgeMesh, build_half_edges, face_of, next_in_face
+from msb.topology.steps.change import Change
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import find_sides, sides_of_faces, spanning_tree
-
-if TYPE_CHECKING:
-    from msb.topology.steps.change import Change
 
 # How much a difference of black and white counts, beside a fold by 180 degrees, which counts 1.
 COLOR_WEIGHT = 0.25
