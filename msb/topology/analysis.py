@@ -149,7 +149,7 @@ class Analysis:
             vertices={
                 "nonmanifold_vertices": np.flatnonzero(fans.fans_per_vertex > 1),
                 "multifan_vertices": np.flatnonzero(fans.groups_per_vertex > 1),
-                "nonmanifold_edge_endpoints": np.unique(mesh.edge_vertices[crowded]),
+                "nonmanifold_edge_endpoints": np.unique(mesh.edge_vertices[crowded]).astype(np.intp),
                 "unreferenced_vertices": np.flatnonzero(~self.referenced),
             },
             faces={

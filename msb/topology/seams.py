@@ -89,11 +89,8 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
     if not len(edges):
         return None
-    if (
-        (alike or 2 * torn_faces <= len(faces))
-        and is_soup(faces[near])
-        and is_soup(faces[~names_vertex_twice(faces)])
-    ):
+    may_be_chance = (alike or 2 * torn_faces <= len(faces)) and is_soup(faces[near])
+    if may_be_chance and is_soup(faces[~names_vertex_twice(faces)]):
         return None
     ends, node = np.unique(edges.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
