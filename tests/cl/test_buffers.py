@@ -111,6 +111,12 @@ def test_the_pool_reuses_and_grows(fresh: Device) -> None:
     assert error.value.code == "DEVICE_CLOSED"
     assert fresh.scratch("values", 1, np.uint8) is not None
     assert set(fresh.memory()) == {"keys", "values"}
+    fresh.release_scratch("key")
+    assert list(fresh.memory()) == ["values"]
+    with pytest.raises(DeviceError):
+        grown.read()
+    fresh.scratch("keys", 50).fill(3)
+    fresh.finish()
 
 
 def test_more_than_there_is(fresh: Device) -> None:
@@ -136,11 +142,8 @@ def test_more_than_there_is(fresh: Device) -> None:
     fresh.scratch("last", 60_000).fill(1)  # what was too large is forgotten
 
 
-def test_closed_means_closed() -> None:
-    from msb.cl import open_device
-    from tests.cl.conftest import SELECTOR
-
-    device = open_device(SELECTOR)
+def test_closed_means_closed(fresh: Device) -> None:
+    device = fresh
     buffer = device.upload(np.zeros(3, np.float32))
     kernel = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
     device.close()
@@ -184,14 +187,3 @@ def test_pocl_shares_what_nobody_can_change(device: Device, tmp_path: Path) -> N
     assert not address(device, hidden)
     with device.upload(mapped).mapped() as view:
         assert not address(device, view)  # gone after the block
-
-
-def test_scratch_can_be_given_back(fresh: Device) -> None:
-    kept, dropped = fresh.scratch("kept", 100), fresh.scratch("dropped one", 100)
-    fresh.release_scratch("dropped")
-    assert list(fresh.memory()) == ["kept"]
-    with pytest.raises(DeviceError):
-        dropped.read()
-    assert kept.read().shape == (100,)
-    fresh.scratch("dropped one", 50).fill(3)
-    fresh.finish()

@@ -4,11 +4,13 @@ import os
 import sys
 from importlib import metadata
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from msb.cl import loader
+from msb.cl import list_devices, loader, open_device
 from msb.cl.loader import INTEL_LIBRARY, INTEL_PACKAGE
+from msb.errors import DeviceError
 from tests.cl.conftest import Child, answer
 from tests.conftest import ROOT
 
@@ -66,18 +68,61 @@ def test_pocl_is_found_with_nothing_set(child: Child) -> None:
 
 
 @pytest.mark.slow
-def test_no_platform(child: Child, tmp_path: Path) -> None:
-    """The pyopencl wheel's loader finds nothing at all if the folder it is pointed to does not exist."""
-    line = answer(child(OPEN, **{**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / "absent")}))
+@pytest.mark.parametrize(
+    ("variable", "folder", "more"),
+    [
+        ("OCL_ICD_VENDORS", "absent", {}),  # the loader of the pyopencl wheel then finds nothing at all
+        ("POCL_DEVICES", "", {"POCL_DEVICES": "no_such_driver", "MSB_DEVICE": "pocl"}),
+    ],
+)
+def test_a_variable_that_hides_all_devices_is_named(
+    child: Child, tmp_path: Path, variable: str, folder: str, more: dict[str, str]
+) -> None:
+    # In an empty folder the loader finds the PoCL wheel alone.
+    env = {**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / folder), **more}
+    line = answer(child(OPEN, **env))
     assert line.startswith("DEVICE_NOT_FOUND: ")
-    assert "OCL_ICD_VENDORS=" in line
+    assert variable in line
     assert "\n" not in line
+
+
+def test_without_any_platform_the_list_is_empty(monkeypatch: pytest.MonkeyPatch) -> None:
+    cl = loader.opencl()
+    error = cl.LogicError(cl._cl._ErrorRecord(msg="", code=-1001, routine="clGetPlatformIDs"))
+    monkeypatch.setattr(cl, "get_platforms", Mock(side_effect=error))
+    assert list_devices() == []
+    with pytest.raises(DeviceError, match="DEVICE_NOT_FOUND"):
+        open_device()
+
+
+def test_a_driver_without_an_entry_gets_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path,))
+    monkeypatch.setattr(loader, "_intel_library", lambda: None)
+    monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # as if the driver's library were there
+    monkeypatch.delenv(loader.VENDOR_VARIABLE, raising=False)
+    assert loader._missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
+    (tmp_path / "nvidia.icd").write_text(f"{loader.NVIDIA_LIBRARY}\n")
+    assert loader._missing_entries() == {}
 
 
 @pytest.mark.slow
 def test_no_pyopencl(child: Child) -> None:
     line = answer(child("import sys\nsys.modules['pyopencl'] = None\n" + OPEN))
     assert line.startswith("DEVICE_NOT_FOUND: pyopencl ")
+
+
+@pytest.mark.slow
+def test_a_user_without_a_home(child: Child) -> None:
+    code = "import pathlib\ndef none(): raise RuntimeError\npathlib.Path.home = none\n" + LIST
+    found = answer(child(code, **{**NOTHING_SET, "XDG_CACHE_HOME": None})).split("|")
+    assert "pocl:0" in found
+    assert "cannot be written" in found[-1]
+
+
+@pytest.mark.slow
+def test_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
+    together = [child(SCALE, POCL_CACHE_DIR=str(tmp_path)) for _ in range(3)]
+    assert {answer(process) for process in together} == {"0.0 2.0 4.0 6.0 8.0"}
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from msb.cl import Device, LocalMemory
+from msb.cl import Buffer, Device, Kernel, LocalMemory
 from msb.cl.kernel_text import define_lines, resolve
 from msb.cl.programs import _ERROR_LINE
 from msb.errors import DeviceError
@@ -21,10 +21,15 @@ from tests.cl.conftest import KERNELS
 
 
 def scaled(device: Device, **defines: Any) -> list[float]:
-    program = device.program("simple", {"OFFSET": 0, **defines}, KERNELS)
+    return launched(device, **defines)[2].read().tolist()
+
+
+def launched(device: Device, **defines: Any) -> tuple[Kernel, Buffer, Buffer]:
+    """Return a kernel after a launch, with its input and its output."""
+    kernel = device.program("simple", {"OFFSET": 0, **defines}, KERNELS).scaled
     given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
-    program.scaled(5, 4, given, out, np.uint32(5))
-    return out.read().tolist()
+    kernel(5, 4, given, out, np.uint32(5))
+    return kernel, given, out
 
 
 @pytest.mark.slow
@@ -118,22 +123,18 @@ def test_what_is_a_complaint(line: str, text: str | None) -> None:
 
 
 def test_an_argument_that_stays_is_set_once(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    scale = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
-    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
-    scale(5, 1, given, out, np.uint32(5))
+    scale, given, out = launched(device)
     handle = Mock(wraps=scale._handle)
     monkeypatch.setattr(device._queue.cl, "enqueue_nd_range_kernel", Mock())
     monkeypatch.setattr(scale, "_handle", handle)
-    scale(5, 1, given, out, np.uint32(5))
+    scale(5, 4, given, out, np.uint32(5))
     assert not handle.set_arg.called
     scale(5, 1, given, out, np.uint32(4))
     assert [call.args for call in handle.set_arg.call_args_list] == [(2, np.uint32(4))]
 
 
 def test_a_kernel_keeps_no_memory_alive(device: Device) -> None:
-    scale = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
-    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
-    scale(5, 1, given, out, np.uint32(5))
+    scale, given, out = launched(device)
     gone = weakref.ref(given.allocation)
     other_one = device.upload(np.full(5, 7, np.float32))
     del given
@@ -239,20 +240,15 @@ def test_commands_count_to_their_stage(device: Device) -> None:
         assert timing.span() >= max(found.values())
 
 
-def test_nothing_is_collected_when_nobody_asks(device: Device) -> None:
+def test_timing_collects_only_in_its_block_does_not_nest_and_ends_after_an_error(device: Device) -> None:
     buffer = device.allocate(10, np.uint32)
     with device.stage("clear"):
         buffer.fill(1)
     with device.timing() as timing:
         pass
-    assert timing.milliseconds() == {}
-    assert timing.span() == 0
-    assert len(timing) == 0
-
-
-def test_timing_blocks_do_not_nest_and_end_after_an_error(device: Device) -> None:
+    assert (timing.milliseconds(), timing.span(), len(timing)) == ({}, 0, 0)
     with pytest.raises(RuntimeError, match="nest"), device.timing(), device.timing():
         pass
     with device.timing() as timing:
-        device.allocate(1, np.uint32).fill(1)
+        buffer.fill(1)
     assert len(timing) == 1

@@ -4,7 +4,7 @@ import math
 from itertools import combinations
 from typing import Any
 
-from tests.topology.brute_force import Face, Point, area, edge_faces, flood
+from tests.topology.brute_force import Face, Point, area, edge_faces, flood, runs_along
 
 Corner = tuple[int, int]
 """A face and one of its vertices."""
@@ -16,12 +16,7 @@ def proper_faces(faces: list[Face]) -> list[int]:
 
 def winding_clashes(one: Face, other: Face, edge: tuple[int, int]) -> bool:
     """Say whether both faces run along the edge in the same direction."""
-
-    def along(row: Face) -> bool:
-        a, b, c = row
-        return edge in ((a, b), (b, c), (c, a))
-
-    return along(one) == along(other)
+    return runs_along(one, edge) == runs_along(other, edge)
 
 
 def orient(faces: list[Face]) -> tuple[list[bool], bool]:

@@ -82,21 +82,14 @@ def forked() -> Iterator[Forked]:
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("peer", IN_PROCESS)
-def test_peer_explains_every_hand_made_case(peer: str) -> None:
-    need(peer)
-    for case in WITH_FACES:
-        assert_explained(check_in_process(peer, case.vertices, case.faces))
-
-
-@pytest.mark.slow
-@pytest.mark.oracle
-@pytest.mark.parametrize("peer", IN_PROCESS)
-def test_peer_explains_every_random_mesh(peer: str) -> None:
+def test_peer_explains_every_hand_made_case_and_random_mesh(peer: str) -> None:
     need(peer)
     random = np.random.default_rng(31)
     verdicts = set()
-    for _ in range(150):
-        points, faces = random_mesh(random)
+    for points, faces in [
+        *((c.vertices, c.faces) for c in WITH_FACES),
+        *(random_mesh(random) for _ in range(150)),
+    ]:
         if len(faces):
             rows = check_in_process(peer, points, faces)
             assert_explained(rows)

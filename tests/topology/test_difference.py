@@ -5,31 +5,23 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import pytest
 
-from msb.asset import Asset
+from data_stubs.splat_like import splat_like
 from msb.topology.arrays import mesh_arrays
 from msb.topology.difference import find_difference
+from msb.topology.halfedge import build_half_edges
 from msb.topology.steps import pair
 from msb.topology.steps.cut import cut_edges
 from tests.conftest import TETRAHEDRON
 
 
-@pytest.fixture(scope="module")
-def splat(demo_asset: object) -> Asset:
-    import msb
-
-    return msb.load(str(demo_asset))
-
-
-def test_a_cut_is_found_without_its_maps(splat: Asset) -> None:
-    points, faces = mesh_arrays(splat.buffers["positions"], splat.buffers["indices"])
+def test_a_cut_is_found_without_its_maps() -> None:
+    points, faces = mesh_arrays(*splat_like(14))
     change = pair(points, faces)
+    assert len(change.vertex_map) > len(points)
     order = np.random.default_rng(0).permutation(len(change.faces))  # numbers of faces tell nothing
     after = points[change.vertex_map], change.faces[order][:, (2, 0, 1)]
     found = find_difference((points, faces), after)
-    from msb.topology.halfedge import build_half_edges
-
     edges = build_half_edges(faces, len(points)).edge_vertices[found.cut]
     assert np.array_equal(edges, cut_edges(change.faces, change.vertex_map))
     assert len(found.deleted) == len(found.added) == 0

@@ -7,7 +7,7 @@ from data_stubs.splat_like import Shape, splat_like
 from msb import audit
 from msb.topology.faces import extra_duplicates, face_areas
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of, next_in_face
-from tests.topology.meshes import CASES, Mesh, random_mesh, sheet
+from tests.topology.meshes import CASES, random_mesh, sheet
 
 
 def build(faces: np.ndarray, vertex_count: int) -> HalfEdgeMesh:
@@ -93,17 +93,6 @@ def test_duplicates_are_found_at_the_top_of_the_integer_range() -> None:
     assert extra_duplicates(faces).tolist() == [False, True, False]
 
 
-def torn_sheets() -> list[Mesh]:
-    """Return manifold sheets with holes that do not touch each other."""
-    random = np.random.default_rng(3)
-    found = []
-    for _ in range(12):
-        spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
-        chosen = random.permutation(len(spots))[: random.integers(0, 20)]
-        found.append(sheet(13, tuple(spots[i] for i in chosen)))
-    return found
-
-
 def test_sheet_has_one_loop_and_one_more_for_each_hole() -> None:
     counts = audit(*sheet(7, holes=((1, 1), (3, 4), (5, 1)))).counts
     assert (counts.boundary_loops, counts.open_boundary_chains) == (4, 0)
@@ -119,7 +108,11 @@ def test_loops_that_touch_in_a_vertex_stay_apart() -> None:
 @pytest.mark.oracle
 def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
     igl = pytest.importorskip("igl", reason="extra crosscheck is not installed")
-    for points, faces in torn_sheets():
+    random = np.random.default_rng(3)
+    spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
+    for _ in range(12):  # holes that do not touch each other
+        chosen = random.permutation(len(spots))[: random.integers(0, 20)]
+        points, faces = sheet(13, tuple(spots[i] for i in chosen))
         counts = audit(points, faces).counts
         assert counts.nonmanifold_vertices == 0
         assert counts.boundary_loops == len(igl.boundary_loop_all(faces))

@@ -27,6 +27,12 @@ def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], i
     }
 
 
+def twins_numbers(points: np.ndarray, faces: np.ndarray, number: dict[Any, int]) -> dict[Any, int]:
+    """Return a twin's vertex numbers with room for the unreferenced vertices, which it does not know."""
+    used = 1 + int(faces.max(initial=-1))
+    return {corner: new if new < used else new + len(points) - used for corner, new in number.items()}
+
+
 def test_orient_turns_what_its_twin_turns() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
@@ -42,10 +48,7 @@ def test_cut_splits_vertices_as_its_twin_does() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
         change = cut(faces, len(points))
-        number = twins.cut(rows(faces))
-        spare = len(points) - 1 - int(faces.max(initial=-1))  # the twin knows no unreferenced vertices
-        top = len(points) - spare
-        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        expected = twins_numbers(points, faces, twins.cut(rows(faces)))
         assert corner_numbers(faces, change) == expected, seed
 
 
@@ -57,9 +60,7 @@ def test_pair_joins_what_its_twin_joins() -> None:
         colors = np.random.default_rng(seed).random(points.shape)
         change = pair(points, faces, vertex_colors=colors)
         number = twins.pair(points.tolist(), rows(faces), colors.tolist(), 0.25)
-        spare = len(points) - 1 - int(faces.max(initial=-1))
-        top = len(points) - spare
-        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        expected = twins_numbers(points, faces, number)
         assert corner_numbers(faces, change) == expected, seed
 
 
