@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msb.base.soup import is_soup
 from msb.topology.components import label_components
-from msb.topology.faces import added_areas, extra_duplicates, face_areas
+from msb.topology.faces import added_areas, extra_duplicates, face_areas, has_no_area
 from msb.topology.fans import Boundary, Fans, find_boundary, find_fans
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of
 
@@ -139,7 +139,7 @@ class Analysis:
         crowded = np.flatnonzero(mesh.multiplicity > 2)
         one, other = mesh.two_face_halfedges
         flips = np.flatnonzero(mesh.multiplicity == 2)[mesh.origin[one] == mesh.origin[other]]
-        no_area = (self.area == 0) & self.finite & ~mesh.repeated_index
+        no_area = has_no_area(self.area, self.finite, mesh.repeated_index)
         return Offending(
             edges={
                 "nonmanifold_edges": crowded,

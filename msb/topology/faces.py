@@ -47,6 +47,13 @@ def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> 
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
 
+def has_no_area(
+    area: NDArray[np.float64], finite: NDArray[np.bool_], repeated: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return a mask (F,) of the faces with three distinct indices and an area of exactly 0."""
+    return np.asarray((area == 0) & finite & ~repeated)
+
+
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
     """Return which (F, 3) rows name a vertex twice; such a row has no edges and no area."""
     a, b, c = faces.T
