@@ -35,7 +35,7 @@ def crossing_pairs(
     corners : (F, 3, 3) float64
         The corners of the faces, all finite.
     places : (F, n, 3) float64, optional
-        Points whose bounding boxes are compared instead of those of `corners`: the same faces in a space in
+        Points that replace `corners` when bounding boxes are compared: the same faces in a space in
         which they have similar sizes.
     of : (F,) bool, optional
         Return only pairs with at least one of these faces.
@@ -134,7 +134,7 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
     rows = np.flatnonzero(np.abs(sides_of_second.sum(axis=0)) < 3)
     first, second, sides_of_second = first[..., rows], second[..., rows], sides_of_second[:, rows]
     sides_of_first = np.stack([_orient(first[0], first[1], first[2], second[k]) for k in range(3)])
-    # Remove pairs where the corners of `second` are on one side, or where no edge changes sides.
+    # Remove pairs if all corners of `second` are on one side, or if no edge changes sides.
     apart = (np.abs(sides_of_first.sum(axis=0)) == 3) | (
         _one_sided(sides_of_second) & _one_sided(sides_of_first)
     )
@@ -161,7 +161,7 @@ def _one_sided(signs: NDArray[np.int8]) -> NDArray[np.bool_]:
 
 
 def _orient(a: NDArray[Any], b: NDArray[Any], c: NDArray[Any], d: NDArray[Any]) -> NDArray[np.int8]:
-    """Return on which side of the planes a, b, c the points d lie, all (3, n): -1, 0 or 1 (n,)."""
+    """Return the side (n,) of the points d (3, n) relative to the planes a, b, c (3, n each): -1, 0 or 1."""
     (x, y, z), (u, v, w), (p, q, r) = (corner - d for corner in (a, b, c))
     value = x * (v * r - w * q) + y * (w * p - u * r) + z * (u * q - v * p)
     size = (

@@ -135,7 +135,7 @@ def _torn_edges(
     """Find the boundary edges that seams have torn.
 
     `faces` (F, 3) are all faces without a repeated index that have a duplicated vertex, so every face at an
-    edge with such an end is included. `place` (V,) and `double` (V,) are those of `find_seams`; each array of
+    edge with such an end is included. `find_seams` explains `place` (V,) and `double` (V,); each array of
     `corner_values` holds the values (3F, k) at the corners of `faces`.
 
     Returns
@@ -151,8 +151,8 @@ def _torn_edges(
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
-    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep those with a duplicated
-    # end that have a length.
+    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges with a duplicated
+    # end and different places at their ends.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
@@ -215,7 +215,7 @@ def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[
 
 
 def _all_coincide(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:
-    """Return whether each edge has an end whose float32 coordinates equal those of another vertex.
+    """Return whether each edge has an end whose float32 coordinates are shared with another vertex.
 
     A weld removes a boundary edge only if one of its ends is merged with another vertex.
     """
