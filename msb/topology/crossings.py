@@ -63,16 +63,14 @@ def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterato
         # At most 1025 cells along each axis, so that numbers of cells fit 32 bits.
         first, last = (np.floor((edge - origin[:, None]) / cell).astype(np.int32) for edge in (low, high))
         spans = last - first + 1
-        cells_per_face = spans.prod(axis=0, dtype=np.int64)
-        if int(cells_per_face.sum()) <= max(_CELLS_PER_FACE * len(corners), 1 << 20):
+        cells = spans.prod(axis=0, dtype=np.int64)
+        if int(cells.sum()) <= max(_CELLS_PER_FACE * len(corners), 1 << 20):
             break
         cell *= 2
     # One entry (face, cell) for each cell that a bounding box overlaps, sorted by cell number.
     count = last.max(axis=1) + 1
-    face = np.repeat(np.arange(len(corners), dtype=np.int32), cells_per_face)
-    offset = (
-        np.arange(len(face)) - np.repeat(np.cumsum(cells_per_face) - cells_per_face, cells_per_face)
-    ).astype(np.int32)
+    face = np.repeat(np.arange(len(corners), dtype=np.int32), cells)
+    offset = (np.arange(len(face)) - np.repeat(np.cumsum(cells) - cells, cells)).astype(np.int32)
     columns = []
     for axis in (2, 1):
         offset, column = np.divmod(offset, spans[axis][face])
@@ -98,11 +96,9 @@ def _near(corners: NDArray[np.float64], of: NDArray[np.bool_] | None) -> Iterato
     while start < len(face):
         done = total[start - 1] if start else 0
         end = max(start + 1, int(np.searchsorted(total, done + _PAIRS_AT_ONCE, side="right")))
-        pair_counts = np.diff(total[start:end], prepend=done)
-        left = np.repeat(np.arange(end - start), pair_counts)
-        right = (
-            np.arange(len(left)) - np.repeat(total[start:end] - pair_counts - done, pair_counts) + left + 1
-        )
+        many = np.diff(total[start:end], prepend=done)
+        left = np.repeat(np.arange(end - start), many)
+        right = np.arange(len(left)) - np.repeat(total[start:end] - many - done, many) + left + 1
         faces = face[start : stop[end - 1]]
         if of is not None:
             keep = of[faces[left]] | of[faces[right]]
@@ -130,26 +126,21 @@ def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[n
     result = np.zeros(first.shape[2], bool)
     # Signs (3, n) of the corners of `first` relative to the planes of `second`. Most pairs end here, with all
     # three corners on one side.
-    sides_of_second = np.stack([_orient(second[0], second[1], second[2], first[k]) for k in range(3)])
-    rows = np.flatnonzero(np.abs(sides_of_second.sum(axis=0)) < 3)
-    first, second, sides_of_second = first[..., rows], second[..., rows], sides_of_second[:, rows]
-    sides_of_first = np.stack([_orient(first[0], first[1], first[2], second[k]) for k in range(3)])
+    signs_1 = np.stack([_orient(second[0], second[1], second[2], first[k]) for k in range(3)])
+    rows = np.flatnonzero(np.abs(signs_1.sum(axis=0)) < 3)
+    first, second, signs_1 = first[..., rows], second[..., rows], signs_1[:, rows]
+    signs_2 = np.stack([_orient(first[0], first[1], first[2], second[k]) for k in range(3)])
     # Remove pairs if all corners of `second` are on one side, or if no edge changes sides.
-    apart = (np.abs(sides_of_first.sum(axis=0)) == 3) | (
-        _one_sided(sides_of_second) & _one_sided(sides_of_first)
-    )
-    remaining = np.flatnonzero(~apart)
-    rows, first, second = rows[remaining], first[..., remaining], second[..., remaining]
+    apart = (np.abs(signs_2.sum(axis=0)) == 3) | (_one_sided(signs_1) & _one_sided(signs_2))
+    rest = np.flatnonzero(~apart)
+    rows, first, second = rows[rest], first[..., rest], second[..., rest]
     crossed = np.zeros(len(rows), bool)
     # An edge crosses if its ends are on different sides and it passes all three edges of the face on the same
     # side.
-    for edges, face, sides in (
-        (first, second, sides_of_second[:, remaining]),
-        (second, first, sides_of_first[:, remaining]),
-    ):
+    for edges, face, signs in ((first, second, signs_1[:, rest]), (second, first, signs_2[:, rest])):
         for k in range(3):
             start, stop = edges[k], edges[(k + 1) % 3]
-            through = sides[k] * sides[(k + 1) % 3] < 0
+            through = signs[k] * signs[(k + 1) % 3] < 0
             turns = np.stack([_orient(start, stop, face[j], face[(j + 1) % 3]) for j in range(3)])
             crossed |= through & _one_sided(turns)
     result[rows] = crossed

@@ -50,9 +50,7 @@ def _shared_cpu() -> Device:
     device = shared_device(chosen.selector if chosen.record.style == "cpu" else "cpu")
     if device.record.style != "cpu" or not device.record.fp64:
         missing = (
-            "double precision"
-            if device.record.style == "cpu"
-            else "compiler that is known to build the CPU kernels"
+            "double precision" if device.record.style == "cpu" else "compiler that takes the CPU kernels"
         )
         raise DeviceError("DEVICE_COMMAND", f"{device.record} has no {missing}")
     return device

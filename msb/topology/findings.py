@@ -73,12 +73,9 @@ class Findings:
 
 def find_by_numpy(analysis: Analysis) -> Findings:
     """Return the findings of `analysis`, computed with NumPy; the readable twin of `msb.topology.kernel`."""
-    mesh, components, offending = analysis.mesh, analysis.components, analysis.offending
-    count_of = {
-        kind: len(ids)
-        for group in (offending.edges, offending.vertices, offending.faces)
-        for kind, ids in group.items()
-    }
+    mesh, components, bad = analysis.mesh, analysis.components, analysis.offending
+    groups = (bad.edges, bad.vertices, bad.faces)
+    count_of = {kind: len(ids) for group in groups for kind, ids in group.items()}
     largest = components.largest()
     counts = Counts(
         vertices=mesh.vertex_count,
@@ -102,9 +99,9 @@ def find_by_numpy(analysis: Analysis) -> Findings:
         largest_component_area=0.0 if largest is None else float(components.areas[largest]),
         valence_histogram={int(k): int(valences[k]) for k in np.flatnonzero(valences)},
         first={
-            **{kind: first_of(ids, mesh.edge_vertices) for kind, ids in offending.edges.items()},
-            **{kind: first_of(ids) for kind, ids in offending.vertices.items()},
-            **{kind: first_of(ids, mesh.faces) for kind, ids in offending.faces.items()},
+            **{kind: first_of(ids, mesh.edge_vertices) for kind, ids in bad.edges.items()},
+            **{kind: first_of(ids) for kind, ids in bad.vertices.items()},
+            **{kind: first_of(ids, mesh.faces) for kind, ids in bad.faces.items()},
         },
         timings_ms=dict(analysis.timings_ms),
         computed_by="NumPy",

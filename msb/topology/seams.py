@@ -160,32 +160,27 @@ def _torn_edges(
     low, high = np.minimum(*ends.T), np.maximum(*ends.T)
     _, first, faces_there = np.unique(low * len(place) + high, return_index=True, return_counts=True)
     first = first[faces_there == 1]
-    edges, corner_at = ends[first], ends_at[number[first]]
+    edges, corner = ends[first], ends_at[number[first]]
     # Order both ends by place, so that edges in one place have matching columns.
-    end_places = place[edges]
-    swap = (end_places[:, 0] > end_places[:, 1])[:, None]
-    edges, corner_at, end_places = (
-        np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner_at, end_places)
-    )
+    spot = place[edges]
+    swap = (spot[:, 0] > spot[:, 1])[:, None]
+    edges, corner, spot = (np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner, spot))
     # Group boundary edges by place; compare every edge with the first of its group.
     _, first, group, size = np.unique(
-        end_places[:, 0] * len(place) + end_places[:, 1],
-        return_index=True,
-        return_inverse=True,
-        return_counts=True,
+        spot[:, 0] * len(place) + spot[:, 1], return_index=True, return_inverse=True, return_counts=True
     )
     group = group.reshape(-1)
     other = first[group]
     differs = np.zeros(len(edges), bool)
     for values in corner_values:
-        differs |= (values[corner_at] != values[corner_at[other]]).any(axis=(1, 2))
+        differs |= (values[corner] != values[corner[other]]).any(axis=(1, 2))
     differs = np.bincount(group, differs, len(size))[group] > 0
     # Two edges of one sliver face: merging them would fold the face onto itself.
-    same_face = corner_at[:, 0] // 3 == corner_at[other, 0] // 3
+    same_face = corner[:, 0] // 3 == corner[other, 0] // 3
     torn = differs & (size[group] == 2) & (np.bincount(group, same_face)[group] < 2)
     equal_edges = bool(((size[group] > 1) & ~differs).any())
     pairs = np.stack([edges, edges[other]], axis=-1)[torn].reshape(-1, 2)
-    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(corner_at[torn] // 3)), equal_edges
+    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(corner[torn] // 3)), equal_edges
 
 
 def is_closed(counts: Counts) -> bool:

@@ -23,23 +23,21 @@ def cut(faces: NDArray[Any], vertex_count: int) -> Change:
     return split_vertices(mesh, *mesh.two_face_halfedges)
 
 
-def split_vertices(
-    mesh: HalfEdgeMesh, first_halfedges: NDArray[Any], second_halfedges: NDArray[Any]
-) -> Change:
+def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
     """Return the change that keeps faces together only at the given pairs of half-edges.
 
     The first group of corners of a vertex keeps its number; each further group gets a copy. Faces with a
     repeated index keep their vertices.
     """
     faces = mesh.faces
-    count, group = group_corners(mesh, first_halfedges, second_halfedges)
+    count, group = group_corners(mesh, first, second)
     corners = np.flatnonzero(group != NONE)
     # The first group of each vertex keeps the number, all others get numbers from vertex_count on.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
-    _, first = np.unique(group_vertex, return_index=True)  # groups are numbered by their first corner
+    _, keeps = np.unique(group_vertex, return_index=True)  # groups are numbered by their first corner
     copied = np.ones(count, bool)
-    copied[first] = False
+    copied[keeps] = False
     copies = group_vertex[copied]
     total = mesh.vertex_count + len(copies)
     number = group_vertex if total < 2**31 else group_vertex.astype(np.int64)

@@ -1,5 +1,6 @@
 """Make the winding consistent across two-face edges, turning as few faces per component as possible."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,7 @@ def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -
     times = "once" if cuts == 1 else f"{cuts:,} times"
     along = f"along {edges:,} edge{'' if edges == 1 else 's'}"
     note = f"one-sided surfaces (Moebius strips) are cut {times}, {along}, to make the winding consistent"
-    return followed_by(
-        Change(change.faces, change.vertex_map, change.face_map, change.turned, notes=(note,)), turned
-    )
+    return followed_by(replace(change, notes=(note,)), turned)
 
 
 def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
