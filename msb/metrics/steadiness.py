@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 BLUR = 1.5
 # Radius in pixels within which another surface may affect a smoothed pixel.
 REACH = 3
-# Maximum relative difference of depths at which two frames show the same surface.
+# Depths of the same surface in two frames differ by at most this share.
 SAME = 0.02
 # Maximum relative difference of depths within `REACH` for a surface away from borders.
 _FLAT = 0.05
@@ -90,7 +90,7 @@ def unexplained_change(before: Still, here: Still, after: Still) -> Floats:
     counted = np.ones(len(rows), bool)
     border = (nearest - farthest > SAME * nearest)[rows, columns]
     for layer, inverse_depths in enumerate((inverse, nearest, farthest)):
-        # Follow the pixels as this surface into both adjacent frames; `same` marks where it is visible.
+        # Follow the pixels as this surface into both adjacent frames; `same` marks the visible ones.
         same = np.ones(len(rows), bool)
         places = []
         for other in (before, after):
@@ -145,7 +145,7 @@ def _rays(camera: Camera, rows: NDArray[np.int_], columns: NDArray[np.int_]) -> 
 def _shows(
     inverse_depths: Floats, place: NDArray[np.float64], expected: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return at which positions (2, N), well inside the image, a frame shows a surface of the expected depth."""
+    """Return at which of N positions (2, N), well inside the image, a frame has the expected depth (N,)."""
     ends = np.array(inverse_depths.shape)[:, None] - 1
     inside = ((place >= REACH) & (place <= ends - REACH)).all(axis=0)
     row, column = np.clip(np.rint(place), 0, ends).astype(np.int64)
@@ -167,9 +167,10 @@ def surface_points(frame: Still) -> NDArray[np.float64]:
 def holes(frame: Still, points: NDArray[np.float64]) -> Mask:
     """Return the pixels (H, W) that show background although the model should cover them.
 
-    These are pixels with alpha below 1/2 of two kinds. Either a surface point of other frames, one of
-    `points` (N, 3), projects to the pixel, and to all pixels around it or beside them; or the pixel belongs
-    to a speck, a region enclosed by the model that is no larger than a square of 2 `REACH` + 1 pixels.
+    They are pixels with alpha below 1/2 of two kinds. For the first kind, each pixel of the surrounding 5 x 5
+    square shows the model, or has a projected surface point of other frames, one of `points` (N, 3), on it or
+    next to it. The second kind are specks: regions that the model encloses, not larger than a square of 2
+    `REACH` + 1 pixels.
     """
     from scipy.ndimage import label, maximum_filter, minimum_filter
 

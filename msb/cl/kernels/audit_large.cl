@@ -1,13 +1,13 @@
-// A vertex of any number of faces: its neighbours are sorted, so the faces at an edge are a run. Radix sorts, because
-// they take as long for the worst mesh as for any other.
+// Visit a vertex with any number of faces: its neighbours are sorted, so the faces at an edge are consecutive.
+// Radix sorts take the same time for any mesh.
 
 #define DIGIT 8
-#define BY_Z 1 // side of a face: its neighbour y, or z
-#define RIM_SIDE 0xffffffffu   // what lies across a boundary edge
-#define CROWD_SIDE 0xfffffffeu // and across one of more than two faces
+#define BY_Z 1 // side of a face: neighbour y (0) or z (1)
+#define RIM_SIDE 0xffffffffu   // other side of a boundary edge
+#define CROWD_SIDE 0xfffffffeu // other side of an edge with more than two faces
 
-// Sort `count` words by their upper halves, which are below `end`; stable. Return where they are: in `words`, or in
-// `other`.
+// Stable sort of `count` words by their upper halves, which are below `end`. Return the sorted words, which are in
+// `words` or in `other`.
 __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint count, uint end)
 {
     uint places[1 << DIGIT];
@@ -33,7 +33,7 @@ __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint co
 #define UPPER(word) ((uint)((word) >> 32))
 #define WORD(upper, lower) ((ulong)(upper) << 32 | (lower))
 
-// Count the duplicates among the faces whose lowest vertex is v, proper or not: equal pairs of the other two.
+// Count the duplicates among the faces with lowest vertex v, proper or not: equal pairs of the other two vertices.
 void count_duplicates(__global const Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global ulong *words = visit->scratch, *other = words + count;
@@ -64,7 +64,8 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
 }
 
-// Group of a corner at the vertex; the records' first words, the vertex itself, serve as parents.
+// Return the group of a corner at the vertex. The first words of the records, otherwise the vertex, are the
+// parents.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {
@@ -85,7 +86,7 @@ void link_large_rims(__global const Record *records, uint count, Visit *visit, _
         uint side = across[2 * i + (y ? BY_Z : 0)];
         while (side < CROWD_SIDE) {
             uint leave = side ^ 1;
-            if (across[leave] == RIM_SIDE && leave / 2 > i) { // from both its ends, once
+            if (across[leave] == RIM_SIDE && leave / 2 > i) { // count a fan once, not from both ends
                 visit->tally->rim_links++;
                 add_pair(visit, RIM, records[i].w, records[leave / 2].w);
             }
@@ -94,7 +95,7 @@ void link_large_rims(__global const Record *records, uint count, Visit *visit, _
     }
 }
 
-// Visit vertex v, whose corners are `records`, all of proper faces.
+// Visit vertex v with the corners `records`, all of proper faces.
 void visit_large(__global Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global Tally *t = visit->tally;
@@ -105,7 +106,7 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
         records[i].x = i;
     }
     words = sort_upper(words, other, 2 * count, vertices);
-    // What lies across each side; the half of the scratch that the words are not in.
+    // The other side of each side; stored in the half of the scratch memory without the words.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
     for (uint k = 0, next; k < 2 * count; k = next) {
