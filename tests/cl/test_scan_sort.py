@@ -1,4 +1,4 @@
-"""Prefix sum and radix sort against NumPy, in both styles of kernels."""
+"""Prefix sum and radix sort compared with NumPy, in both styles of kernels."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def test_scan_in_place(styled: Device, count: int, high: int, seed: int) -> None
     assert np.array_equal(buffer.read(), prefix(values[:count], np.uint32))
 
 
-def test_scan_refuses(device: Device) -> None:
+def test_scan_rejects_wrong_arguments(device: Device) -> None:
     values, offsets = device.allocate(4, np.uint32), device.allocate(4, np.uint32)
     with pytest.raises(TypeError, match=r"count \+ 1"):
         exclusive_scan(device, values, offsets)
@@ -130,7 +130,7 @@ def test_sort_of_the_first_elements(styled: Device) -> None:
     assert got_values.read().tolist() == list(range(39, -1, -1))
 
 
-def test_sort_refuses(device: Device) -> None:
+def test_sort_rejects_wrong_arguments(device: Device) -> None:
     keys = device.allocate(4, np.uint32)
     with pytest.raises(TypeError, match="uint32 or uint64"):
         sort_pairs(device, device.allocate(4, np.float32))
@@ -143,8 +143,8 @@ def test_sort_refuses(device: Device) -> None:
         sort_pairs(device, keys, count=5)
 
 
-def test_many_sums_are_scanned_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As of more than eight million elements, on a GPU."""
+def test_many_tile_sums_are_scanned_recursively(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This happens with more than eight million elements on a GPU."""
     monkeypatch.setattr("msb.cl.scan._MOST_SUMS", 2)
     values = np.random.default_rng(3).integers(0, 2**32, 50_000, np.uint32)
     with open_styled("gpu") as device:
@@ -159,7 +159,7 @@ def test_work_groups_are_as_large_as_device_and_kernels_allow(who: str, most: in
     with open_styled("gpu") as device:
         allowed = device.program("simple", {"OFFSET": 0}, KERNELS).max_work_group
         device._queue.record = replace(device.record, max_work_group=most)
-        if who == "device":  # else only the kernels, once built, say so
+        if who == "device":  # otherwise only the built kernels report the limit
             device.record = device._queue.record
         random = np.random.default_rng(most)
         expect_scanned(device, random.integers(0, 9, 5000, np.uint32), np.uint64)

@@ -1,4 +1,4 @@
-"""What the steps of a repair do against what their twins, dictionaries and loops, do on random meshes."""
+"""The repair steps compared with their twins, plain loops and dictionaries, on random meshes."""
 
 from typing import Any
 
@@ -28,12 +28,12 @@ def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], i
 
 
 def twins_numbers(points: np.ndarray, faces: np.ndarray, number: dict[Any, int]) -> dict[Any, int]:
-    """Return a twin's vertex numbers with room for the unreferenced vertices, which it does not know."""
+    """Return the vertex numbers of a twin, shifted for the unreferenced vertices that it does not know."""
     used = 1 + int(faces.max(initial=-1))
     return {corner: new if new < used else new + len(points) - used for corner, new in number.items()}
 
 
-def test_orient_turns_what_its_twin_turns() -> None:
+def test_orient_equals_its_twin() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
         change = orient(faces, len(points))
@@ -44,7 +44,7 @@ def test_orient_turns_what_its_twin_turns() -> None:
         assert bool(change.notes) == strange, seed
 
 
-def test_cut_splits_vertices_as_its_twin_does() -> None:
+def test_cut_equals_its_twin() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
         change = cut(faces, len(points))
@@ -52,8 +52,8 @@ def test_cut_splits_vertices_as_its_twin_does() -> None:
         assert corner_numbers(faces, change) == expected, seed
 
 
-def test_pair_joins_what_its_twin_joins() -> None:
-    for seed in range(1, 241, 2):  # in general position, so that no two pairs cost the same
+def test_pair_equals_its_twin() -> None:
+    for seed in range(1, 241, 2):  # in general position, so that all costs differ
         points, faces = finite_mesh(seed)
         if counts(points, faces).duplicate_faces:
             continue
@@ -64,7 +64,7 @@ def test_pair_joins_what_its_twin_joins() -> None:
         assert corner_numbers(faces, change) == expected, seed
 
 
-def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
+def test_drop_removes_few_faces_and_restores_all_that_fit() -> None:
     more = 0
     for seed in range(100):
         points, faces = finite_mesh(seed)
@@ -78,8 +78,8 @@ def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
     assert more <= 5
 
 
-def test_weld_keeps_what_its_twin_keeps() -> None:
-    for seed in range(0, 300, 2):  # whole numbers, so that places coincide
+def test_weld_equals_its_twin() -> None:
+    for seed in range(0, 300, 2):  # integer coordinates, so that positions coincide
         points, faces = finite_mesh(seed)
         change = weld(points, faces)
         stay, corners = twins.weld(rows(points), rows(faces))
@@ -88,7 +88,7 @@ def test_weld_keeps_what_its_twin_keeps() -> None:
 
 
 @pytest.mark.parametrize(("least_faces", "least_share"), [(3, 0.0), (0, 0.2), (2, 0.1)])
-def test_debris_removes_what_its_twin_removes(least_faces: int, least_share: float) -> None:
+def test_debris_equals_its_twin(least_faces: int, least_share: float) -> None:
     for seed in range(1, 300, 2):  # in general position, so that no piece has exactly the share
         points, faces = finite_mesh(seed)
         change = debris(points, faces, least_faces=least_faces, least_share=least_share)
@@ -98,7 +98,7 @@ def test_debris_removes_what_its_twin_removes(least_faces: int, least_share: flo
 
 
 def torn_sphere(seed: int) -> Mesh:
-    """Return a sphere without some of its faces, some of them turned, beside a random mesh."""
+    """Return a sphere without some faces, with some faces reversed, beside a random mesh."""
     rng = np.random.default_rng(seed)
     points, faces = sphere(int(rng.integers(3, 12)))
     faces = faces[rng.random(len(faces)) < rng.uniform(0.5, 0.95)]
@@ -109,7 +109,7 @@ def torn_sphere(seed: int) -> Mesh:
     return mesh_arrays(np.concatenate([points, beside]), np.concatenate([faces, more + len(points)]))
 
 
-def test_close_closes_what_its_twin_closes() -> None:
+def test_close_equals_its_twin() -> None:
     closed = 0
     for seed in range(200):
         points, faces = torn_sphere(seed)

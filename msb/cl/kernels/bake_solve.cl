@@ -9,9 +9,9 @@ __kernel void tie(__global const int *charts, float weight, int side, __global f
     size_t i = get_global_id(0);
     if (i >= count)
         return;
-    int x = (int)(i % side), y = (int)(i / side), row = charts[i];
-    float left = x > 0 && charts[i - 1] == row, right = x + 1 < side && charts[i + 1] == row;
-    float above = y > 0 && charts[i - side] == row, below = y + 1 < side && charts[i + side] == row;
+    int x = (int)(i % side), y = (int)(i / side), chart = charts[i];
+    float left = x > 0 && charts[i - 1] == chart, right = x + 1 < side && charts[i + 1] == chart;
+    float above = y > 0 && charts[i - side] == chart, below = y + 1 < side && charts[i + side] == chart;
     float8 tied = (float8)(fmax(left + right + above + below, 1.0f), -right, -below, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f);
     equations[i] += weight * tied;
 }

@@ -15,7 +15,7 @@ typedef struct {
     float sides[4];     // x / z of the left and right edge of the raster, y / z of the upper and lower one
     float growth;       // a sphere is outside if its centre is this many radii outside of a side
     float rounding;     // rounding error of coordinates in camera space
-    float focal;        // samples
+    float focal;        // focal length in samples
 } Limits;
 
 // Every member has four bytes; the layout matches VIEW in msb/render/splat/view.py.
