@@ -102,7 +102,7 @@ def _invisible(audit: Audit) -> str:
 def _soup(audit: Audit) -> str:
     soup = "it is a triangle soup (its triangles share no vertices)"
     if audit.corners_coincide is False and (audit.welded is None or audit.welded.weld == "exact"):
-        alone = "no two corners coincide, so merging vertices or msb repair cannot make it a surface"
+        alone = "no two corners coincide, so neither merging vertices nor a repair can make it a surface"
         tasks = "not usable for subdivision, booleans, printing, collision or UV unwrapping"
         return f"{soup}, and {alone}; {tasks}"
     joined = "collision and UV unwrapping work only where corners coincide"
