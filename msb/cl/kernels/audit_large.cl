@@ -50,11 +50,11 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
     words = sort_upper(words, words == other ? visit->scratch : other, n, vertices);
     for (uint k = 0, next; k < n; k = next) {
-        Record one = records[(uint)words[k]];
-        uint first = FACE(one);
+        Record representative = records[(uint)words[k]];
+        uint first = FACE(representative);
         for (next = k + 1; next < n; next++) {
             Record r = records[(uint)words[next]];
-            if (UPPER(words[next]) != UPPER(words[k]) || MAX(r.y, r.z) != MAX(one.y, one.z))
+            if (UPPER(words[next]) != UPPER(words[k]) || MAX(r.y, r.z) != MAX(representative.y, representative.z))
                 break;
             first = MIN(first, FACE(r));
         }
@@ -101,6 +101,7 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
     __global Tally *t = visit->tally;
     __global ulong *words = visit->scratch, *other = words + 2 * (size_t)count;
     for (uint i = 0; i < count; i++) {
+        // One word per side: the neighbour above, the number of the side below.
         words[2 * (size_t)i] = WORD(records[i].y, 2 * i);
         words[2 * (size_t)i + 1] = WORD(records[i].z, 2 * i + BY_Z);
         records[i].x = i;
@@ -109,8 +110,9 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
     // The other side of each side; stored in the half of the scratch memory without the words.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
+    // Each run of equal neighbours is an edge; n is its number of faces.
     for (uint k = 0, next; k < 2 * count; k = next) {
-        uint w = UPPER(words[k]), one = (uint)words[k], n;
+        uint w = UPPER(words[k]), side = (uint)words[k], n;
         for (next = k + 1; next < 2 * count && UPPER(words[next]) == w; next++)
             ;
         n = next - k;
@@ -118,21 +120,22 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
         most = MAX(most, n);
         int kind = n == 1 ? BOUNDARY_EDGES : NONMANIFOLD_EDGES;
         if (n == 1)
-            across[one] = RIM_SIDE;
+            across[side] = RIM_SIDE;
         else if (n == 2) {
-            uint two = (uint)words[k + 1];
-            across[one] = two;
-            across[two] = one;
-            kind = ((one ^ two) & 1) == 0 ? FLIPPED_EDGES : -1;
+            uint other_side = (uint)words[k + 1];
+            across[side] = other_side;
+            across[other_side] = side;
+            kind = ((side ^ other_side) & 1) == 0 ? FLIPPED_EDGES : -1;
         }
         for (uint i = k; i < next; i++) {
             if (n > 2)
                 across[(uint)words[i]] = CROWD_SIDE;
-            uint a = find_group(records, one / 2), b = find_group(records, (uint)words[i] / 2);
+            // Join the corners at the edge into one group, and list the pairs of its faces at the lower end.
+            uint a = find_group(records, side / 2), b = find_group(records, (uint)words[i] / 2);
             groups -= a != b;
             records[MAX(a, b)].x = MIN(a, b);
             if (i > k && w > v)
-                add_pair(visit, n == 2 ? TWO_FACE : CROWDED, records[one / 2].w, records[(uint)words[i] / 2].w);
+                add_pair(visit, n == 2 ? TWO_FACE : CROWDED, records[side / 2].w, records[(uint)words[i] / 2].w);
         }
         if (w > v) {
             if (kind >= 0 && count_edges(t, kind, 1))

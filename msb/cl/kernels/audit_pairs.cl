@@ -27,10 +27,10 @@ void make_room(Visit *visit, int kind, uint count)
     visit->at[kind] = (ulong)(atomic_inc(visit->next_chunk) + 1) * PAIRS;
 }
 
-void add_pair(Visit *visit, int kind, uint one, uint other)
+void add_pair(Visit *visit, int kind, uint first, uint second)
 {
     make_room(visit, kind, 1);
-    visit->pairs[visit->at[kind]++] = (uint2)(one, other);
+    visit->pairs[visit->at[kind]++] = (uint2)(first, second);
 }
 
 // ---- union
@@ -53,14 +53,14 @@ uint find_root(__global volatile uint *parents, uint f)
 
 // Join the trees of two faces; return whether they were different. Independent of concurrency and order, the final
 // trees hold the same sets, and the number of joins is the number of faces minus the number of sets.
-int unite(__global volatile uint *parents, uint one, uint other)
+int unite(__global volatile uint *parents, uint first, uint second)
 {
     for (;;) {
-        one = find_root(parents, one);
-        other = find_root(parents, other);
-        if (one == other)
+        first = find_root(parents, first);
+        second = find_root(parents, second);
+        if (first == second)
             return 0;
-        uint low = one < other ? one : other, high = one < other ? other : one;
+        uint low = first < second ? first : second, high = first < second ? second : first;
         if (atomic_cmpxchg(parents + high, high, low) == high)
             return 1;
     }

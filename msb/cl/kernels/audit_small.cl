@@ -44,12 +44,12 @@ void count_sides(Sides *sums, int side, uint8 bit, uint8 neighbour, uint8 sharin
 {
     const uint8 none = 0;
     uint8 rest = REST(sharing), more = REST(rest);
-    uint8 one = as_uint8(sharing != none) & as_uint8(rest == none);
+    uint8 single = as_uint8(sharing != none) & as_uint8(rest == none);
     uint8 two = as_uint8(rest != none) & as_uint8(more == none), crowd = as_uint8(more != none);
     uint8 first = as_uint8((sharing & -sharing) == bit), up = as_uint8(neighbour > v);
     uint8 flipped = two & as_uint8(REST(same) != none);
-    sums->counts += first & (1 | (up & (BIT(7) | (one & BIT(14)) | (flipped & BIT(21)) | (crowd & BIT(27)))));
-    sums->rim[side] |= one & bit;
+    sums->counts += first & (1 | (up & (BIT(7) | (single & BIT(14)) | (flipped & BIT(21)) | (crowd & BIT(27)))));
+    sums->rim[side] |= single & bit;
     sums->paired[side] |= up & ~first & as_uint8(rest != none) & bit;
     sums->crowd |= crowd;
 }

@@ -49,6 +49,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     for (; end < count && sorted[end] == face; end++) {
         int pixel = (int)pixels[end], y = pixel / width, x = pixel - y * width;
         float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
+        // Weights of the corners at the pixel, and their products with each other and with the colour.
         WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
         float w[3] = {w0, w1, w2};
         if (reaches_far)
@@ -61,6 +62,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
 
         if (!moves)
             continue;
+        // Change of the error if the border to each of four neighbours moves by a pixel.
         float z = depth[pixel], along[2] = {0.0f, 0.0f};
         for (int side = 0; side < 4; side++) {
             int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
@@ -81,6 +83,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         if (along[0] == 0.0f && along[1] == 0.0f)
             continue;
         for (int axis = 0; axis < 3; axis++) {
+            // Chain rule: motion of the pixel when a corner moves along this axis.
             float right = view[ROTATION + axis] * (1.0f / UNIT) - px * view[ROTATION + 6 + axis];
             float down = view[ROTATION + 3 + axis] * (1.0f / UNIT) - py * view[ROTATION + 6 + axis];
             float slope = (along[0] * right + along[1] * down) / z;

@@ -31,6 +31,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
     ushort seen = votes[2 * i], hidden = votes[2 * i + 1];
     for (int k = 0; k < views; k++) {
         __constant float *camera = cameras + RECORD * k;
+        // Project the cell into the view.
         float away = camera[8] * x + camera[9] * y + camera[10] * z + camera[11];
         float inverse = 1.0f / away;
         if (away < 1e-4f)
@@ -54,6 +55,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
             if (least > 0.0f && most - least < reach)
                 there = (a * (1.0f - right) + b * right) * (1.0f - down) + (c * (1.0f - right) + d * right) * down;
         }
+        // Distance in front of the surface; cells far behind it are hidden.
         float far = there > 0.0f ? there - away : reach;
         if (far < -behind) {
             hidden++;

@@ -74,6 +74,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
         error[channel] = SHOWN(target, 3 * i + channel) - image[3 * i + channel];
     errors[i] = (float4)(error[0], error[1], error[2], 0.0f);
 
+    // Texture position of the pixel, and its change per pixel along x and y.
     float px = (float)((int)i % width) + 0.5f - view[OPTICAL], py = (float)((int)i / width) + 0.5f - view[OPTICAL + 1];
     Ways way = ways[face];
     float bottom = MAD(px, way.rows[0][0], MAD(py, way.rows[0][1], way.rows[0][2]));
@@ -102,6 +103,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
         for (int k = 0; k < 2; k++)
             along[k] = MAD(steps[k], steps[k], along[k]);
     }
+    // The level follows from the larger change; both neighbouring levels share the pixel.
     float lod = 0.5f * log2_of(MAX(1.0f, MAX(along[0], along[1])));
     lod = MAX(0.0f, MIN(lod, (float)(levels - 1)));
     int level = (int)lod;

@@ -116,7 +116,7 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
         distance = distance == 0.0f ? w->inradius[k] * shrunk : distance;
         offset[k] = w->edge_offset[k] / length2(w->edge_normal[k]) - distance;
     }
-    Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
+    Box box = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
     for (int pair = 0; pair < 3; pair++) {
         int current = pair == 2 ? 0 : pair + 1, previous = pair;
         vec2 n = w->edge_normal[current], m = w->edge_normal[previous];
@@ -131,12 +131,12 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
         mask x0 = tile_number(x / TILE, view->columns), y0 = tile_number(y / TILE, view->rows);
         mask x1 = tile_number((x + TILE - 1) / TILE, view->columns);
         mask y1 = tile_number((y + TILE - 1) / TILE, view->rows);
-        found.x0 = use ? lesser_of(found.x0, x0) : found.x0;
-        found.y0 = use ? lesser_of(found.y0, y0) : found.y0;
-        found.x1 = use ? greater_of(found.x1, x1) : found.x1;
-        found.y1 = use ? greater_of(found.y1, y1) : found.y1;
+        box.x0 = use ? lesser_of(box.x0, x0) : box.x0;
+        box.y0 = use ? lesser_of(box.y0, y0) : box.y0;
+        box.x1 = use ? greater_of(box.x1, x1) : box.x1;
+        box.y1 = use ? greater_of(box.y1, y1) : box.y1;
     }
-    return found;
+    return box;
 }
 
 #if !ENGINE
@@ -198,15 +198,15 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 // the distance of each edge at the innermost corner of those samples is not positive, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
-    mask found = (mask)-1;
+    mask reached = (mask)-1;
     for (int k = 0; k < 3; k++) {
         float inwards = (f->normal_x[k] < 0.0f ? 7.0f * f->normal_x[k] : 0.0f) +
                         (f->normal_y[k] < 0.0f ? f->normal_y[k] : 0.0f);
         float slack = 0.01f + 1e-6f * (f->offset[k] < 0.0f ? -f->offset[k] : f->offset[k]);
         float start = f->normal_x[k] * left + f->offset[k] + inwards - slack;
-        found &= MAD((real)f->normal_y[k], y, (real)start) <= 0.0f;
+        reached &= MAD((real)f->normal_y[k], y, (real)start) <= 0.0f;
     }
-    return found;
+    return reached;
 }
 #endif
 #endif

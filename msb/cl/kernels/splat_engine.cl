@@ -134,13 +134,13 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 // tested at the innermost corner of those samples, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
-    mask found = (mask)-1;
+    mask reached = (mask)-1;
     for (int k = 0; k < 3; k++) {
         float along_x = f->lines[3 * k], along_y = f->lines[3 * k + 1], start = f->lines[3 * k + 2];
         float most = (along_x > 0.0f ? 7.0f * along_x : 0.0f) + (along_y > 0.0f ? along_y : 0.0f);
         float size = fabs(along_x) * (left + 8.0f) + fabs(along_y) * (y.s7 + 2.0f) + fabs(start);
-        found &= !(MAD((real)along_y, y, (real)(along_x * left + start + most + 4e-6f * size)) < 0.0f);
+        reached &= !(MAD((real)along_y, y, (real)(along_x * left + start + most + 4e-6f * size)) < 0.0f);
     }
-    return found;
+    return reached;
 }
 #endif

@@ -31,7 +31,7 @@ __kernel void settle_ties(__global const uint *keys, __global uint *places, __gl
                           __global uint *unsettled, uint count, uint chunk)
 {
     size_t begin = get_global_id(0) * chunk, end = begin + chunk < count ? begin + chunk : count;
-    uint equal[MOST_SETTLED], found = 0;
+    uint equal[MOST_SETTLED], count_found = 0;
     for (size_t i = begin; i < end; i += LANES) {
         uint ties = 0;
         if (i + LANES < count)
@@ -43,10 +43,10 @@ __kernel void settle_ties(__global const uint *keys, __global uint *places, __gl
             size_t first = i + LOWEST_BIT(ties);
             PREFETCH_FAR(&faces[places[first]].number);
             PREFETCH_FAR(&faces[places[first + 1]].number);
-            equal[found++] = (uint)first;
+            equal[count_found++] = (uint)first;
         }
     }
-    for (uint k = 0; k < found; k++)
+    for (uint k = 0; k < count_found; k++)
         settle_run(keys, places, faces, unsettled, equal[k], count);
 }
 #else
