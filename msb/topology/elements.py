@@ -10,7 +10,7 @@ from msb.topology.analysis import Analysis
 
 
 @dataclass(frozen=True)
-class Group:
+class ElementGroup:
     """Elements of one kind: their numbers (n,) and their vertices (n, 1), (n, 2) or (n, 3)."""
 
     kind: str
@@ -29,7 +29,7 @@ class Elements:
 
     vertices: NDArray[Any]
     faces: NDArray[Any]
-    groups: tuple[Group, ...]
+    groups: tuple[ElementGroup, ...]
     face_component: NDArray[Any]
 
 
@@ -37,9 +37,9 @@ def find_elements(analysis: Analysis) -> Elements:
     """Return the offending elements that the audit of `analysis` counts."""
     mesh, offending = analysis.mesh, analysis.offending
     groups = [
-        *(Group(kind, ids, ids[:, None]) for kind, ids in offending.vertices.items()),
-        *(Group(kind, ids, mesh.edge_vertices[ids]) for kind, ids in offending.edges.items()),
-        *(Group(kind, ids, mesh.faces[ids]) for kind, ids in offending.faces.items()),
+        *(ElementGroup(kind, ids, ids[:, None]) for kind, ids in offending.vertices.items()),
+        *(ElementGroup(kind, ids, mesh.edge_vertices[ids]) for kind, ids in offending.edges.items()),
+        *(ElementGroup(kind, ids, mesh.faces[ids]) for kind, ids in offending.faces.items()),
     ]
     return Elements(analysis.vertices, mesh.faces, tuple(groups), _by_size(analysis))
 

@@ -17,7 +17,7 @@ from msb.base import extras
 from msb.errors import MeshError, UsageError
 from msb.meshes import read_mesh
 from msb.topology import audit_arrays
-from msb.topology.crosscheck import PEERS, CrossCheck, Row, compare, cross_check
+from msb.topology.crosscheck import PEERS, Comparison, CrossCheck, compare, cross_check
 from msb.topology.crosscheck.expected import Facts
 from msb.topology.crosscheck.peers import Answers, ask, ask_peers
 from msb.topology.explain import explain
@@ -36,7 +36,7 @@ def need(*names: str) -> None:
             pytest.skip(f"{name} is not installed (extra crosscheck)")
 
 
-def check_in_process(peer: str, points: np.ndarray, faces: np.ndarray) -> list[Row]:
+def check_in_process(peer: str, points: np.ndarray, faces: np.ndarray) -> list[Comparison]:
     report, analysis = audit_arrays(points, faces)
     with np.errstate(all="ignore"):  # trimesh calculates with infinite coordinates
         answers = PEERS[peer].ask(np.asarray(points, np.float64), faces.astype(np.int64))
@@ -47,7 +47,7 @@ def check(points: Any, faces: Any, **options: Any) -> CrossCheck:
     return cross_check(points, faces, *audit_arrays(points, faces), **options)
 
 
-def row_of(result: CrossCheck | list[Row], peer: str, quantity: str) -> Row:
+def row_of(result: CrossCheck | list[Comparison], peer: str, quantity: str) -> Comparison:
     rows = result.rows if isinstance(result, CrossCheck) else result
     return next(r for r in rows if (r.peer, r.quantity) == (peer, quantity))
 
@@ -205,7 +205,7 @@ def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int, f
         replies[peer] = PEERS[peer].ask(points.astype(float), faces.astype(np.int64))
     for key, right in vars(report.counts).items():
         wrong = replace(report, counts=replace(report.counts, **{key: right + off}))
-        rows: list[Row] = []
+        rows: list[Comparison] = []
         for peer, answers in replies.items():
             rows += compare(peer, answers, Facts(wrong, analysis))[0]
         disagreeing = {r.quantity for r in rows if r.verdict == "disagrees"}

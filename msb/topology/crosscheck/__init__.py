@@ -18,7 +18,7 @@ from msb.topology.audit import Audit
 from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts
 from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 
-__all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
+__all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
 # Time limit of a peer in seconds, plus the same again per million faces; libigl needs 12 s per million.
@@ -28,7 +28,7 @@ ANYWAY = {"NetworkX"}
 
 
 @dataclass(frozen=True)
-class Row:
+class Comparison:
     """One of our numbers beside the number of a peer.
 
     `why` explains how the definitions differ on this mesh and by how much, or what was expected instead; it
@@ -50,7 +50,7 @@ class Row:
 class CrossCheck:
     """All comparisons; `skipped` maps a peer, or "PEER QUANTITY", to the reason why it has no answer."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Comparison, ...]
     skipped: dict[str, str]
 
     def to_rows(self) -> list[dict[str, Any]]:
@@ -85,7 +85,7 @@ def cross_check(
         timeout = PATIENCE * (1 + len(triangles) / 1e6)
     replies = ask_peers(to_ask, points, triangles, timeout)
     facts = Facts(report, analysis) if replies else None
-    rows: list[Row] = []
+    rows: list[Comparison] = []
     for peer in to_ask:
         answers = replies[peer]
         if isinstance(answers, str) or facts is None:
@@ -97,7 +97,7 @@ def cross_check(
     return CrossCheck(tuple(rows), skipped)
 
 
-def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Row], dict[str, str]]:
+def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison], dict[str, str]]:
     """Return the rows of a peer, and the reasons why other numbers were not compared."""
     rows, not_compared = [], {}
     release = version(PEERS[peer].distribution)
@@ -109,7 +109,8 @@ def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Row], dict[
         if theirs is not None and expected.plus:
             theirs += expected.plus
         verdict, why = _judge(expected, theirs)
-        rows.append(Row(peer, release, expected.quantity, expected.ours, theirs, verdict, why, expected.call))
+        numbers = expected.quantity, expected.ours, theirs
+        rows.append(Comparison(peer, release, *numbers, verdict, why, expected.call))
     return rows, not_compared
 
 
