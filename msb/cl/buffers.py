@@ -88,7 +88,7 @@ class Buffer:
         other = Buffer(self._memory, self.allocation, shape, dtype)
         if other.nbytes > self.allocation.nbytes:
             raise ValueError(
-                f"{self.use}: a view of {other.nbytes} bytes, but {self.allocation.nbytes} bytes in all"
+                f"{self.use}: {other.nbytes} bytes exceed the {self.allocation.nbytes} bytes here"
             )
         return other
 
@@ -200,11 +200,7 @@ class Memory:
 
     def groups(self) -> dict[str, str]:
         """Return use -> group for the uses that `by_use` returns."""
-        return {
-            allocation.use: allocation.group
-            for allocation in list(self._allocations)
-            if allocation.handle is not None
-        }
+        return {block.use: block.group for block in list(self._allocations) if block.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
         """Return a new buffer with undefined content."""

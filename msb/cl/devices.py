@@ -96,9 +96,7 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
     with _sharing:
         device, process = _shared.get((handle.int_ptr, style), (None, os.getpid()))
         if process != os.getpid():
-            raise DeviceError(
-                "DEVICE_CLOSED", "the device belongs to the parent process; a forked process cannot use it"
-            )
+            raise DeviceError("DEVICE_CLOSED", "a forked process cannot use the device of its parent")
         if device is None or device.failed:
             device = Device(cl, handle, choice.record, style)
             _shared[handle.int_ptr, style] = device, process

@@ -80,14 +80,12 @@ def how_to_get_a_device() -> str:
     if any("Portable" in name for name in _platforms):
         cache = os.environ.get(_POCL_CACHE)
         if cache and not _is_writable(Path(cache)):
-            return (
-                f"{_POCL_CACHE}={shorten(cache)} is not writable, so PoCL has no device; unset the variable"
-            )
+            return f"{_POCL_CACHE}={shorten(cache)} is not writable, so PoCL has no device; unset it"
         if os.environ.get(_POCL_DEVICES):
-            return f"{_POCL_DEVICES} names no device of PoCL; unset the variable"
+            return f"{_POCL_DEVICES} names no device of PoCL; unset it"
     user = os.environ.get(VENDOR_VARIABLE)
     if user and not Path(user).exists():
-        return f"{VENDOR_VARIABLE} names a missing folder, which hides all platforms; unset the variable"
+        return f"{VENDOR_VARIABLE} names a missing folder, which hides all platforms; unset it"
     return how_to_get_pocl()
 
 
@@ -121,9 +119,7 @@ def _start(cl: Any, early: bool) -> None:
                     stack.enter_context(_visible({**_system_entries(), **registered}))
                 stack.enter_context(_writable_cache())
             except OSError as error:
-                _notes.append(
-                    f"cannot create a temporary folder for the OpenCL loader: {shorten(str(error), 200)}"
-                )
+                _notes.append(f"no temporary folder for the OpenCL loader: {shorten(str(error), 200)}")
         importlib.import_module("pyopencl.invoker")  # it opens a file in the cache
 
         with contextlib.suppress(cl.Error):
@@ -144,9 +140,7 @@ def _missing_entries() -> dict[str, str]:
     if intel and INTEL_LIBRARY not in known:
         missing = _preload(intel.parent)
         if user:
-            _notes.append(
-                f"{VENDOR_VARIABLE} is set, so {INTEL_PACKAGE} is ignored unless that folder lists it"
-            )
+            _notes.append(f"{VENDOR_VARIABLE} is set, so {INTEL_PACKAGE} is found only if listed there")
         elif missing:
             _notes.append(f"{INTEL_PACKAGE} requires {missing}: {install('intel')}")
         else:

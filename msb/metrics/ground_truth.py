@@ -80,9 +80,7 @@ def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.ui
     path = mask_path(scene, camera)
     mask = read_mask(path)
     if mask.shape != shape[:2]:
-        text = (
-            f"the mask has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
-        )
+        text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
         raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
     return mask[..., None]
 

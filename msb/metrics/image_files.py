@@ -95,9 +95,7 @@ def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
     with image:
         _check_size(path, *image.size)
         if "transparency" in image.info:
-            raise _bad(
-                path, "a single colour is marked as transparent; use an alpha channel or no transparency"
-            )
+            raise _bad(path, "unsupported transparent colour; use an alpha channel or no transparency")
         if image.mode not in modes:
             raise _bad(path, f"unsupported pixel format {image.mode}; use 8-bit RGB or RGBA")
         image.load()

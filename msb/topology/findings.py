@@ -74,8 +74,7 @@ class Findings:
 def find_by_numpy(analysis: Analysis) -> Findings:
     """Return the findings of `analysis`, computed with NumPy; the readable twin of `msb.topology.kernel`."""
     mesh, components, bad = analysis.mesh, analysis.components, analysis.offending
-    groups = (bad.edges, bad.vertices, bad.faces)
-    count_of = {kind: len(ids) for group in groups for kind, ids in group.items()}
+    count_of = {kind: len(ids) for kind, ids in (bad.edges | bad.vertices | bad.faces).items()}
     largest = components.largest()
     counts = Counts(
         vertices=mesh.vertex_count,

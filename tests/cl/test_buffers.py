@@ -66,7 +66,7 @@ def test_views_share_memory(device: Device) -> None:
     floats = device.upload(np.array([0.0, 1.0, 2.0], np.float32))
     bits = floats.view((3,), np.uint32)
     assert bits.read().tolist() == [0, 0x3F800000, 0x40000000]
-    with pytest.raises(ValueError, match="16 bytes, but 12"):
+    with pytest.raises(ValueError, match="16 bytes exceed the 12"):
         floats.view(4, np.uint32)
     floats.release()
     with pytest.raises(DeviceError, match="released"):
