@@ -87,7 +87,7 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     rows, set_of = coincident_vertices(points)
     if not len(rows):
         return None
-    # place (V,): the first vertex with the same coordinates. double (V,): whether such a twin exists.
+    # place (V,): the first vertex with the same coordinates. double (V,): whether another vertex has them.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)

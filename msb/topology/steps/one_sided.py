@@ -1,11 +1,12 @@
 """Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
 Walking along edges carries a sense of rotation from vertex to vertex. A loop that returns with the opposite
-sense is one-sided, and a cut along it removes some one-sidedness. The whole rim of a hole counts as one
-vertex, so that a cut from rim to rim is a loop, too: a strip is cut across, not lengthwise. Every one-sided
-loop meets an edge whose two faces have clashing windings, whichever faces are turned, so searches for the
-shortest loops start at the ends of these edges. Many loops are found at once; only those are cut that keep
-the pieces between them from fitting together.
+sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex, so a
+cut from rim to rim is a loop too: a strip is cut across, not lengthwise.
+
+However faces are turned, every one-sided loop passes an edge whose two faces have clashing windings. Searches
+for the shortest loops therefore start at the ends of these edges. Many loops are found at once; a loop is cut
+only if the pieces on both sides of it cannot be wound consistently.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _VISITS = 500_000
 def cut_one_sided(
     faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
 ) -> tuple[Change, int, int]:
-    """Return the change after which no component is one-sided, the number of cuts, and of cut edges.
+    """Return the change, the number of cuts and the number of cut edges; no component stays one-sided.
 
     Components are joined across two-face edges. Vertices along a cut get copies at the end; faces keep their
     positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh with edges of
@@ -72,7 +73,7 @@ def _loops_to_cut(
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
     loops = [inside[loop] for loop in _shortest_odd_loops(steps)]
 
-    # A loop is unnecessary if the pieces that all loops leave fit together across it.
+    # A loop is unnecessary if the pieces between all loops can be wound consistently across it.
     cut = np.concatenate(loops)
     rest = np.delete(np.arange(len(first)), cut)
     pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
