@@ -1,6 +1,6 @@
-"""OpenCL alone: devices, programs, buffers, timing, scan and sort. This package knows no assets.
+"""OpenCL devices, programs, buffers, timing, scan and sort. This package does not depend on assets.
 
-Importing this loads neither pyopencl nor a platform; the first device asked for does.
+Importing it loads neither pyopencl nor a platform; opening the first device does.
 """
 
 from msb.cl.buffers import Buffer

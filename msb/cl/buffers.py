@@ -1,4 +1,4 @@
-"""Memory on the device: it is allocated, counted by use, reused, and given back."""
+"""Device memory: allocation, accounting by use, reuse and release."""
 
 from __future__ import annotations
 
@@ -8,28 +8,26 @@ import mmap
 import weakref
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from msb.cl.queue import Queue
 from msb.cl.records import short_name
 from msb.errors import DeviceError
 
-if TYPE_CHECKING:
-    from msb.cl.queue import Queue
-
 Shape = int | tuple[int, ...]
 
-# The group of all uses without a group of their own: results that are computed in passing.
+# The default group: temporary results.
 SCRATCH = "scratch"
-# Alignment in bytes: a cache line. Kernels use types of at most 32 bytes (float8), because types of 64 bytes
-# crash on PoCL's wheel.
+# Alignment in bytes that allows sharing: a cache line. Kernels use types of at most 32 bytes (float8),
+# because 64-byte types crash in the PoCL wheel.
 _SAFE_ALIGNMENT = 64
 
 
 class Allocation:
-    """A piece of the device's memory and its use; buffers are views of it."""
+    """A block of device memory with its use; buffers are views of it."""
 
     def __init__(self, handle: Any, use: str, group: str) -> None:
         self.handle = handle
@@ -38,17 +36,17 @@ class Allocation:
         self.nbytes: int = handle.size
 
     def release(self) -> None:
-        """Give the memory back; a queued command that uses it still completes."""
+        """Release the memory; queued commands that use it still complete."""
         if self.handle is not None:
             self.handle.release()
             self.handle = None
 
 
 class Buffer:
-    """An array on the device, with its `shape`, `dtype` and use.
+    """An array on the device, with `shape`, `dtype` and use.
 
-    Like a NumPy array it may have no elements. Its memory is given back with the last reference to it,
-    by `release`, or with its device.
+    Like a NumPy array it may be empty. Its memory is released with the last reference to it, by `release`, or
+    with its device.
     """
 
     def __init__(self, memory: Memory, allocation: Allocation, shape: Shape, dtype: DTypeLike) -> None:
@@ -59,12 +57,12 @@ class Buffer:
 
     @property
     def use(self) -> str:
-        """The use of the memory, in words."""
+        """The use of the memory in words."""
         return self.allocation.use
 
     @property
     def group(self) -> str:
-        """The group to which the use belongs."""
+        """The group of the use."""
         return self.allocation.group
 
     @property
@@ -74,7 +72,7 @@ class Buffer:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the array; its allocation may be larger."""
+        """Size of the array in bytes; its allocation may be larger."""
         return self.size * self.dtype.itemsize
 
     @property
@@ -86,18 +84,20 @@ class Buffer:
         return self.allocation.handle
 
     def view(self, shape: Shape, dtype: DTypeLike) -> Buffer:
-        """Return the same memory, from its start, as another array."""
+        """Return another array on the same memory, from its start."""
         other = Buffer(self._memory, self.allocation, shape, dtype)
         if other.nbytes > self.allocation.nbytes:
-            raise ValueError(f"{self.use}: {other.nbytes} bytes of {self.allocation.nbytes}")
+            raise ValueError(
+                f"{self.use}: {other.nbytes} bytes exceed the {self.allocation.nbytes} bytes here"
+            )
         return other
 
     def read(self, out: NDArray[Any] | None = None, *, start: int = 0) -> NDArray[Any]:
-        """Copy the elements from `start` on to the host, after everything queued before.
+        """Copy the elements from `start` on to the host, after all queued commands.
 
-        `out`, a C-contiguous array of the buffer's dtype, is filled; without it a new array is (of the
-        buffer's shape if `start` is 0). Give the same array again and again, because the first touch of new
-        memory costs more than the copy.
+        `out`, a C-contiguous array of the same dtype, is filled. Without it a new array is returned, with the
+        shape of the buffer if `start` is 0. Reuse one array for repeated reads: the first touch of new memory
+        costs more than the copy.
         """
         if out is None:
             shape = self.shape if start == 0 else (self.size - start,)
@@ -112,7 +112,7 @@ class Buffer:
         return out
 
     def write(self, array: NDArray[Any], *, start: int = 0) -> None:
-        """Copy a C-contiguous array of the buffer's dtype to the elements from `start` on."""
+        """Copy a C-contiguous array of the same dtype to the elements from `start` on."""
         self._check_host(array, start)
         if array.size:
             offset, queue = start * self.dtype.itemsize, self._memory.queue
@@ -122,9 +122,9 @@ class Buffer:
             )
 
     def copy(self, other: Buffer, *, start: int = 0) -> None:
-        """Queue a copy of all of another buffer of this dtype to the elements from `start` on."""
+        """Queue a copy of another buffer of the same dtype to the elements from `start` on."""
         if other.dtype != self.dtype:
-            raise TypeError(f"{self.use}: a buffer of {self.dtype} is needed, not {other.dtype}")
+            raise TypeError(f"{self.use}: requires a buffer of {self.dtype}, not {other.dtype}")
         self._check_range(other.size, start)
         if other.size:
             queue, offset = self._memory.queue, start * self.dtype.itemsize
@@ -136,7 +136,7 @@ class Buffer:
             )
 
     def fill(self, value: complex = 0) -> None:
-        """Queue a command that sets all elements, and do not wait for it."""
+        """Queue a command that sets all elements to `value`, without waiting for it."""
         if self.size:
             pattern, queue = np.asarray(value, self.dtype), self._memory.queue
             queue.submit(
@@ -146,9 +146,9 @@ class Buffer:
 
     @contextlib.contextmanager
     def mapped(self) -> Iterator[NDArray[Any]]:
-        """Yield the content as a read-only host array, valid in the block only.
+        """Yield the content as a read-only host array that is valid only within the block.
 
-        Where host and device share memory this needs no copy; elsewhere it is a `read`.
+        No copy is made if host and device share memory; otherwise this is a `read`.
         """
         queue = self._memory.queue
         if not queue.record.host_unified or not self.size:
@@ -158,13 +158,13 @@ class Buffer:
             return
         mapped: list[Any] = []
 
-        def map_it(q: Any) -> Any:
+        def enqueue_map(q: Any) -> Any:
             flags = queue.cl.map_flags.READ
             array, event = queue.cl.enqueue_map_buffer(q, self.handle, flags, 0, self.shape, self.dtype)
             mapped.append(array)
             return event
 
-        queue.submit(f"mapping {self.use}", map_it)
+        queue.submit(f"mapping {self.use}", enqueue_map)
         view = mapped[0][...]
         view.flags.writeable = False
         try:
@@ -173,17 +173,17 @@ class Buffer:
             mapped[0].base.release()
 
     def release(self) -> None:
-        """Give the memory back now; neither this nor any view of it can be used any more."""
+        """Release the memory now; neither this buffer nor any view of it can be used afterwards."""
         self.allocation.release()
 
     def _check_host(self, array: NDArray[Any], start: int) -> None:
         if array.dtype != self.dtype or not array.flags.c_contiguous:
-            raise TypeError(f"{self.use}: a C-contiguous array of {self.dtype} is needed, not {array.dtype}")
+            raise TypeError(f"{self.use}: requires a C-contiguous array of {self.dtype}, not {array.dtype}")
         self._check_range(array.size, start)
 
     def _check_range(self, size: int, start: int) -> None:
         if start < 0 or start + size > self.size:
-            raise ValueError(f"{self.use}: elements {start} to {start + size} of {self.size}")
+            raise ValueError(f"{self.use}: elements {start} to {start + size} exceed the size {self.size}")
 
 
 class Memory:
@@ -195,19 +195,19 @@ class Memory:
         self._pool: dict[str, Buffer] = {}
 
     def by_use(self) -> dict[str, int]:
-        """Return use -> bytes the device holds for it now, in order of name."""
+        """Return use -> bytes currently allocated for it, sorted by name."""
         return bytes_by_use(self._allocations)
 
     def groups(self) -> dict[str, str]:
-        """Return use -> group, for the uses that `by_use` names."""
-        return {held.use: held.group for held in list(self._allocations) if held.handle is not None}
+        """Return use -> group for the uses that `by_use` returns."""
+        return {block.use: block.group for block in list(self._allocations) if block.handle is not None}
 
     def allocate(self, shape: Shape, dtype: DTypeLike, use: str, group: str = SCRATCH) -> Buffer:
-        """Return a new buffer; its content is undefined."""
+        """Return a new buffer with undefined content."""
         return self._register(shape, dtype, use, group, self.queue.cl.mem_flags.READ_WRITE)
 
     def upload(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
-        """Return a buffer with `array`, which kernels only read; without a copy where that is safe."""
+        """Return a read-only buffer with the content of `array`, without a copy if that is safe."""
         if array.dtype.kind not in "iuf" or not array.dtype.isnative:
             raise TypeError(f"{use}: a device holds native integers and floats, not {array.dtype}")
         array = np.ascontiguousarray(array)
@@ -221,7 +221,7 @@ class Memory:
         return buffer
 
     def share(self, array: NDArray[Any], use: str, group: str = SCRATCH) -> Buffer:
-        """Return a buffer on the memory of `array` itself where that is safe, else a buffer with a copy."""
+        """Return a buffer on the memory of `array` if that is safe, otherwise a buffer with a copy."""
         flags = self.queue.cl.mem_flags
         if self._works_in_place() and array.size and array.flags.c_contiguous and array.flags.aligned:
             access = flags.READ_WRITE if array.flags.writeable else flags.READ_ONLY
@@ -232,23 +232,23 @@ class Memory:
         return buffer
 
     def scratch(self, name: str, shape: Shape, dtype: DTypeLike, group: str = SCRATCH) -> Buffer:
-        """Return the pool's buffer `name`, with room for the array; its content is undefined.
+        """Return the pool buffer `name` as an array of this shape, with undefined content.
 
-        The memory is the same from call to call as long as it is large enough; growing releases it, so
-        buffers returned earlier under this name must not be used any more.
+        The memory is reused from call to call while it is large enough. If it must grow, it is released, and
+        buffers returned earlier under this name become invalid.
         """
         nbytes = _nbytes(shape, dtype)
-        held = self._pool.get(name)
-        if held is None or held.nbytes < nbytes:
-            if held is not None:
-                self._pool.pop(name).release()  # first, so that both need not fit
-            room = _rounded(nbytes)
-            room = room if room <= self._limit() else nbytes
-            held = self._pool[name] = self.allocate(room, np.uint8, name, group)
-        return held.view(shape, dtype)
+        pooled = self._pool.get(name)
+        if pooled is None or pooled.nbytes < nbytes:
+            if pooled is not None:
+                self._pool.pop(name).release()  # released first, so that both need not fit at once
+            size = _rounded(nbytes)
+            size = size if size <= self._limit() else nbytes
+            pooled = self._pool[name] = self.allocate(size, np.uint8, name, group)
+        return pooled.view(shape, dtype)
 
     def release_scratch(self, prefix: str) -> None:
-        """Release the pool's buffers whose name begins with `prefix`."""
+        """Release the pool buffers with a name that starts with `prefix`."""
         for name in [name for name in self._pool if name.startswith(prefix)]:
             self._pool.pop(name).release()
 
@@ -263,12 +263,12 @@ class Memory:
         return min(record.max_allocation, record.global_memory - self._held())
 
     def _held(self) -> int:
-        """Return the bytes that all users of the device hold."""
+        """Return the bytes allocated by all users of the device."""
         return sum(bytes_by_use(self.queue.allocations).values())
 
     def _works_in_place(self) -> bool:
-        # PoCL works on the memory it is given. Another platform may keep a copy and write that back when the
-        # buffer is mapped; Intel's does for some alignments and dies of it where a file is mapped read-only.
+        # PoCL works directly on host memory. Other platforms may keep a copy and write it back when the
+        # buffer is mapped; Intel does so for some alignments and crashes if a file is mapped read-only.
         record = self.queue.record
         return short_name(record.platform) == "pocl" and record.kind == "cpu"
 
@@ -286,7 +286,7 @@ class Memory:
         context, nbytes = self.queue.context, _nbytes(shape, dtype)
         if nbytes > self._limit():
             raise self._too_large(use, nbytes)
-        # An OpenCL buffer cannot be empty; one that shares memory takes its size from there.
+        # An OpenCL buffer cannot be empty. A shared buffer takes its size from the array.
         size = max(nbytes, 1) if host is None else 0
         try:
             handle = self.queue.cl.Buffer(context, flags, size, host)
@@ -301,13 +301,13 @@ class Memory:
         record, held = self.queue.record, self._held()
         text = (
             f"{_mib(nbytes)} MiB for {use} do not fit: {record.selector} has {_mib(record.global_memory)} "
-            f"MiB, {_mib(held)} of them in use, and takes at most {_mib(record.max_allocation)} at once"
+            f"MiB, {_mib(held)} MiB in use, and allows at most {_mib(record.max_allocation)} MiB per buffer"
         )
         return DeviceError("DEVICE_MEMORY", text)
 
 
 def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
-    """Return use -> bytes held for that use now, in order of name."""
+    """Return use -> bytes currently allocated for it, sorted by name."""
     held: Counter[str] = Counter()
     for allocation in list(allocations):
         if allocation.handle is not None:
@@ -316,7 +316,7 @@ def bytes_by_use(allocations: Iterable[Allocation]) -> dict[str, int]:
 
 
 def _is_constant(array: NDArray[Any]) -> bool:
-    """Return whether nobody can change the array: sharing it cannot be told from copying it."""
+    """Return whether the array cannot change, so that sharing it is equivalent to copying it."""
     base: Any = array
     while isinstance(base, np.ndarray):
         if base.flags.writeable:
@@ -337,7 +337,7 @@ def _mib(nbytes: int) -> str:
 
 
 def _rounded(nbytes: int) -> int:
-    """Return `nbytes` rounded up to an eighth of a power of two, so that a growing need reallocates rarely.
+    """Return `nbytes` rounded up to an eighth of a power of two, so that growth reallocates rarely.
 
     >>> _rounded(1000), _rounded(1025)
     (1024, 1152)

@@ -1,41 +1,35 @@
-"""An open device: its context, its queue, and everything made on it."""
-
-from __future__ import annotations
+"""An open device: its context, its queue, its programs and its buffers."""
 
 import contextlib
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from msb.cl import programs
-from msb.cl.buffers import SCRATCH, Memory, bytes_by_use
-from msb.cl.kernel_text import OWN
+from msb.cl.buffers import SCRATCH, Buffer, Memory, Shape, bytes_by_use
+from msb.cl.kernel_text import OWN, Define
 from msb.cl.queue import Queue
+from msb.cl.records import DeviceRecord, Style
 from msb.cl.timing import Timing
-
-if TYPE_CHECKING:
-    from msb.cl.buffers import Buffer, Shape
-    from msb.cl.kernel_text import Define
-    from msb.cl.records import DeviceRecord, Style
 
 
 class Device:
-    """An OpenCL device with one in-order queue; made by `open_device`, closed by `close` or ``with``.
+    """An OpenCL device with one in-order queue; opened by `open_device`, closed by `close` or ``with``.
 
-    Threads may share a device: each command is safe by itself, and commands that belong together go into a
-    block of `using` or `timing`, during which other threads wait. `style` is that of the kernels to use:
-    `record.style`, unless the caller chose another.
+    Threads may share a device. Each command is thread-safe; commands that belong together go into a `using`
+    or `timing` block, during which other threads wait. `style` selects the kernels: `record.style` unless the
+    caller chose another one.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord, style: Style | None = None) -> None:
         self.record = record
         self.style: Style = style or record.style
         self._queue = Queue(cl, handle, record)
-        self._own_memory = self._memory = Memory(self._queue)
+        self._default_memory = self._memory = Memory(self._queue)
         self._programs: dict[tuple[Any, ...], programs.Program] = {}
         self._lock = threading.RLock()
 
@@ -51,58 +45,58 @@ class Device:
             return self._programs[key]
 
     def upload(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
-        """Return a buffer for kernels to read, holding `array` (integers or floats of any shape).
+        """Return a buffer that kernels read, with the content of `array` (integers or floats of any shape).
 
-        PoCL shares the memory of an array that nobody can change, such as one mapped from a file, instead of
-        copying it; its bytes are counted all the same.
+        PoCL shares the memory of arrays that cannot change, such as read-only memory maps, instead of copying
+        it. The bytes are counted in either case.
         """
         return self._memory.upload(array, use, group)
 
     def share(self, array: NDArray[Any], use: str = "static", group: str = SCRATCH) -> Buffer:
-        """Return a buffer on the memory of `array` if PoCL runs on a CPU, else a buffer with a copy.
+        """Return a buffer on the memory of `array` if PoCL runs on a CPU, otherwise a buffer with a copy.
 
-        Kernels may write the buffer if the array can be written; read their results from the buffer, since
-        only PoCL puts them into the array. Until the buffer is released, after `finish`, the array must live
-        and nobody else may change it; kernels must not assume a larger alignment than that of its dtype.
-        Large NumPy arrays lie in huge pages where the system has them, whose first touch costs a fifth of
-        that of `allocate`.
+        Kernels may write to the buffer if the array is writable. Read results from the buffer, because only
+        PoCL writes them to the array. Until `finish` was called and the buffer released, the array must stay
+        alive and unchanged. Kernels must not assume more alignment than the dtype has. Large NumPy
+        arrays use huge pages if the system has them; their first touch takes a fifth of the time of
+        `allocate`.
         """
         return self._memory.share(array, use, group)
 
     def allocate(
         self, shape: Shape, dtype: DTypeLike = np.uint8, use: str = "static", group: str = SCRATCH
     ) -> Buffer:
-        """Return a new buffer of undefined content; raises as `upload`."""
+        """Return a new buffer with undefined content."""
         return self._memory.allocate(shape, dtype, use, group)
 
     def scratch(self, name: str, shape: Shape, dtype: DTypeLike = np.uint8, group: str = SCRATCH) -> Buffer:
-        """Return the buffer `name` of the pool, of undefined content; raises as `upload`.
+        """Return the pool buffer `name` with undefined content.
 
-        The memory is reused from call to call and grows when it must; then, buffers returned before under
-        the same name are released.
+        The memory is reused from call to call. If it must grow, buffers returned earlier under this name are
+        released.
         """
         return self._memory.scratch(name, shape, dtype, group)
 
     def release_scratch(self, prefix: str) -> None:
-        """Give back the pool's buffers whose name begins with `prefix`, which only a preparation needed."""
+        """Release the pool buffers with a name that starts with `prefix`, for example after a preparation."""
         self._memory.release_scratch(prefix)
 
     def memory(self) -> dict[str, int]:
-        """Return use -> bytes held on the device now, for all its users."""
+        """Return use -> bytes currently allocated on the device by all its users."""
         return bytes_by_use(self._queue.allocations)
 
     def new_memory(self) -> Memory:
-        """Return a new account for the buffers that one user of the device allocates in `using`."""
+        """Return a new account for the buffers that one user allocates within `using`."""
         return Memory(self._queue)
 
     @contextlib.contextmanager
     def using(self, memory: Memory | None = None) -> Iterator[None]:
-        """Have the device alone for a block; other threads wait.
+        """Reserve the device for a block; other threads wait.
 
-        Buffers allocated in it belong to `memory`, an account that `new_memory` returned, or the device's.
+        Buffers allocated in the block belong to `memory`, an account from `new_memory`, or to the device.
         """
         with self._lock:
-            before, self._memory = self._memory, memory or self._own_memory
+            before, self._memory = self._memory, memory or self._default_memory
             try:
                 yield
             finally:
@@ -110,15 +104,15 @@ class Device:
 
     @property
     def failed(self) -> bool:
-        """Whether the device was closed or failed a command, so that it should be opened anew."""
+        """Whether the device was closed or failed a command, so that it must be opened again."""
         return self._queue.closed or self._queue.failed
 
     @contextlib.contextmanager
     def timing(self) -> Iterator[Timing]:
-        """Collect the events of the block by stage, for the yielded `Timing`; other threads wait."""
+        """Collect the events of the block by stage in the yielded `Timing`; other threads wait."""
         with self._lock:
             if self._queue.timing is not None:
-                raise RuntimeError("timing blocks do not nest")
+                raise RuntimeError("timing blocks cannot be nested")
             self._queue.timing = timing = Timing()
             try:
                 yield timing
@@ -127,19 +121,19 @@ class Device:
                 self._queue.timing = None
 
     def stage(self, name: str) -> AbstractContextManager[None]:
-        """Give the commands of a block the name `name`; nothing happens outside `timing`."""
+        """Assign the commands of a block to the stage `name`; does nothing outside `timing`."""
         timing = self._queue.timing
         return contextlib.nullcontext() if timing is None else timing.as_stage(name)
 
     def finish(self) -> None:
-        """Wait until everything queued is done."""
+        """Wait until all queued commands have finished."""
         self._queue.finish()
 
     def close(self) -> None:
-        """Release everything made on the device. A second call does nothing."""
+        """Release all programs and buffers of the device. A second call does nothing."""
         with self._lock:
-            for held in list(self._queue.allocations):
-                held.release()
+            for allocation in list(self._queue.allocations):
+                allocation.release()
             self._programs.clear()
             self._queue.close()
 

@@ -1,55 +1,49 @@
-"""List the OpenCL devices, and choose the one that a selector means."""
-
-from __future__ import annotations
+"""List the OpenCL devices and choose one by a selector."""
 
 import os
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from msb.cl import mend
 from msb.cl.device import Device
 from msb.cl.loader import how_to_get_a_device, how_to_get_another, looked_for, opencl
 from msb.cl.programs import UNKNOWN_CPU
-from msb.cl.records import DeviceRecord, describe, short_name
-from msb.cl.trial import try_device
+from msb.cl.records import DeviceRecord, Style, describe, short_name
+from msb.cl.trial import Trial, try_device
 from msb.errors import DeviceError, UsageError, shorten
-
-if TYPE_CHECKING:
-    from msb.cl.records import Style
-    from msb.cl.trial import Trial
 
 DEVICE_VARIABLE = "MSB_DEVICE"
 PYOPENCL_VARIABLE = "PYOPENCL_CTX"
-# The kinds of devices that a selector can name instead of a platform.
+# Kinds of devices that a selector can name instead of a platform.
 KINDS = ("cpu", "gpu")
 
 
 class Choice(NamedTuple):
-    """The device that was chosen, and the reason."""
+    """The chosen device and the origin of the selector."""
 
     record: DeviceRecord
     selector: str | None
-    # The source of the selector: "argument", an environment variable, or "default".
+    # Origin of the selector: "argument", the name of an environment variable, or "default".
     source: str
 
 
 class Tried(NamedTuple):
-    """A device, and the result of trying it."""
+    """A device with the result of its trial."""
 
     record: DeviceRecord
     trial: Trial
-    # What to do if the device does not build kernels, or None.
+    # Advice to the user if the device does not build kernels, otherwise None.
     advice: str | None
 
 
 def list_devices() -> list[DeviceRecord]:
-    """Return every OpenCL device that says it compiles, in the order platforms are found; possibly none."""
+    """Return every OpenCL device with a compiler, in the order of the platforms; the list may be empty."""
     return [record for record, _ in found_devices(opencl())]
 
 
 def try_devices() -> list[Tried]:
-    """Build and run a small kernel on every device, even if tried before; raises as `list_devices`."""
+    """Build and run a small kernel on every device, even if it was tried before."""
     tried = []
     for record, handle in found_devices(opencl()):
         trial = try_device(handle, record, again=True)
@@ -58,33 +52,33 @@ def try_devices() -> list[Tried]:
 
 
 def choose_device(selector: str | None = None) -> Choice:
-    """Return the device `open_device` would open."""
+    """Return the device that `open_device` would open."""
     return _choose(found_devices(opencl()), selector)[0]
 
 
 def open_device(selector: str | None = None, *, style: Style | None = None) -> Device:
-    """Open the device that `selector` names; by default MSB_DEVICE's, PYOPENCL_CTX's, or PoCL.
+    """Open the device named by `selector`; by default MSB_DEVICE, then PYOPENCL_CTX, then PoCL.
 
-    A device that does not build kernels (`msb.cl.trial`) is passed over for the next one that the selector
-    means. Closing a device does not give back the megabyte that PoCL keeps of each of its programs;
-    `shared_device` avoids opening another device.
+    Devices that do not build kernels (`msb.cl.trial`) are skipped in favour of the next match. Closing a
+    device does not release the megabyte that PoCL keeps for each of its programs; `shared_device` avoids
+    opening further devices.
 
     Parameters
     ----------
     selector : str, optional
         ``cpu``, ``gpu``, ``PLATFORM`` or ``PLATFORM:INDEX``. PLATFORM is the number of a platform or part of
-        its name (``pocl``, ``intel``, ``nvidia``), INDEX counts that platform's devices from 0. Without a
-        selector, a CPU is preferred to a GPU and PoCL to other CPU platforms.
+        its name (``pocl``, ``intel``, ``nvidia``), INDEX counts the devices of that platform from 0. Without
+        a selector, CPUs are preferred to GPUs, and PoCL to other CPU platforms.
     style : "cpu" | "gpu", optional
-        The style of kernels to use, whatever the device is; for tests.
+        The style of kernels, whatever the device is; for tests.
 
     Raises
     ------
     DeviceError
-        `DEVICE_NOT_FOUND`: there is no such device; the message says what was looked for and what there is.
-        `DEVICE_BUILD`: no matching device builds kernels; the message says why, and what to do.
+        `DEVICE_NOT_FOUND`: no such device; the message lists the search and the existing devices.
+        `DEVICE_BUILD`: no matching device builds kernels; the message gives the reason and a remedy.
     UsageError
-        `DEVICE_SELECTOR`: the text cannot name a device.
+        `DEVICE_SELECTOR`: the selector is malformed.
     """
     cl = opencl()
     choice, handle = _choose(found_devices(cl), selector)
@@ -94,15 +88,15 @@ def open_device(selector: str | None = None, *, style: Style | None = None) -> D
 def shared_device(selector: str | None = None, *, style: Style | None = None) -> Device:
     """Return the device that everything in this process shares; it is opened once and stays open.
 
-    Parameters and errors are those of `open_device`. Threads take turns on the device (`Device.using`). A
-    device that has failed is opened anew.
+    Parameters and errors: see `open_device`. Threads take turns on the device (`Device.using`). A
+    failed device is opened again.
     """
     cl = opencl()
     choice, handle = _choose(found_devices(cl), selector)
     with _sharing:
         device, process = _shared.get((handle.int_ptr, style), (None, os.getpid()))
         if process != os.getpid():
-            raise DeviceError("DEVICE_CLOSED", "the device belongs to the process this one was forked from")
+            raise DeviceError("DEVICE_CLOSED", "a forked process cannot use the device of its parent")
         if device is None or device.failed:
             device = Device(cl, handle, choice.record, style)
             _shared[handle.int_ptr, style] = device, process
@@ -110,15 +104,15 @@ def shared_device(selector: str | None = None, *, style: Style | None = None) ->
 
 
 _sharing = threading.Lock()
-# Address of the platform's device and style -> the open device, and the process it was opened in.
+# (address of the platform's device, style) -> (open device, process that opened it).
 _shared: dict[tuple[int, Style | None], tuple[Device, int]] = {}
 
 
 def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
-    """Return all devices, as records and as pyopencl's devices."""
+    """Return all devices, each as a record and as a pyopencl device."""
     try:
         platforms = cl.get_platforms()
-    except cl.Error:  # PLATFORM_NOT_FOUND_KHR is how a loader says that there is none
+    except cl.Error:  # PLATFORM_NOT_FOUND_KHR: no platform is installed
         return []
     known: list[tuple[DeviceRecord, Any]] = []
     counts: dict[str, int] = {}
@@ -136,7 +130,7 @@ def found_devices(cl: Any) -> list[tuple[DeviceRecord, Any]]:
 
 
 def _choose(known: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> tuple[Choice, Any]:
-    """Return the device that is meant, its handle with it."""
+    """Return the selected device and its pyopencl handle."""
     source = "argument"
     if selector is None:
         source = next(
@@ -145,41 +139,36 @@ def _choose(known: Sequence[tuple[DeviceRecord, Any]], selector: str | None) -> 
         selector = os.environ.get(source) if source != "default" else None
     records = [record for record, _ in known]
     if not records:
-        wanted = f" for {_quoted(selector, source)}" if selector else ""
-        text = f"there is no OpenCL device{wanted} ({looked_for()}): {how_to_get_a_device()}"
+        target = f" for {_quoted(selector, source)}" if selector else ""
+        text = f"no OpenCL device{target} ({looked_for()}): {how_to_get_a_device()}"
         raise DeviceError("DEVICE_NOT_FOUND", text)
-    meant = records if selector is None else _matching(records, selector, source)
-    named = selector is not None and selector.strip().lower() not in KINDS
-    if not meant:
-        text = f"{_quoted(selector, source)} names no OpenCL device; there are: "
+    matches = records if selector is None else _matching(records, selector, source)
+    by_platform = selector is not None and selector.strip().lower() not in KINDS
+    if not matches:
+        text = f"{_quoted(selector, source)} matches no OpenCL device; available: "
         raise DeviceError("DEVICE_NOT_FOUND", text + ", ".join(record.selector for record in records))
     handles = {record.selector: handle for record, handle in known}
-    meant = sorted(meant, key=_age if named else _preference)
-    for record in meant:
+    matches = sorted(matches, key=_age if by_platform else _preference)
+    for record in matches:
         if try_device(handles[record.selector], record).builds:
             return Choice(record, selector, source), handles[record.selector]
-    raise _none_builds([(record, handles[record.selector]) for record in meant])
-
-
-def _none_builds(meant: Sequence[tuple[DeviceRecord, Any]]) -> DeviceError:
-    """Return the error that says of each device why it does not build, and what to do about the first."""
-    reasons = [try_device(handle, record).why or "" for record, handle in meant]
+    reasons = [try_device(handles[record.selector], record).why or "" for record in matches]
     text = "; ".join(
-        f"{record} does not build kernels: {why}" for (record, _), why in zip(meant, reasons, strict=True)
+        f"{record} does not build kernels: {why}" for record, why in zip(matches, reasons, strict=True)
     )
-    advice = _advice(*meant[0], reasons[0])
-    return DeviceError("DEVICE_BUILD", f"{text}. {advice}")
+    advice = _advice(matches[0], handles[matches[0].selector], reasons[0])
+    raise DeviceError("DEVICE_BUILD", f"{text}. {advice}")
 
 
 def _advice(record: DeviceRecord, handle: Any, why: str) -> str:
-    """Return what to do where a device does not build kernels."""
+    """Return advice for a device that does not build kernels."""
     if UNKNOWN_CPU not in why:
-        return f"Choose another device (msb devices), or mend its platform. {how_to_get_another()}"
+        return f"Choose another device (msb devices), or repair its platform. {how_to_get_another()}"
     if not mend.is_wheel(handle):
         return f"The platform's compiler is older than this processor. {how_to_get_another()}"
-    hindrance = mend.hindrance()
-    aside = f" ({hindrance})" if hindrance else ""
-    text = f"PoCL's wheel is of 2022, and its compiler does not know this processor{aside}."
+    obstacle = mend.hindrance()
+    detail = f" ({obstacle})" if obstacle else ""
+    text = f"The PoCL wheel dates from 2022, and its compiler does not know this processor{detail}."
     return f"{text} {how_to_get_another()}"
 
 
@@ -187,7 +176,7 @@ def _matching(records: Sequence[DeviceRecord], selector: str, source: str) -> li
     text = selector.strip().lower()
     if text in KINDS:
         return [record for record in records if record.kind == text]
-    # PYOPENCL_CTX may name several devices, separated by commas; one is all we take.
+    # PYOPENCL_CTX may list several devices, separated by commas; only the first is used.
     platform, colon, index = text.partition(",")[0].partition(":")
     if not platform or (colon and not index) or ":" in index:
         text = f"{_quoted(selector, source)} is not cpu, gpu or PLATFORM:INDEX (see msb devices)"
@@ -206,18 +195,18 @@ def _is_on(record: DeviceRecord, platform: str) -> bool:
     return platform == short_name(record.platform) or platform in record.platform.lower()
 
 
-_PLATFORMS = ("pocl", "intel")
+_PREFERRED_PLATFORMS = ("pocl", "intel")
 
 
 def _preference(record: DeviceRecord) -> tuple[bool, int, bool]:
-    """Order devices: a CPU first, then PoCL, then Intel's runtime."""
+    """Return a sort key: CPUs first, then PoCL, then the Intel runtime."""
     name = short_name(record.platform)
-    rank = _PLATFORMS.index(name) if name in _PLATFORMS else len(_PLATFORMS)
+    rank = _PREFERRED_PLATFORMS.index(name) if name in _PREFERRED_PLATFORMS else len(_PREFERRED_PLATFORMS)
     return record.kind != "cpu", rank, _age(record)
 
 
 def _age(record: DeviceRecord) -> bool:
-    """Order devices of one platform: the system's PoCL before the older wheel's."""
+    """Return a sort key: the system's PoCL before the older wheel."""
     return record.driver == mend.DRIVER
 
 

@@ -1,4 +1,4 @@
-"""The text of kernels: our files with their includes put in place, so that a package in a ZIP works, too."""
+"""Source text of kernels, with includes resolved so that a package in a ZIP file works too."""
 
 import functools
 import hashlib
@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 Define = int | float | bool | str
-# The package whose files any kernel may include.
+# The package of our kernels, which any kernel may include.
 OWN = "msb.cl.kernels"
 
 _INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"(?P<name>[A-Za-z0-9_]+\.cl)"[ \t]*(?://.*)?$')
@@ -19,11 +19,11 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\([A-Za-z0-9_, ]*\))?")
 
 
 def define_lines(defines: Mapping[str, Define]) -> str:
-    """Return the ``#define`` lines of `defines`, in order of name.
+    """Return ``#define`` lines for `defines`, sorted by name.
 
-    Booleans become 1 and 0; a float becomes the nearest single-precision number, written exactly (a
-    hexadecimal constant); text is taken as it is. Definitions are part of the source and not build options,
-    so no command line has to be quoted.
+    Booleans become 1 and 0. Floats become the nearest single-precision number, written exactly as a
+    hexadecimal constant. Strings are inserted unchanged. Defines are part of the source, not build options,
+    so no command line needs quoting.
 
     >>> print(define_lines({"WIDTH": 8, "FAST": True, "SCALE": 0.1}), end="")
     #define FAST 1
@@ -33,7 +33,7 @@ def define_lines(defines: Mapping[str, Define]) -> str:
     lines = []
     for name, value in sorted(defines.items()):
         if not _NAME.fullmatch(name) or (isinstance(value, str) and "\n" in value):
-            raise ValueError(f"not a macro: {name} = {value!r}")
+            raise ValueError(f"invalid macro: {name} = {value!r}")
         lines.append(f"#define {name} {_literal(value)}\n")
     return "".join(lines)
 
@@ -43,18 +43,18 @@ def _literal(value: Define) -> str:
         return str(int(value))
     if isinstance(value, float):
         if not np.isfinite(value):
-            raise ValueError(f"no constant can be written for {value}")
+            raise ValueError(f"{value} cannot be written as a constant")
         return f"{float(np.float32(value)).hex()}f"
     return str(value)
 
 
 @functools.cache
 def kernels_hash(packages: tuple[str, ...]) -> str:
-    """Return the SHA-256 of names and texts of all kernel files in `OWN` and `packages`, in order of name."""
+    """Return the SHA-256 of names and texts of all kernel files in `OWN` and `packages`, sorted by name."""
     digest = hashlib.sha256()
-    places = dict.fromkeys((OWN, *packages))
+    folders = dict.fromkeys((OWN, *packages))
     files = [
-        file for place in places for file in resources.files(place).iterdir() if file.name.endswith(".cl")
+        file for folder in folders for file in resources.files(folder).iterdir() if file.name.endswith(".cl")
     ]
     for file in sorted(files, key=lambda file: file.name):
         digest.update(f"{file.name}\0".encode() + file.read_bytes().replace(b"\r\n", b"\n") + b"\0")
@@ -63,29 +63,29 @@ def kernels_hash(packages: tuple[str, ...]) -> str:
 
 @functools.cache
 def resolve(package: str, name: str) -> str:
-    """Return the text of file `name` of `package`, every ``#include "other.cl"`` replaced by that file.
+    """Return the text of file `name` of `package`, with every ``#include "other.cl"`` replaced by that file.
 
-    A file is looked for in `package`, then in `OWN`. As in C, a file included twice is there twice.
-    ``#line`` directives make compilers name our own files and lines.
+    Files are searched in `package`, then in `OWN`. As in C, a file that is included twice appears twice.
+    ``#line`` directives make compilers report our files and lines.
     """
     return _resolve(package, name, ())
 
 
 def place_of(text: str, number: int) -> tuple[str, int] | None:
-    """Return file and line of ours that line `number` of a resolved text comes from; lines count from 1."""
-    place = None
+    """Return the file and line that line `number` of a resolved text comes from; lines count from 1."""
+    source = None
     for line in text.splitlines()[:number]:
-        said = _LINE.match(line)
-        if said:
-            place = said["name"], int(said["line"]) - 1
-        elif place:
-            place = place[0], place[1] + 1
-    return place
+        directive = _LINE.match(line)
+        if directive:
+            source = directive["name"], int(directive["line"]) - 1
+        elif source:
+            source = source[0], source[1] + 1
+    return source
 
 
 def _resolve(package: str, name: str, inside: tuple[str, ...]) -> str:
     if name in inside:
-        raise ValueError(f"{name} includes itself, by way of {', '.join(inside)}")
+        raise ValueError(f"{name} includes itself through {', '.join(inside)}")
     lines = [f'#line 1 "{name}"']
     for number, line in enumerate(_read(package, name).splitlines(), 1):
         include = _INCLUDE.match(line)
@@ -93,15 +93,15 @@ def _resolve(package: str, name: str, inside: tuple[str, ...]) -> str:
             lines.append(_resolve(package, include["name"], (*inside, name)).rstrip("\n"))
             lines.append(f'#line {number + 1} "{name}"')
         elif _ANY_INCLUDE.match(line):
-            raise ValueError(f'{name}: line {number}: only #include "FILE.cl" is understood')
+            raise ValueError(f'{name}: line {number}: unsupported directive; use #include "FILE.cl"')
         else:
             lines.append(line)
     return "\n".join(lines) + "\n"
 
 
 def _read(package: str, name: str) -> str:
-    for place in dict.fromkeys((package, OWN)):
-        file = resources.files(place).joinpath(name)
+    for folder in dict.fromkeys((package, OWN)):
+        file = resources.files(folder).joinpath(name)
         if file.is_file():
             return file.read_text("utf-8")
     raise FileNotFoundError(f"no kernel file {name} in {package}")

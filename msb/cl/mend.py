@@ -1,19 +1,19 @@
 """Let the PoCL wheel build kernels on processors that it does not know.
 
-Why this module exists: `pip install meshsplatbench` must draw without a driver, and the only PoCL wheel for
-x86-64 is 3.0-rc2 of 2022 with LLVM 14. It asks LLVM for the processor's name and passes it to clang. LLVM
-calls every newer processor "generic", and clang then rejects each build with "unknown target CPU 'generic'".
-No environment variable and no build option changes that name. Without this module there is therefore no
-OpenCL device on any x86-64 processor that is newer than the wheel and has no driver of its own.
+Purpose: `pip install meshsplatbench` must be able to render without a driver, and the only PoCL wheel for
+x86-64 is 3.0-rc2 of 2022 with LLVM 14. It asks LLVM for the name of the processor and passes it to clang.
+LLVM calls every newer processor "generic", and clang then rejects each build with "unknown target CPU
+'generic'". No environment variable and no build option changes that name. Without this module, x86-64
+processors that are newer than the wheel have no OpenCL device unless a driver is installed.
 
-How it works: PoCL keeps a pointer to the name in its structure of the device, at byte 640 in this build of
-the library. The characters there are overwritten by a name of the same length that fits the processor.
+Method: PoCL keeps a pointer to the name in its device structure, at byte 640 in this build of the library.
+The characters there are overwritten by the name of a compatible processor with the same length.
 
-Why that is safe: nothing is written unless the wheel's version, the driver's version, the library's file (its
-name holds a hash of its content), the place of the pointer and the name there are exactly the known ones.
-Memory is read through /proc/self/mem, so a wrong address cannot end the process. `msb.cl.trial` then builds
-and runs kernels with the new name in a process of its own first. Delete this module as soon as there is a
-wheel that knows today's processors.
+Safety: nothing is written unless the version of the wheel, the version of the driver, the file of the library
+(its name contains a hash of its content), the offset of the pointer and the name there are exactly the known
+ones. Memory is read through /proc/self/mem, so a wrong address cannot crash the process. `msb.cl.trial` first
+builds and runs kernels with the new name in a separate process. Delete this module as soon as a wheel knows
+current processors.
 """
 
 import contextlib
@@ -25,39 +25,40 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-# The environment variable that switches this off with the value 0.
+# Environment variable; the value 0 disables this module.
 MEND_VARIABLE = "MSB_MEND_POCL"
-# A processor with AVX2 and FMA. A name with AVX-512 gains nothing: the speed is the same within a tenth.
+# The replacement name: a processor with AVX2 and FMA. A name with AVX-512 gains nothing; the speed differs by
+# less than 10 %.
 NAME = b"haswell"
 UNKNOWN = b"generic"
 _WHEEL = "pocl-binary-distribution"
 _WHEEL_VERSION = "3.0"
-# The wheel's version, as its driver reports it.
+# Version of the wheel as its driver reports it.
 DRIVER = "3.0-rc2"
-# The file's name holds a hash of its content, which `auditwheel` put there.
+# The file name contains a hash of the content, added by `auditwheel`.
 _LIBRARY = "libpocl-21062cec.so"
-# The byte of the device's structure at which the pointer to the name lies, in this build of the library.
+# Byte offset of the pointer to the name in the device structure, in this build of the library.
 _SLOT = 640
-# The number of bytes of the structure in which no other pointer may lead to such a name.
+# Bytes of the structure that are checked: no other pointer in them may point to the same name.
 _STRUCTURE = 1024
 _NEEDS = frozenset(("avx2", "fma", "bmi1", "bmi2", "f16c", "movbe"))
-_LZCNT = frozenset(("abm", "lzcnt"))  # Linux says abm
+_LZCNT = frozenset(("abm", "lzcnt"))  # Linux calls it abm
 _LONGEST = 64
-# Addresses of the structures of devices whose name we have overwritten.
+# Addresses of device structures with a replaced name.
 _mended: set[int] = set()
 
 
 def is_off() -> bool:
-    """Return whether the user switched mending off."""
+    """Return whether the user disabled the fix."""
     return os.environ.get(MEND_VARIABLE) == "0"
 
 
 def hindrance() -> str | None:
-    """Return what keeps this machine from being mended, whatever the compiler says, or None."""
+    """Return why the fix cannot be applied on this machine, or None; the compiler is not checked."""
     if is_off():
-        return f"{MEND_VARIABLE}=0 keeps it from being mended"
+        return f"{MEND_VARIABLE}=0 disables the fix"
     if lacking := _lacking():
-        return f"{NAME.decode()} cannot stand for it, since it lacks {', '.join(lacking)}"
+        return f"it cannot be treated as {NAME.decode()}, because it lacks {', '.join(lacking)}"
     return None
 
 
@@ -73,7 +74,7 @@ def is_wheel(device: Any) -> bool:
 
 
 def compiler_cpu(device: Any) -> str | None:
-    """Return the processor's name that the wheel gives its compiler; None for any other platform."""
+    """Return the processor name that the wheel passes to its compiler; None for other platforms."""
     if not is_wheel(device):
         return None
     place = _pointer(device)
@@ -85,19 +86,19 @@ def compiler_cpu(device: Any) -> str | None:
 
 
 def can_mend(device: Any) -> bool:
-    """Return whether the wheel's compiler gets a name it refuses, and `NAME` fits this processor."""
+    """Return whether the compiler of the wheel gets an unknown name and `NAME` suits this processor."""
     if hindrance() or compiler_cpu(device) != UNKNOWN.decode():
         return False
     words = _read(device.int_ptr, _STRUCTURE)
     if words is None:
         return False
     pointers = (int.from_bytes(words[at : at + 8], "little") for at in range(0, _STRUCTURE, 8))
-    wanted = UNKNOWN + b"\0"
-    return [at for at, there in enumerate(pointers) if _read(there, len(wanted)) == wanted] == [_SLOT // 8]
+    name = UNKNOWN + b"\0"
+    return [at for at, address in enumerate(pointers) if _read(address, len(name)) == name] == [_SLOT // 8]
 
 
 def mend(device: Any) -> bool:
-    """Overwrite the name, if `can_mend`; return whether the name is ours now."""
+    """Replace the name if `can_mend`; return whether the name is ours now."""
     if can_mend(device):
         _write(device, UNKNOWN, NAME)
         _mended.add(device.int_ptr)
@@ -105,24 +106,24 @@ def mend(device: Any) -> bool:
 
 
 def is_mended(device: Any) -> bool:
-    """Return whether `mend` gave this device its name."""
+    """Return whether the name of this device was replaced."""
     return device.int_ptr in _mended and compiler_cpu(device) == NAME.decode()
 
 
 def undo(device: Any) -> None:
-    """Put back the name that `mend` replaced."""
+    """Restore the original name of the device."""
     if is_mended(device):
         _write(device, NAME, UNKNOWN)
     _mended.discard(device.int_ptr)
 
 
-def _write(device: Any, there: bytes, wanted: bytes) -> None:
-    """Replace the characters of the name; both are as long, so neither pointer nor memory changes."""
+def _write(device: Any, old: bytes, new: bytes) -> None:
+    """Replace the characters of the name by a name of the same length, if it is still the expected one."""
     import ctypes
 
     place = _pointer(device)
-    if place and len(there) == len(wanted) and _read(place, len(there) + 1) == there + b"\0":
-        ctypes.memmove(place, wanted, len(wanted))
+    if place and len(old) == len(new) and _read(place, len(old) + 1) == old + b"\0":
+        ctypes.memmove(place, new, len(new))
 
 
 def _pointer(device: Any) -> int | None:
@@ -131,7 +132,7 @@ def _pointer(device: Any) -> int | None:
 
 
 def _read(address: int, size: int) -> bytes | None:
-    """Return bytes of this process, None where there are none: a wrong guess must not end it."""
+    """Return `size` bytes of this process, or None for an invalid address."""
     with (
         contextlib.suppress(OSError, OverflowError, ValueError),
         Path("/proc/self/mem").open("rb", 0) as memory,
@@ -160,7 +161,7 @@ def _is_mapped(file: Path) -> bool:
 
 
 def _lacking() -> list[str]:
-    """Return what `NAME` promises and a processor of this machine does not have."""
+    """Return the features of `NAME` that the processor of this machine lacks."""
     lines = []
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text("utf-8", "replace").splitlines()

@@ -1,4 +1,4 @@
-"""The context and the one in-order queue of an open device: every command goes through here."""
+"""Context and in-order queue of an open device, through which every command passes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Queue:
     """The part of an open device that buffers and kernels need: pyopencl, its device, context and queue.
 
-    `timing`, if any, receives the event of every command; `allocations` are those of all users of the device.
+    `timing`, if set, receives the event of every command. `allocations` belong to all users of the device.
     """
 
     def __init__(self, cl: Any, handle: Any, record: DeviceRecord) -> None:
@@ -27,7 +27,8 @@ class Queue:
         self.record = record
         self.timing: Timing | None = None
         self.allocations: weakref.WeakSet[Allocation] = weakref.WeakSet()
-        self.failed = False  # by a command, but for memory; some platforms then refuse all later ones
+        # a command failed for another reason than memory; some platforms then reject all later commands
+        self.failed = False
         self._queue: Any = None
         try:
             self._context = cl.Context([handle])
@@ -43,7 +44,7 @@ class Queue:
 
     @property
     def context(self) -> Any:
-        """The pyopencl context; raises as `submit` after `close`."""
+        """The pyopencl context; raises DEVICE_CLOSED after `close`."""
         self.check_open()
         return self._context
 
@@ -53,7 +54,7 @@ class Queue:
             raise DeviceError("DEVICE_CLOSED", f"{self.record} was closed")
 
     def submit(self, doing: str, command: Callable[[Any], Any]) -> Any:
-        """Call `command` with the pyopencl queue, so that it queues something, and return its event."""
+        """Queue a command by calling `command` with the pyopencl queue; return its event."""
         self.check_open()
         try:
             event = command(self._queue)
@@ -64,7 +65,7 @@ class Queue:
         return event
 
     def finish(self) -> None:
-        """Wait until everything queued is done; raises as `submit`."""
+        """Wait until all queued commands have finished."""
         self.check_open()
         try:
             self._queue.finish()
@@ -72,7 +73,7 @@ class Queue:
             raise self._failed("waiting for it", error) from error
 
     def close(self) -> None:
-        """Finish, and let go of queue and context."""
+        """Finish, then release queue and context."""
         if self._queue is not None:
             with contextlib.suppress(self.cl.Error):
                 self._queue.finish()

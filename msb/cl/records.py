@@ -1,4 +1,4 @@
-"""What a device can do, as its platform reports it."""
+"""Capabilities of a device, as its platform reports them."""
 
 import re
 from dataclasses import asdict, dataclass
@@ -12,34 +12,36 @@ _SHORT_NAMES = {
     "Portable Computing Language": "pocl",
     "AMD Accelerated Parallel Processing": "amd",
 }
-# Platforms whose compilers are known to take the CPU style. Those of Mesa and Oclgrind end the process at a
-# prefetch.
+# Platforms with a compiler that is known to accept the CPU style. The compilers of Mesa and Oclgrind crash at
+# a prefetch.
 _CPU_STYLE_PLATFORMS = ("pocl", "intel")
-# The widest vector of any kernel. PoCL 3.0 reports width 16 on AVX-512 processors and crashes on such
+# Maximum vector width of a kernel. PoCL 3.0 reports width 16 on AVX-512 processors and crashes on such
 # vectors.
 _WIDEST_VECTOR = 8
 
 
 @dataclass(frozen=True)
 class DeviceRecord:
-    """One device of one platform: names, limits and abilities.
+    """A device of a platform: names, limits and capabilities.
 
-    Sizes are in bytes, `clock_mhz` in MHz, `timer_resolution_ns` in nanoseconds. The fields restate
-    clGetDeviceInfo and clGetPlatformInfo (OpenCL 1.2 specification, sections 4.1 and 4.2) but for two:
+    Sizes are in bytes, `clock_mhz` in MHz, `timer_resolution_ns` in nanoseconds. The fields repeat
+    clGetDeviceInfo and clGetPlatformInfo (OpenCL 1.2 specification, sections 4.1 and 4.2), with these
+    exceptions and notes:
 
     Attributes
     ----------
     selector : str
         The text that selects this device, such as ``pocl:0``.
     vector_width : int
-        The widest float vector a kernel should use for speed: the reported native width, at most 8.
+        The widest float vector that a kernel should use for speed: the reported native width, at most 8.
     alignment : int
-        The alignment of a sub-buffer's start, in bytes (CL_DEVICE_MEM_BASE_ADDR_ALIGN counts bits).
+        Alignment of the start of a sub-buffer in bytes (CL_DEVICE_MEM_BASE_ADDR_ALIGN counts bits).
     correctly_rounded : bool
-        Whether the device can round single-precision division and square root correctly; our kernels then ask
-        for it.
+        Whether the device can round single-precision division and square root correctly; our kernels then
+        request it.
     int64_atomics : bool
-        Whether it has both cl_khr_int64_base_atomics and cl_khr_int64_extended_atomics (atom_max on ulong).
+        Whether cl_khr_int64_base_atomics and cl_khr_int64_extended_atomics are both available (atom_max on
+        ulong).
     """
 
     selector: str
@@ -69,11 +71,11 @@ class DeviceRecord:
 
     @property
     def style(self) -> Style:
-        """The style of kernel that suits the device.
+        """The style of kernels that suits the device; no other code decides it.
 
-        "cpu" is few work-items with long private loops and no local memory, "gpu" is work-groups that
-        share local memory. Only this property decides. Any OpenCL compiler takes the style "gpu"; the style
-        "cpu" also relies on what clang offers beyond OpenCL, so only compilers on which it was tried get it.
+        "cpu" means few work-items with long private loops and no local memory, "gpu" means work-groups that
+        share local memory. Any OpenCL compiler accepts the style "gpu". The style "cpu" also uses extensions
+        of clang, so only compilers on which it was tested get it.
         """
         known = self.kind == "cpu" and short_name(self.platform) in _CPU_STYLE_PLATFORMS
         return "cpu" if known else "gpu"

@@ -1,43 +1,41 @@
 """Exclusive prefix sum on the device."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from msb.cl.buffers import Buffer
-    from msb.cl.device import Device
-    from msb.cl.kernel_text import Define
-    from msb.cl.programs import Program
+from msb.cl.buffers import Buffer
+from msb.cl.device import Device
+from msb.cl.kernel_text import Define
+from msb.cl.programs import Program
 
-# Most elements of a scan or sort: places are 32-bit numbers.
+# Maximum number of elements of a scan or sort: positions are 32-bit numbers.
 MOST = 2**31
-# Number of elements below which a second work-item costs more than it saves.
+# Minimum number of elements per work-item: with fewer, a second work-item costs more than it saves.
 _SMALLEST_CHUNK = 4096
-# Chunks per compute unit; with several, a unit that is held up does not hold up all.
-_CHUNKS_A_UNIT = 4
+# Chunks per compute unit. With several, a delayed unit does not delay the others.
+_CHUNKS_PER_UNIT = 4
+# Consecutive elements per work-item on a GPU.
 _ITEMS = 8
-# Most sums of tiles that each work-group of a GPU adds by itself: 16 of them a work-item.
+# Maximum number of tile sums that each work-group of a GPU adds itself: 16 per work-item.
 _MOST_SUMS = 4096
+# Maximum size of a work-group on a GPU.
 _LARGEST_GROUP = 256
 _OPENCL_NAMES = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int | None = None) -> None:
-    """Queue ``offsets[i] = sum(values[:i])`` for i = 0 .. count: the last one is the total.
+    """Queue ``offsets[i] = sum(values[:i])`` for i = 0 .. count; the last offset is the total.
 
     Parameters
     ----------
     device : Device
     values : Buffer of uint32
     offsets : Buffer of uint32 or uint64
-        A buffer of at least count + 1 elements. Sums are modulo 2^32 or 2^64. If it is uint32, it may be a
-        view of the memory of `values`.
+        At least count + 1 elements. Sums are modulo 2^32 or 2^64. A uint32 buffer may share the memory of
+        `values`.
     count : int, optional
-        The number of elements, at most 2^31; by default all of `values`.
+        Number of elements, at most 2^31; by default all of `values`.
 
     Raises
     ------
@@ -46,7 +44,7 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
     """
     count = checked_count(count, values)
     if values.dtype != np.uint32 or offsets.dtype not in _OPENCL_NAMES or offsets.size < count + 1:
-        raise TypeError(f"a scan of {count} uint32 needs count + 1 uint32 or uint64 offsets")
+        raise TypeError(f"a scan of {count} uint32 values needs count + 1 offsets of uint32 or uint64")
     if count == 0:
         offsets.view(1, offsets.dtype).fill(0)
     elif device.style == "cpu":
@@ -56,6 +54,7 @@ def exclusive_scan(device: Device, values: Buffer, offsets: Buffer, count: int |
 
 
 def _scan_cpu(device: Device, values: Buffer, offsets: Buffer, count: int) -> None:
+    # Sum each chunk, scan the sums, then scan each chunk from its start.
     program = device.program("scan_cpu", {"SUM": _OPENCL_NAMES[offsets.dtype]})
     chunk, chunks = chunks_of(device, count)
     starts = device.scratch("scan starts", chunks, offsets.dtype)
@@ -72,6 +71,7 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
         "scan_gpu",
         {"VALUE": _OPENCL_NAMES[values.dtype], "SUM": _OPENCL_NAMES[offsets.dtype], "ITEMS": _ITEMS},
     )
+    # Sum each tile; scan the sums recursively if they are too many; then scan each tile.
     tiles = -(-count // (group * _ITEMS))
     sums = device.scratch(f"scan sums {level}", tiles + 1, offsets.dtype)
     if tiles > 1:
@@ -83,24 +83,24 @@ def _scan_gpu(device: Device, values: Buffer, offsets: Buffer, count: int, level
 
 
 def checked_count(count: int | None, array: Buffer) -> int:
-    """Return the checked number of elements; by default all of `array`."""
+    """Return the number of elements after checking it; by default all of `array`."""
     count = array.size if count is None else count
     if not 0 <= count <= min(array.size, MOST):
-        raise ValueError(f"{count} elements, of an array of {array.size} and at most {MOST}")
+        raise ValueError(f"{count} elements requested from an array of {array.size}; the limit is {MOST}")
     return count
 
 
 def chunks_of(device: Device, count: int) -> tuple[int, int]:
-    """Return the length and the number of the contiguous chunks in which a CPU takes `count` elements."""
-    wanted = min(-(-count // _SMALLEST_CHUNK), _CHUNKS_A_UNIT * device.record.compute_units)
-    chunk = -(-count // max(wanted, 1))
+    """Return length and number of the contiguous chunks into which a CPU divides `count` elements."""
+    limit = min(-(-count // _SMALLEST_CHUNK), _CHUNKS_PER_UNIT * device.record.compute_units)
+    chunk = -(-count // max(limit, 1))
     return chunk, -(-count // max(chunk, 1))
 
 
 def grouped_program(device: Device, name: str, defines: Mapping[str, Define]) -> tuple[Program, int]:
-    """Return a program of the GPU style and the size of its work-groups, its define GROUP.
+    """Return a program in GPU style and the size of its work-groups, which is its define GROUP.
 
-    The size is the largest power of two, up to 256, that the device and every kernel built for it allow.
+    The size is the largest power of two, up to 256, that the device and every built kernel allow.
     """
     most = min(_LARGEST_GROUP, device.record.max_work_group)
     while True:

@@ -1,30 +1,27 @@
 """Stable radix sort of keys with values, on the device."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from msb.cl.buffers import Buffer
+from msb.cl.device import Device
+from msb.cl.kernel_text import Define
+from msb.cl.programs import Program
 from msb.cl.scan import checked_count, chunks_of, exclusive_scan, grouped_program
 
-if TYPE_CHECKING:
-    from msb.cl.buffers import Buffer
-    from msb.cl.device import Device
-    from msb.cl.kernel_text import Define
-    from msb.cl.programs import Program
-
+# Consecutive elements per work-item on a GPU.
 _ITEMS = 8
-# Most bits that a pass sorts by. A CPU's first-level cache carries 256 write streams, so passes of up to 8
-# bits cost the same and passes of 9 bits twice as much. On a GPU a pass goes over the data once; within its
-# tile, in local memory, a work-group sorts by 4 bits at a time.
+# Maximum number of bits per pass. The first-level cache of a CPU supports 256 write streams, so passes of up
+# to 8 bits cost the same and passes of 9 bits twice as much. On a GPU, a pass reads the data once, and each
+# work-group sorts its tile by 4 bits at a time in local memory.
 _DIGIT_BITS = 8
 _KEYS = {np.dtype(np.uint32): "uint", np.dtype(np.uint64): "ulong"}
 
 
 class _Pass(NamedTuple):
-    """The launch of one pass: the kernels, their sizes, and the arguments between count and shift."""
+    """The launch of a pass: program, sizes, arguments between count and shift, and number of parts."""
 
     program: Program
     global_size: int
@@ -42,7 +39,7 @@ def sort_pairs(
     bits: int | None = None,
     name: str = "sort",
 ) -> tuple[Buffer, Buffer]:
-    """Queue a stable sort of keys, with a value each, in ascending order; return sorted keys and values.
+    """Queue a stable sort of keys with one value each, in ascending order; return sorted keys and values.
 
     Parameters
     ----------
@@ -52,17 +49,18 @@ def sort_pairs(
     values : Buffer of uint32, optional
         The values; by default 0, 1, 2 ..., so that the sorted values are the permutation.
     count : int, optional
-        The number of elements to sort, from the first on, at most 2^31; by default all.
+        Number of leading elements to sort, at most 2^31; by default all.
     bits : int, optional
-        Only the lowest `bits` bits of a key count; by default all. Fewer bits are fewer passes over the data.
+        Sort by the lowest `bits` bits of a key; by default by all. Fewer bits need fewer passes over the
+        data.
     name : str
-        The name of the returned buffers, which belong to the pool and stay valid until the next sort of this
+        Name of the returned buffers. They belong to the pool and stay valid until the next sort with this
         name. The given buffers are not changed.
 
     Returns
     -------
     keys, values : Buffer
-        (count,) of the dtype of `keys`, (count,) uint32.
+        (count,) with the dtype of `keys`, and (count,) uint32.
 
     Raises
     ------
@@ -71,21 +69,22 @@ def sort_pairs(
     """
     count = checked_count(count, keys)
     if keys.dtype not in _KEYS or (values and (values.dtype != np.uint32 or values.size < count)):
-        raise TypeError(f"keys are uint32 or uint64, values {count} uint32")
+        raise TypeError(f"keys must be uint32 or uint64, and values {count} uint32")
     width = keys.dtype.itemsize * 8
     bits = width if bits is None else bits
     if not 0 <= bits <= width:
-        raise ValueError(f"{bits} bits of {width}")
+        raise ValueError(f"cannot sort by {bits} bits of {width}")
 
     passes = max(1, -(-bits // _DIGIT_BITS))
     digit = max(1, -(-bits // passes))
     key = _KEYS[keys.dtype]
     if device.style == "cpu":
-        one = _cpu_pass(device, key, count)
+        layout = _cpu_pass(device, key, count)
     else:
-        one = _gpu_pass(device, key, count, 1 << digit)
-    places = device.scratch(f"{name} places", (one.parts << digit) + 1, np.uint32)
+        layout = _gpu_pass(device, key, count, 1 << digit)
+    places = device.scratch(f"{name} places", (layout.parts << digit) + 1, np.uint32)
     source = keys, values if values is not None else keys
+    # Each pass counts the digits of every part, scans the counts to positions, and moves the pairs.
     for number in range(passes):
         target = (
             device.scratch(f"{name} keys {number % 2}", count, keys.dtype),
@@ -93,13 +92,13 @@ def sort_pairs(
         )
         shift = number * digit
         mask = (1 << max(0, min(digit, bits - shift))) - 1
-        head = *one.sizes, np.uint32(shift), np.uint32(mask)
-        launch: Callable[..., object] = one.program.count_digits
-        launch(one.global_size, one.local_size, source[0], places, *head)
-        exclusive_scan(device, places, places, one.parts * (mask + 1))
+        head = *layout.sizes, np.uint32(shift), np.uint32(mask)
+        launch: Callable[..., object] = layout.program.count_digits
+        launch(layout.global_size, layout.local_size, source[0], places, *head)
+        exclusive_scan(device, places, places, layout.parts * (mask + 1))
         numbered = np.uint32(values is None and number == 0)
-        launch = one.program.move_pairs
-        launch(one.global_size, one.local_size, *source, *target, places, *head, numbered)
+        launch = layout.program.move_pairs
+        launch(layout.global_size, layout.local_size, *source, *target, places, *head, numbered)
         source = target
     return source
 

@@ -1,4 +1,4 @@
-"""Device time by stage, from the events of the commands themselves."""
+"""Device time by stage, measured with the events of the commands."""
 
 import contextlib
 from collections.abc import Iterator
@@ -6,14 +6,14 @@ from functools import cached_property
 from typing import Any
 
 UNSTAGED = "other"
-# Milliseconds per unit of event times, which are nanoseconds (OpenCL 1.2 specification, section 5.12).
+# Milliseconds per nanosecond, the unit of event times (OpenCL 1.2 specification, section 5.12).
 _MS = 1e-6
 
 
 class Timing:
-    """The commands of one stretch of work, by stage.
+    """The commands of a block of work, by stage.
 
-    `Device.timing` makes it. Read its results after the block has ended.
+    `Device.timing` creates it. Read its results after the block has ended.
     """
 
     def __init__(self) -> None:
@@ -22,7 +22,7 @@ class Timing:
 
     @contextlib.contextmanager
     def as_stage(self, name: str) -> Iterator[None]:
-        """Count the commands of the block to stage `name`, whatever stage is around it."""
+        """Assign the commands of the block to stage `name`, also within another stage."""
         outer, self._stage = self._stage, name
         try:
             yield
@@ -34,9 +34,9 @@ class Timing:
         self._events.append((self._stage, event))
 
     def milliseconds(self) -> dict[str, float]:
-        """Return stage -> milliseconds for which its commands ran, in order of first appearance.
+        """Return stage -> milliseconds during which its commands ran, in order of first appearance.
 
-        Time between commands is not included; `span` includes it.
+        Time between commands is excluded; `span` includes it.
         """
         total: dict[str, float] = {}
         for (stage, _), (start, end) in zip(self._events, self._ran, strict=True):
@@ -48,19 +48,19 @@ class Timing:
         return self._until_end(min((start for start, _ in self._ran), default=0))
 
     def since_queued(self) -> float:
-        """Return the milliseconds from when the first command was queued to the end of the last one.
+        """Return the milliseconds from queueing the first command to the end of the last one.
 
-        They include the compilation at a first launch, and whatever the device does before it starts.
+        This includes compilation at a first launch and any delay before the device starts.
         """
         return self._until_end(min((event.profile.queued for _, event in self._events), default=0))
 
     @cached_property
     def _ran(self) -> list[tuple[int, int]]:
-        """When each command started and ended, in nanoseconds; the platform is asked once."""
+        """Start and end of each command in nanoseconds; the platform is asked once."""
         return [(event.profile.start, event.profile.end) for _, event in self._events]
 
-    def _until_end(self, moment: int) -> float:
-        return float(max((end for _, end in self._ran), default=0) - moment) * _MS
+    def _until_end(self, start: int) -> float:
+        return float(max((end for _, end in self._ran), default=0) - start) * _MS
 
     def __len__(self) -> int:
         return len(self._events)

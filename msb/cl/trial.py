@@ -1,7 +1,7 @@
-"""Try once, in a process of its own, whether a device builds and runs kernels, and remember the result.
+"""Try once, in a separate process, whether a device builds and runs kernels, and cache the result.
 
-A platform that is listed need not work: its compiler may not know the processor, or may end the process. The
-trial builds and runs trial.cl in a child process. The user's cache keeps the result under everything that can
+A platform that is listed may not work: its compiler may not know the processor, or may crash. The trial
+builds and runs trial.cl in a child process. The user's cache stores the result under everything that can
 change it: platform, driver, processor, and the text of the trial.
 """
 
@@ -15,7 +15,7 @@ import threading
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +24,18 @@ from msb.base.children import Arrays, run_apart
 from msb.base.limits import Limits
 from msb.base.version import __version__
 from msb.cl import mend
+from msb.cl.device import Device
 from msb.cl.kernel_text import OWN, resolve
 from msb.cl.loader import opencl, user_cache
+from msb.cl.records import DeviceRecord
 from msb.errors import DeviceError, OutputError, one_line, shorten
 
-if TYPE_CHECKING:
-    from msb.cl.device import Device
-    from msb.cl.records import DeviceRecord
-
-# Seconds that a trial may take on a busy machine, the compiler's own start included; it mostly takes a tenth.
+# Time limit of a trial in seconds on a busy machine, including the start of the compiler; typical trials take
+# a tenth.
 _SECONDS = 120.0
-# Work-items of the trial.
+# Number of work-items in the trial.
 _COUNT = 64
+# Maximum number of results in the cache file, and its maximum size in bytes.
 _MOST_REMEMBERED, _MOST_BYTES = 64, 1 << 18
 
 _lock = threading.Lock()
@@ -50,9 +50,9 @@ class Trial:
     ----------
     builds : bool
     why : str or None
-        What the compiler or the system said, if the device does not build kernels.
+        The message of the compiler or the system if the device does not build kernels.
     mended : str or None
-        The processor's name that `msb.cl.mend` had to give the compiler first.
+        The processor name that `msb.cl.mend` first had to give the compiler.
     """
 
     builds: bool
@@ -61,14 +61,14 @@ class Trial:
 
 
 def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Trial:
-    """Return whether the device builds kernels; mend the PoCL wheel if that is necessary and possible.
+    """Return whether the device builds kernels; fix the PoCL wheel first if necessary and possible.
 
     Parameters
     ----------
     handle : pyopencl.Device
     record : DeviceRecord
     again : bool
-        Whether to try again, whatever an earlier trial found.
+        Whether to repeat the trial even if an earlier result is known.
     """
     with _lock:
         known = None if again else _known.get(handle.int_ptr)
@@ -81,19 +81,19 @@ def try_device(handle: Any, record: DeviceRecord, *, again: bool = False) -> Tri
                 if lasting:
                     _remember(key, known)
             if known.mended and not mend.mend(handle):
-                known = Trial(False, "its compiler's processor could not be named")
+                known = Trial(False, "the processor name of its compiler could not be replaced")
             _known[handle.int_ptr] = known
         return known
 
 
 def forget() -> None:
-    """Forget the results of this process, so that the next call looks into the cache, or tries again."""
+    """Forget the results of this process, so that the next call reads the cache or repeats the trial."""
     with _lock:
         _known.clear()
 
 
 def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
-    """Return what a trial found, and whether that will be so the next time."""
+    """Return the result of a trial, and whether it should be cached."""
     why, lasting = _why_not(record, mended=False)
     if why is None:
         return Trial(True), True
@@ -103,24 +103,23 @@ def _try(handle: Any, record: DeviceRecord) -> tuple[Trial, bool]:
 
 
 def _why_not(record: DeviceRecord, *, mended: bool) -> tuple[str | None, bool]:
-    """Try in a child process; return None or what went wrong, and whether its compiler said so."""
-    word = f"{record.selector} {'mended' if mended else 'as it is'}"
+    """Run the trial in a child process; return its failure or None, and whether the result is permanent."""
+    request = f"{record.selector} {'mended' if mended else 'as it is'}"
     try:
-        reply = run_apart(try_here, word, {}, Limits(_SECONDS, None))
+        reply = run_apart(try_here, request, {}, Limits(_SECONDS, None))
     except (OSError, OutputError) as error:
-        return f"no process could be started to try it: {shorten(str(error), 100)}", False
+        return f"no child process could be started for the trial: {shorten(str(error), 100)}", False
     if reply.why:
-        return f"trying it in a process of its own failed: {reply.why}", False
+        return f"the trial in a child process failed: {reply.why}", False
     return reply.data, True
 
 
 def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
-    """Build and run trial.cl in this process, which is a child; return why the device does not work, or None.
+    """Build and run trial.cl in this child process; return why the device does not work, or None.
 
-    `word` is the device's selector, and whether its compiler is mended first; there are no `arrays`.
+    `word` is the selector of the device and whether its compiler is fixed first; `arrays` is empty.
     """
-    os.environ["POCL_KERNEL_CACHE"] = "0"  # a kernel out of a cache says nothing of the compiler
-    from msb.cl.device import Device
+    os.environ["POCL_KERNEL_CACHE"] = "0"  # a cached kernel would not test the compiler
     from msb.cl.devices import found_devices
 
     cl = opencl()
@@ -129,39 +128,39 @@ def try_here(word: str, arrays: Arrays) -> tuple[str | None, Arrays]:
         if record.selector != selector:
             continue
         if state == "mended" and not mend.mend(handle):
-            return "its compiler's processor could not be named", {}
+            return "the processor name of its compiler could not be replaced", {}
         try:
             with Device(cl, handle, record) as device:
-                return (None if _is_right(device) else "it computes a small kernel wrongly"), {}
+                return (None if _is_right(device) else "it computes a small kernel incorrectly"), {}
         except DeviceError as error:
             return error.message, {}
-    return f"{selector} is not there in a process of its own", {}
+    return f"{selector} does not exist in a child process", {}
 
 
 def _is_right(device: Device) -> bool:
-    given = (np.arange(8 * _COUNT, dtype=np.float32) / 16).reshape(_COUNT, 8)
-    halves = device.allocate(given.shape, np.float32)
-    rounded = device.allocate(given.shape, np.int32)
+    values = (np.arange(8 * _COUNT, dtype=np.float32) / 16).reshape(_COUNT, 8)
+    halves = device.allocate(values.shape, np.float32)
+    rounded = device.allocate(values.shape, np.int32)
     program = device.program("trial")
-    program.trial(_COUNT, 1, device.upload(given), halves, rounded, np.uint32(_COUNT))
-    wanted = np.maximum(np.sqrt(given), 1) / 2
+    program.trial(_COUNT, 1, device.upload(values), halves, rounded, np.uint32(_COUNT))
+    expected = np.maximum(np.sqrt(values), 1) / 2
     return bool(
-        np.allclose(halves.read(), wanted, rtol=1e-6, atol=0)
-        and (rounded.read() == given.astype(np.int32) - (given > 4)).all()
+        np.allclose(halves.read(), expected, rtol=1e-6, atol=0)
+        and (rounded.read() == values.astype(np.int32) - (values > 4)).all()
     )
 
 
 def _key(handle: Any, record: DeviceRecord) -> str:
-    said = (
+    facts = (
         *(record.platform, record.platform_version, record.driver, record.name, record.version),
         *(mend.compiler_cpu(handle), mend.is_off(), _processor(), __version__, resolve(OWN, "trial.cl")),
     )
-    return hashlib.sha256(repr(said).encode()).hexdigest()[:32]
+    return hashlib.sha256(repr(facts).encode()).hexdigest()[:32]
 
 
 @cache
 def _processor() -> str:
-    """Return what distinguishes this machine's processor from another."""
+    """Return the properties of the processor that distinguish it from others."""
     with contextlib.suppress(OSError):
         first = Path("/proc/cpuinfo").read_text("utf-8", "replace").partition("\n\n")[0]
         names = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "Features")
@@ -175,7 +174,7 @@ def _file() -> Path | None:
 
 
 def _remembered() -> dict[str, Trial]:
-    """Return what the cache says, a line a device: KEY builds MENDED, or KEY fails WHY; skip other lines."""
+    """Return the cached results, one line per device: KEY builds MENDED or KEY fails WHY."""
     file, text = _file(), ""
     with contextlib.suppress(OSError):
         if file is not None and file.stat().st_size <= _MOST_BYTES:
@@ -183,22 +182,22 @@ def _remembered() -> dict[str, Trial]:
     trials: dict[str, Trial] = {}
     for line in text.splitlines():
         key, _, rest = line.partition(" ")
-        outcome, _, said = rest.partition(" ")
+        outcome, _, detail = rest.partition(" ")
         if outcome == "builds":
-            trials[key] = Trial(True, mended=said or None)
+            trials[key] = Trial(True, mended=detail or None)
         elif outcome == "fails":
-            trials[key] = Trial(False, said)
+            trials[key] = Trial(False, detail)
     return trials
 
 
-def _remember(key: str, found: Trial) -> None:
+def _remember(key: str, result: Trial) -> None:
     file = _file()
     if file is None:
         return
-    held = {**_remembered(), key: found}
+    results = {**_remembered(), key: result}
     lines = [
         f"{name} builds {trial.mended or ''}" if trial.builds else f"{name} fails {one_line(trial.why or '')}"
-        for name, trial in list(held.items())[-_MOST_REMEMBERED:]
+        for name, trial in list(results.items())[-_MOST_REMEMBERED:]
     ]
     with contextlib.suppress(OutputError, OSError), new_file(file) as stream:
         stream.write("\n".join([*lines, ""]).encode())

@@ -1,7 +1,7 @@
-"""PSNR, SSIM and LPIPS of images, and the Chamfer distance of DTU, each in one fixed and named definition.
+"""PSNR, SSIM and LPIPS of images and the Chamfer distance of DTU, each with a fixed and named definition.
 
-docs/metrics.md gives the definitions and how other programs differ. `identity` returns what must be stored
-beside every number.
+docs/metrics.md gives the definitions and compares them with other programs. `identity` returns the data to
+store beside every number.
 """
 
 from msb.metrics.chamfer import chamfer_dtu, chamfer_points, chamfer_surface

@@ -1,4 +1,4 @@
-"""The Chamfer distance of the DTU benchmark: accuracy and completeness where a surface could be seen."""
+"""Chamfer distance of the DTU benchmark: accuracy and completeness within the observable volume."""
 
 import os
 from typing import Any
@@ -12,14 +12,14 @@ from msb.metrics.dtu_data import DtuScan, read_dtu_scan
 from msb.metrics.identity import Definition
 from msb.metrics.sampling import mesh_arrays, sample_surface, thin
 
-# The spacing of the samples and the radius of the thinning, in mm.
+# Spacing of the samples and radius of the thinning in mm, as in the benchmark.
 DENSITY = 0.2
-# The distance in mm below the box at which points still count; above the box it is twice as far, as in
+# Margin in mm below the bounding box within which points count; above the box it is twice as large, as in
 # upstream.
 PATCH = 60.0
-# The distance in mm from which distances are dropped from the means, not clipped.
+# Distances from here on, in mm, are excluded from the averages, not clipped.
 MAX_DISTANCE = 20.0
-# Number of points looked up at a time.
+# Number of query points per batch.
 _QUERIES = 1 << 20
 
 
@@ -36,7 +36,7 @@ def chamfer_dtu(
     Parameters
     ----------
     mesh_path : path-like
-        A mesh file, which is read as stored by `msb.meshes.read_mesh`. The mesh must be culled and in DTU's
+        A mesh file, read as stored by `msb.meshes.read_mesh`. The mesh must be culled and in DTU's
         millimetres (`cull_dtu`).
     dataset_dir : path-like
         The folder that holds Points/stl and ObsMask; see `read_dtu_scan`.
@@ -45,21 +45,21 @@ def chamfer_dtu(
     seed : int
         The seed of the shuffle before thinning: `numpy.random.default_rng(seed).shuffle(points, axis=0)`.
     max_distance : float
-        The distance in mm from which distances are dropped; 20 in the benchmark.
+        Distances from this one on, in mm, are excluded; 20 in the benchmark.
 
     Returns
     -------
     dict
-        "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their mean "overall"
-        in mm, None where no point is left, with the "reason"; "scan", "seed"; counts of each stage, "n_...";
-        "identity".
+        "mean_d2s" (mesh to scan: accuracy), "mean_s2d" (scan to mesh: completeness) and their average
+        "overall" in mm, None without points, with the "reason"; "scan", "seed"; counts of each stage,
+        "n_..."; "identity".
 
     Raises
     ------
     InputError
         FILE_NOT_FOUND, FILE_UNREADABLE or FILE_NOT_RECOGNISED.
     MeshFileError
-        A file is no valid mesh of its format.
+        A file is not a valid mesh of its format.
     MetricError
         METRIC_MESH or METRIC_DTU.
 
@@ -78,9 +78,9 @@ def chamfer_dtu(
 def chamfer_surface(
     vertices: ArrayLike, faces: ArrayLike, data: DtuScan, seed: int = 0, *, max_distance: float = MAX_DISTANCE
 ) -> dict[str, Any]:
-    """Return what `chamfer_dtu` returns, for a mesh given as arrays (V, 3), in mm, and (F, 3).
+    """Return the result of `chamfer_dtu` for a mesh given as arrays (V, 3), in mm, and (F, 3).
 
-    Each vertex is a sample, whether a face uses it or not. Faces without area give no samples.
+    Each vertex is a sample, used or not. Zero-area faces give no samples.
     """
     generator = np.random.default_rng(seed)
     points, corners = mesh_arrays(vertices, faces)
@@ -95,12 +95,14 @@ def chamfer_surface(
 
 
 def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MAX_DISTANCE) -> dict[str, Any]:
-    """Return the distances in mm between points (N, 3) already thinned and a scan: the steps after thinning.
+    """Return the distances in mm between points (N, 3), already thinned, and a scan: the steps after
+    thinning.
 
-    The result is that of `chamfer_dtu`, without the entries that only a mesh has.
+    The keys are the same as for `chamfer_dtu`, without the keys that need a mesh.
     """
     cloud, _ = mesh_arrays(points, ())
     low, high = data.box[:1] - np.float32(PATCH), data.box[1:] + np.float32(2 * PATCH)
+    # Points within the margins of the box, then those in observed voxels, and scan points above the table.
     inside = cloud[((cloud >= low) & (cloud < high)).all(axis=1)]
     voxel = np.around((inside - data.box[:1]) / data.resolution)
     in_grid = ((voxel >= 0) & (voxel < data.observed.shape)).all(axis=1)
@@ -131,7 +133,7 @@ def chamfer_points(points: ArrayLike, data: DtuScan, *, max_distance: float = MA
 def _near_distances(
     queries: NDArray[np.float64], targets: NDArray[np.float64], limit: float
 ) -> NDArray[np.float64]:
-    """Return the distance of each query to its nearest target, without those of `limit` or more."""
+    """Return the distance of each query to its nearest target, omitting distances of `limit` or more."""
     from scipy.spatial import cKDTree
 
     if not len(queries) or not len(targets):
@@ -139,7 +141,7 @@ def _near_distances(
     tree = cKDTree(targets)
     parts = []
     for start in range(0, len(queries), _QUERIES):
-        # With a bound a far query ends soon; searching on would cost the most and change nothing.
+        # The bound ends the search for distant queries early.
         nearest, _ = tree.query(queries[start : start + _QUERIES], distance_upper_bound=limit, workers=-1)
         parts.append(nearest[nearest < limit])
     return np.concatenate(parts)
@@ -151,7 +153,7 @@ def _mean(distances: NDArray[np.float64]) -> float | None:
 
 def _reason(seen: int, above: int, inside: int, limit: float) -> str:
     if not inside:
-        return "no point of the mesh lies in the bounds of the scan"
+        return "no point of the mesh lies within the bounds of the scan"
     if not seen:
         return "no point of the mesh lies in the observed volume"
     if not above:

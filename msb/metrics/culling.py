@@ -1,4 +1,4 @@
-"""Step 0 of the DTU evaluation: drop parts outside the masks, and scale to the world of the laser scans."""
+"""Step 0 of the DTU evaluation: remove parts outside the masks, and scale to the laser scans."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,19 +9,19 @@ from numpy.typing import ArrayLike, NDArray
 from msb.errors import MetricError
 from msb.metrics.sampling import mesh_arrays
 
-# Pixels at 1600 x 1200 by which masks are widened.
+# Radius of mask dilation in pixels, at 1600 x 1200.
 DILATION = 24
 
 
 @dataclass(frozen=True, eq=False)
 class CulledMesh:
-    """The part of a mesh that culling leaves."""
+    """The part of a mesh that culling keeps."""
 
-    # (V', 3), in DTU's millimetres. Kept vertices that no face uses stay, because they are samples.
+    # (V', 3), in DTU's millimetres. Kept vertices without faces stay, because they are samples.
     vertices: NDArray[np.float64]
-    # (F', 3), those whose three vertices were kept, in the old order.
+    # (F', 3), the faces with three kept vertices, in the old order.
     faces: NDArray[np.int64]
-    # (V,), whether each of the old vertices was kept.
+    # (V,), whether each old vertex was kept.
     kept: NDArray[np.bool_]
 
 
@@ -34,33 +34,33 @@ def cull_dtu(
     *,
     dilation: float = DILATION,
 ) -> CulledMesh:
-    """Return the part of a mesh that lies in the widened masks of all views, in DTU's world.
+    """Return the part of a mesh that lies in the dilated masks of all views, in DTU's world.
 
-    A vertex is kept by a view if the view's mask, widened by `dilation` pixels, holds the nearest pixel, or
-    if it projects outside the image; it stays if all views keep it. There is no test of depth: a vertex
+    A view keeps a vertex if its mask, dilated by `dilation` pixels, contains the nearest pixel, or if the
+    vertex projects outside the image. A vertex stays if all views keep it. Depth is not tested: a vertex
     behind a camera is judged by its mirrored projection, as in upstream.
 
-    The vertices (V, 3) are in the normalised frame of cameras.npz, which is that of COLMAP's model and of the
-    trained asset; those returned are scale_mat_0[0, 0] x + scale_mat_0[:3, 3]. `world_mats` and `scale_mats`
-    are world_mat_i and scale_mat_i (4, 4) of cameras.npz, one of each per view; world @ scale projects to
-    pixels. Masks (H, W) or (H, W, C) are of full size, 1600 x 1200; of several channels the first counts, and
-    any value above 0 is object. A generator that reads one file at a time keeps the memory small.
+    The vertices (V, 3) are in the normalised frame of cameras.npz, which the COLMAP model and the trained
+    asset use too; the result is scale_mat_0[0, 0] x + scale_mat_0[:3, 3]. `world_mats` and `scale_mats` are
+    the matrices world_mat_i and scale_mat_i (4, 4) of cameras.npz, one per view; world @ scale projects to
+    pixels. Masks (H, W) or (H, W, C) have full size, 1600 x 1200. The first channel counts, and any value
+    above 0 is object. A generator that reads one file at a time saves memory.
 
     Source: `hbb1/2d-gaussian-splatting`: scripts/eval_dtu/evaluate_single_scene.py (`cull_scan`).
     """
     points, corners = mesh_arrays(vertices, faces)
     kept = np.ones(len(points), bool)
-    world = [_matrix(each, "world_mat") for each in world_mats]
-    scale = [_matrix(each, "scale_mat") for each in scale_mats]
+    world = [_matrix(matrix, "world_mat") for matrix in world_mats]
+    scale = [_matrix(matrix, "scale_mat") for matrix in scale_mats]
     if not world or len(world) != len(scale):
-        raise _bad(f"there are {len(world)} world_mat and {len(scale)} scale_mat; each view needs both")
+        raise _bad(f"{len(world)} world_mat and {len(scale)} scale_mat were given; each view needs both")
     views = 0
     for mask in masks:
         if views < len(world):
             kept &= _kept_by(points, world[views] @ scale[views], _mask(mask, views), dilation)
         views += 1
     if views != len(world):
-        raise _bad(f"there are {views} masks for {len(world)} views; one for each is needed")
+        raise _bad(f"{views} masks were given for {len(world)} views; each view needs one")
     number = np.cumsum(kept) - 1
     whole = corners[kept[corners].all(axis=1)]
     return CulledMesh(points[kept] * scale[0][0, 0] + scale[0][:3, 3], number[whole], kept)
@@ -72,15 +72,16 @@ def _kept_by(
     from scipy.ndimage import distance_transform_edt
 
     height, width = mask.shape
-    # Scaled to K [R | t] with K[2, 2] = 1, so that z is a depth and the guard against z = 0 has its size.
+    # Scale to K [R | t] with K[2, 2] = 1, so that z is a depth and 1e-6 a suitable guard against z = 0.
     norm = np.linalg.norm(matrix[2, :3])
     sign = np.linalg.det(matrix[:3, :3])
     if not norm > 0 or sign == 0:
-        raise _bad("world_mat @ scale_mat is not the projection of a camera: it is singular")
+        raise _bad("world_mat @ scale_mat is not a camera projection: it is singular")
     projection = matrix[:3] / (norm * np.sign(sign))
     image = points @ projection[:, :3].T + projection[:, 3]
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         place = image[:, :2] / (image[:, 2:] + 1e-6)
+        # Pixels in [-1, 1]; points outside the image are not judged.
         centred = 2 * place / (width - 1, height - 1) - 1
         valid = (np.abs(centred) < 1).all(axis=1)
     wide = distance_transform_edt(~mask) <= dilation if mask.any() else mask

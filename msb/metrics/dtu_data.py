@@ -1,4 +1,4 @@
-"""The official DTU evaluation data: laser-scanned points, the observed volume and the table's plane."""
+"""The official DTU evaluation data: laser-scanned points, the observed volume and the table plane."""
 
 import os
 from dataclasses import dataclass
@@ -14,9 +14,10 @@ from msb.errors import InputError, MetricError
 from msb.meshes import read_mesh
 from msb.metrics.matlab import find_variables
 
-# Most voxels, more than any scan has. Compressed zeros take a thousandth of the memory they stand for.
+# Maximum number of voxels, more than any scan has. Compressed zeros take a thousandth of the memory that they
+# expand to.
 _MAX_VOXELS = 1 << 29
-# Largest number of a file, far beyond any scan's, so that what is computed of it overflows nowhere.
+# Largest absolute value in a file, far beyond any scan, so that no computation overflows.
 _LARGEST = 1e30
 _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 
@@ -25,13 +26,13 @@ _SHAPES = {"BB": (2, 3), "Res": (1, 1), "P": (4, 1)}
 class DtuScan:
     """The data that one scan is evaluated against; lengths are in millimetres."""
 
-    # (N, 3), of the laser scan.
+    # (N, 3), points of the laser scan.
     points: NDArray[np.float64]
-    # (X, Y, Z), voxels in which a surface could be seen.
+    # (X, Y, Z), whether a surface in the voxel could be observed.
     observed: NDArray[np.bool_]
     # (2, 3), opposite corners of the grid; voxel (i, j, k) is centred at box[0] + resolution (i, j, k).
     box: NDArray[np.float32]
-    # The side of a voxel.
+    # Side length of a voxel.
     resolution: float
     # (4,), points with plane . (x, y, z, 1) > 0 are above the table.
     plane: NDArray[np.float64]
@@ -46,25 +47,25 @@ def read_dtu_scan(dataset_dir: str | os.PathLike[str], scan: int) -> DtuScan:
     """
     folder = given_path(dataset_dir)
     if not is_folder(folder):
-        text = "there is no such folder; it must hold Points/stl and ObsMask"
+        text = "the folder does not exist; it must hold Points/stl and ObsMask"
         raise InputError("FILE_NOT_FOUND", text, file=folder)
     grid_file = folder / "ObsMask" / f"ObsMask{scan}_10.mat"
     grid = _read_mat(grid_file, ("ObsMask", "BB", "Res"))
     plane = _read_mat(folder / "ObsMask" / f"Plane{scan}.mat", ("P",))["P"]
     resolution = float(grid["Res"][0, 0])
     if not resolution >= 1 / _LARGEST:
-        text = f"the side of a voxel (Res) is {resolution}; it must be positive, {1 / _LARGEST} at least"
+        text = f"the side of a voxel (Res) is {resolution}; it must be at least {1 / _LARGEST}"
         raise _bad(grid_file, text)
     cloud = folder / "Points" / "stl" / f"stl{scan:03d}_total.ply"
     points = read_mesh(cloud, images=False).vertices.astype(np.float64, copy=False)
     _check_numbers(cloud, "a coordinate", points)
-    # float32 as upstream: it decides which points lie on the border of the box.
+    # float32 as in upstream: it decides which points lie on the border of the box.
     box = np.asarray(grid["BB"], np.float32)
     return DtuScan(points, grid["ObsMask"] != 0, box, resolution, np.asarray(plane, np.float64).ravel())
 
 
 def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
-    """Return the named arrays of a MATLAB 5 file, sizes checked before they are decompressed."""
+    """Return the named arrays of a MATLAB 5 file, after checking their sizes before decompression."""
     place = regular_file(path)
     try:
         variables = find_variables(place.read_bytes())
@@ -73,7 +74,7 @@ def _read_mat(path: Path, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         arrays = {name: variables[name].read() for name in names}
     except MetricError:
         raise
-    except Exception as error:  # damage shows as any exception
+    except Exception as error:  # damaged files raise any exception
         text = f"it cannot be read as a MATLAB 5 file: {library_reason(error)}"
         raise _bad(place, text) from error
     for name, array in arrays.items():
@@ -89,15 +90,15 @@ def _check_numbers(path: Path, what: str, array: NDArray[Any]) -> None:
 
 def _check_shape(path: Path, name: str, shape: tuple[int, ...] | None) -> None:
     if shape is None:
-        raise _bad(path, f"it holds no variable {name}")
+        raise _bad(path, f"the variable {name} is missing")
     if name == "ObsMask":
-        good = len(shape) == 3 and min(shape) > 0 and np.prod(shape, dtype=float) <= _MAX_VOXELS
-        wanted = f"three axes and at most {_MAX_VOXELS} voxels"
+        valid = len(shape) == 3 and min(shape) > 0 and np.prod(shape, dtype=float) <= _MAX_VOXELS
+        required = f"three axes and at most {_MAX_VOXELS} voxels"
     else:
-        good = shape == _SHAPES[name]
-        wanted = " x ".join(map(str, _SHAPES[name]))
-    if not good:
-        raise _bad(path, f"{name} is {' x '.join(map(str, shape))}; it must have {wanted}")
+        valid = shape == _SHAPES[name]
+        required = " x ".join(map(str, _SHAPES[name]))
+    if not valid:
+        raise _bad(path, f"{name} has shape {' x '.join(map(str, shape))}; it must have {required}")
 
 
 def _bad(path: Path, message: str) -> MetricError:

@@ -1,4 +1,4 @@
-"""The photograph that a rendering is compared with, masked, resized and rounded by the rules of its scene."""
+"""The photograph that a rendering is compared with, after masking, resizing and rounding."""
 
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,15 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     Parameters
     ----------
     scene : Scene
-        The scene, which says how photographs are masked, resized and rounded.
+        The scene, which defines how photographs are masked, resized and rounded.
     camera : Camera
         A camera of the scene.
 
     Returns
     -------
     image : (H, W, 3) float32
-        RGB in [0, 1] at the camera's size. If the rules round to 8 bits by floor(255 x + 0.5), as ours do,
-        the numbers are whole multiples of 1 / 255.
+        RGB in [0, 1] at the size of the camera. If the rules round to 8 bits by floor(255 x + 0.5), as ours
+        do, values are multiples of 1 / 255.
 
     Raises
     ------
@@ -36,18 +36,18 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
     SceneError
         SCENE_IMAGE: the photograph of a training view has no mask of its size.
     MetricError
-        METRIC_IMAGE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: the mask does not have
-        the size of its photograph.
+        METRIC_IMAGE: a file is damaged or of another kind. METRIC_SIZES_DIFFER: mask and photograph differ in
+        size.
 
     Notes
     -----
-    Photographs without a mask are resized as 8-bit images, bit for bit as the 3DGS family does it
+    Photographs without a mask are resized as 8-bit images, bit for bit like the 3DGS family
     (`graphdeco-inria/gaussian-splatting`: utils/general_utils.py, PILtoTorch). "before_resize": the mask is
     applied at the stored size, in floats, and floats are resized. "after_resize": colours and mask are
-    resized as 8-bit images, each for itself, then I = rgb a + background (1 - a).
+    resized separately as 8-bit images, then I = rgb a + background (1 - a).
     """
     if camera.image_path is None:
-        raise ValueError("the camera has no image_path; give one of a scene's")
+        raise ValueError("the camera has no image_path; use a camera of a scene")
     size = camera.width, camera.height
     pixels = read_pixels(camera.image_path)
     color, alpha = pixels[..., :3], pixels[..., 3:]
@@ -69,18 +69,18 @@ def ground_truth(scene: Scene, camera: Camera) -> NDArray[np.float32]:
 
 
 def mask_path(scene: Scene, camera: Camera) -> Path:
-    """Return the mask of a camera of a scene with a folder of masks."""
+    """Return the mask file of a camera in a scene with a mask folder."""
     assert camera.image_path is not None
-    # The scene holds those of its test views alone, which are what a run evaluates.
+    # The scene stores only the masks of its test views, which a run evaluates.
     return scene.masks.get(str(camera.name)) or mask_beside(scene.root, camera.image_path)
 
 
 def _mask(scene: Scene, camera: Camera, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return the mask of a camera, (H, W, 1): the first channel, as culling reads it."""
+    """Return the mask (H, W, 1) of a camera: the first channel, as for culling."""
     path = mask_path(scene, camera)
     mask = read_mask(path)
     if mask.shape != shape[:2]:
-        text = f"it is {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
+        text = f"it has {mask.shape[1]} x {mask.shape[0]} pixels, its photograph {shape[1]} x {shape[0]}"
         raise MetricError("METRIC_SIZES_DIFFER", text, file=path)
     return mask[..., None]
 
@@ -91,7 +91,7 @@ def _over(color: NDArray[np.uint8], alpha: NDArray[np.uint8], background: Any) -
 
 
 def _resized(image: NDArray[Any], size: tuple[int, int], resampling: str) -> NDArray[Any]:
-    """Return the image at `size` by Pillow's filter: bytes as bytes, floats as float32 planes."""
+    """Return the image at `size`, resized by Pillow: bytes as bytes, floats as float32 planes."""
     from PIL import Image
 
     if (image.shape[1], image.shape[0]) == size:

@@ -1,4 +1,4 @@
-"""The definition of a metric, and the identity of its numbers: version, libraries, parameters, weights."""
+"""The definition of a metric, and the identity of its values: version, libraries, parameters, weights."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -14,15 +14,16 @@ from msb.errors import Finding
 # (H, W, 3), in [0, 1].
 Pixels = NDArray[np.float64]
 
-# The steps that prepare both images for any image metric; bytes are taken as they are.
+# Preparation of both images for any image metric; bytes are used unchanged.
 INPUT_RULE = "clamp to [0, 1], floor(255 x + 0.5) / 255"
 
 
 @dataclass(frozen=True)
 class Identity:
-    """The facts that must be stored beside a number so that it can be compared with another.
+    """The data to store beside a value so that it can be compared with other values.
 
-    They are those of the metric's `Definition`, with the versions of its libraries and the hashes of weights.
+    It repeats the `Definition` of the metric, with the versions of its libraries and the hashes of its
+    weights.
     """
 
     name: str
@@ -34,46 +35,46 @@ class Identity:
     weights: Mapping[str, Any] | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the record as plain JSON data."""
+        """Return the identity as plain JSON data."""
         return {
             key: dict(value) if isinstance(value, Mapping) else value for key, value in vars(self).items()
         }
 
 
 def defined(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of the JSON of an identity is the definition: all but the versions of libraries."""
+    """Return the part of the JSON of an identity that defines the metric: all but library versions."""
     return {key: value for key, value in identity.items() if key != "libraries"}
 
 
 @dataclass(frozen=True)
 class Definition:
-    """The definition of a metric, whatever it is computed from."""
+    """The definition of a metric, independent of its input."""
 
     # The name in identities.
     name: str
     better: Literal["higher", "lower"]
     # "dB", "mm" or "1".
     unit: str
-    # Everything the definition leaves open.
+    # All parameters of the definition.
     parameters: Mapping[str, Any]
-    # The packages whose arithmetic decides the number.
+    # Packages with arithmetic that affects the value.
     libraries: tuple[str, ...]
-    # Raised when the same input would give another number.
+    # Increased when the same input would give a different value.
     version: int = 1
 
     def identity(
         self, *, weights: Mapping[str, Any] | None = None, **chosen: str | float | bool | None
     ) -> Identity:
-        """Return the identity of a number as it is computed here and now; `chosen` are parameters of it."""
+        """Return the identity of a value computed now; `chosen` overrides parameters."""
         packages = {package: package_version(package) for package in self.libraries}
         parameters = {**self.parameters, **chosen}
         return Identity(self.name, self.version, self.better, self.unit, parameters, packages, weights)
 
 
 class Network(Protocol):
-    """A metric with its weights loaded."""
+    """A metric with loaded weights."""
 
-    # The record of the weights for the identity.
+    # Record of the weights for the identity.
     weights: dict[str, Any]
     warnings: tuple[Finding, ...]
 
@@ -82,7 +83,7 @@ class Network(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ImageMetric(Definition):
-    """A metric of two images; its module declares it.
+    """A metric of two images, declared by its module.
 
     A line of `msb.metrics.registry` registers it, or an entry point of its package (group `msb.metrics`).
 
@@ -93,17 +94,17 @@ class ImageMetric(Definition):
     title : str
         The heading of its column, without unit: "PSNR".
     decimals : int
-        The number of decimals with which the value is printed.
+        Number of printed decimals.
     equal : float
         The value for equal images. All values are finite except the PSNR of equal images.
     measure : callable, optional
-        A function from rendering and ground truth to the value. Both are (H, W, 3) float64 in [0, 1], of one
-        size and rounded as `INPUT_RULE` says.
+        A function of rendering and ground truth that returns the value. Both are (H, W, 3) float64 in [0, 1],
+        of equal size and rounded according to `INPUT_RULE`.
     load : callable, optional
-        The function in place of `measure` for a metric that needs VGG weights: it takes their file and
-        returns the network, which is then called as `measure` would be.
+        Replaces `measure` for a metric that needs VGG weights: it takes the weight file and returns the
+        network, which is called like `measure`.
     modules : tuple of str
-        The modules of the extra `bench` that it imports.
+        Modules of the extra `bench` that it imports.
     """
 
     key: str
@@ -121,7 +122,7 @@ class ImageMetric(Definition):
         quantize: bool | str | float | None = True,
         **chosen: str | float | bool | None,
     ) -> Identity:
-        """Return the identity as `Definition` does; `quantize` says whether floats are rounded to 8 bits."""
+        """Return the identity, see `Definition`; `quantize` tells whether floats are rounded to 8 bits."""
         plain = super().identity(weights=weights, **chosen)
         rule = INPUT_RULE if quantize else "clamp to [0, 1]"
         return replace(plain, parameters={"input": rule, **plain.parameters})

@@ -1,6 +1,4 @@
-"""Read images to be evaluated from untrusted files: PNG, JPEG, NumPy and OpenEXR."""
-
-from __future__ import annotations
+"""Read images for evaluation from untrusted files: PNG, JPEG, NumPy and OpenEXR."""
 
 import contextlib
 import io
@@ -8,7 +6,7 @@ import os
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,30 +15,30 @@ from msb.base.extras import need_extra
 from msb.base.files import library_reason, regular_file
 from msb.errors import MetricError, shorten
 
-if TYPE_CHECKING:
-    Color = tuple[float, float, float]
+Color = tuple[float, float, float]
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".npy", ".exr")
+# Maximum width and height of an image in pixels.
 MAX_SIDE = 65_535
-# Most pixels of an image: 67 million, more than any benchmark has. Checked before a pixel is decoded.
+# Maximum number of pixels of an image: 67 million, more than any benchmark has. Checked before decoding.
 MAX_PIXELS = 1 << 26
 _NPY = b"\x93NUMPY"
-# The head of a PNG: signature, length and type of IHDR, width, height, bit depth, colour type.
+# Bytes of a PNG header: signature, length and type of IHDR, width, height, bit depth, colour type.
 _PNG_HEAD = 26
 
 
 def read_image(path: str | os.PathLike[str], *, background: Color | None = None) -> NDArray[Any]:
     """Return the image in a file as (H, W, 3): bytes of a PNG or JPEG, floats of .npy or .exr, as stored.
 
-    The suffix says the format. A PNG or JPEG has 8-bit RGB, a PNG also with alpha; NPY holds (H, W, 3) uint8
-    or float; EXR has the channels R, G, B. An orientation, gamma or colour profile is not applied. Partly
-    transparent pixels are laid over `background`, in [0, 1], in float64 and without rounding:
-    rgb a + background (1 - a). An image whose alpha is 255 everywhere needs none.
+    The suffix determines the format. PNG and JPEG have 8-bit RGB, PNG optionally with alpha; NPY holds (H, W,
+    3) uint8 or float; EXR has the channels R, G, B. Orientation, gamma and colour profiles are ignored.
+    Partly transparent pixels are composited over `background`, in [0, 1], in float64 without rounding: rgb a
+    + background (1 - a). An image with alpha 255 everywhere needs no background.
     """
     place = regular_file(path)
     suffix = place.suffix.lower()
     if suffix not in IMAGE_SUFFIXES:
-        raise _bad(place, f"the suffix must be one of {', '.join(IMAGE_SUFFIXES)}")
+        raise _bad(place, f"unsupported suffix; use one of {', '.join(IMAGE_SUFFIXES)}")
     if suffix == ".exr":
         need_extra("bench", "OpenEXR", what="an EXR image")
     with _decoding(place):
@@ -57,7 +55,7 @@ def _decoding(path: Path) -> Iterator[None]:
         yield
     except MetricError:
         raise
-    except Exception as error:  # decoders raise all kinds of things about damaged files
+    except Exception as error:  # decoders raise all kinds of exceptions for damaged files
         raise _bad(path, f"it cannot be decoded: {library_reason(error)}") from error
 
 
@@ -67,41 +65,41 @@ def _bad(path: Path, message: str) -> MetricError:
 
 def _check_size(path: Path, width: int, height: int) -> None:
     if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE and width * height <= MAX_PIXELS):
-        text = f"it is {width} x {height} pixels; a side may have {MAX_SIDE}, the image {MAX_PIXELS}"
+        text = f"{width} x {height} pixels are too many; limits: {MAX_SIDE} per side, {MAX_PIXELS} in all"
         raise _bad(path, text)
 
 
 def read_pixels(path: Path, modes: tuple[str, ...] = ("RGB", "RGBA")) -> NDArray[np.uint8]:
-    """Return the pixels of a PNG or JPEG as stored, (H, W, 3), or with alpha (H, W, 4).
+    """Return the pixels of a PNG or JPEG as stored, (H, W, 3), or (H, W, 4) with alpha.
 
-    `modes` are Pillow's names of the kinds of pixels that are accepted; "L", grey, gives (H, W).
+    `modes` are the accepted Pillow modes; "L", grey, gives (H, W).
     """
     path = regular_file(path)
     with _decoding(path):
-        return _read_picture(path, modes)
+        return _decode(path, modes)
 
 
 def read_mask(path: Path) -> NDArray[np.uint8]:
-    """Return the first channel of a mask, (H, W); the file may also be grey."""
+    """Return the first channel (H, W) of a mask; the file may also be grey."""
     pixels = read_pixels(path, ("L", "RGB", "RGBA"))
     return pixels if pixels.ndim == 2 else np.ascontiguousarray(pixels[..., 0])
 
 
-def _read_picture(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
+def _decode(path: Path, modes: tuple[str, ...]) -> NDArray[np.uint8]:
     from PIL import Image
 
     _check_png_kind(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of sizes, which are checked here
-        picture = Image.open(path, formats=("PNG", "JPEG"))
-    with picture:
-        _check_size(path, *picture.size)
-        if "transparency" in picture.info:
-            raise _bad(path, "it names one colour as transparent; store an alpha channel, or none")
-        if picture.mode not in modes:
-            raise _bad(path, f"its pixels are of kind {picture.mode}; they must be 8-bit RGB or RGBA")
-        picture.load()
-        pixels: NDArray[np.uint8] = np.array(picture)
+        warnings.simplefilter("ignore")  # size warnings; sizes are checked here
+        image = Image.open(path, formats=("PNG", "JPEG"))
+    with image:
+        _check_size(path, *image.size)
+        if "transparency" in image.info:
+            raise _bad(path, "unsupported transparent colour; use an alpha channel or no transparency")
+        if image.mode not in modes:
+            raise _bad(path, f"unsupported pixel format {image.mode}; use 8-bit RGB or RGBA")
+        image.load()
+        pixels: NDArray[np.uint8] = np.array(image)
     return pixels
 
 
@@ -113,9 +111,9 @@ def _composited(path: Path, pixels: NDArray[np.uint8], background: Color | None)
         return np.ascontiguousarray(color)
     if background is None:
         share = np.count_nonzero(alpha != 255) / alpha.size
-        text = f"{share:.0%} of its pixels are not opaque, and no background was given to lay them over"
+        text = f"{share:.0%} of the pixels are not opaque, and no background colour was given"
         raise MetricError("METRIC_IMAGE_ALPHA", text, file=path)
-    # In place and a channel at a time: an image of the most pixels has 1.5 GiB of floats.
+    # In place, one channel at a time: the largest image has 1.5 GiB of floats.
     image = color / 255.0
     weight = alpha / 255.0
     image *= weight[..., None]
@@ -126,31 +124,32 @@ def _composited(path: Path, pixels: NDArray[np.uint8], background: Color | None)
 
 
 def _check_png_kind(path: Path) -> None:
-    """Refuse what Pillow would silently turn into 8-bit RGB: it drops the lower half of 16-bit values."""
+    """Reject files that Pillow would silently convert to 8-bit RGB, losing the lower half of 16 bits."""
     with path.open("rb") as file:
         head = file.read(_PNG_HEAD)
     if not head.startswith(b"\x89PNG\r\n\x1a\n"):
         return
     if len(head) < _PNG_HEAD:
-        raise _bad(path, "it ends within its header")
+        raise _bad(path, "the file ends within its header")
     depth, kind = head[24], head[25]
     if kind == 3:
-        raise _bad(path, "its colours are in a palette; they must be 8-bit RGB or RGBA")
+        raise _bad(path, "unsupported palette colours; use 8-bit RGB or RGBA")
     if depth != 8:
-        raise _bad(path, f"it has {depth} bits per channel; it must have 8")
+        raise _bad(path, f"unsupported {depth} bits per channel; use 8")
 
 
 def _read_npy(path: Path) -> NDArray[Any]:
-    # Mapped: the header is checked against the size of the file before anything is read. No pickle.
+    # Memory-mapped, so that the header is checked against the file size before reading. Pickles are not
+    # loaded.
     with path.open("rb") as file:
         if file.read(len(_NPY)) != _NPY:
-            raise _bad(path, "it is not an array as numpy.save writes one")
+            raise _bad(path, "the file is not an array written by numpy.save")
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.ndim != 3 or array.shape[2] != 3:
         shape = " x ".join(map(str, array.shape))
-        raise _bad(path, f"its array is {shape}; it must be height x width x 3")
+        raise _bad(path, f"the array has shape {shape}; it must be height x width x 3")
     if array.dtype != np.uint8 and array.dtype.kind != "f":
-        raise _bad(path, f"its values are {shorten(str(array.dtype), 40)}; they must be uint8 or floats")
+        raise _bad(path, f"unsupported dtype {shorten(str(array.dtype), 40)}; use uint8 or floats")
     _check_size(path, array.shape[1], array.shape[0])
     return np.array(array)
 
@@ -162,13 +161,13 @@ def _read_exr(path: Path) -> NDArray[Any]:
         corners = np.asarray(file.header()["dataWindow"], np.int64)
     width, height = (int(side) for side in corners[1] - corners[0] + 1)
     _check_size(path, width, height)
-    said = io.StringIO()  # of pixels it cannot read the library only prints that, and gives zeros
-    with contextlib.redirect_stdout(said), OpenEXR.File(str(path)) as file:
+    printed = io.StringIO()  # the library only prints a message for unreadable pixels, and returns zeros
+    with contextlib.redirect_stdout(printed), OpenEXR.File(str(path)) as file:
         channels = file.channels()
         names = ", ".join(sorted(channels)) or "none"
         pixels = channels["RGB"].pixels if "RGB" in channels else None
-    if said.getvalue():
-        raise _bad(path, f"it cannot be decoded: {shorten(said.getvalue().strip())}")
+    if printed.getvalue():
+        raise _bad(path, f"it cannot be decoded: {shorten(printed.getvalue().strip())}")
     if pixels is None or pixels.ndim != 3:
-        raise _bad(path, f"its channels are {shorten(names)}; they must be R, G and B of one size")
+        raise _bad(path, f"unsupported channels {shorten(names)}; use R, G and B of equal size")
     return np.array(pixels, np.float32)

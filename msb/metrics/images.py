@@ -1,4 +1,4 @@
-"""PSNR and SSIM of two images, and the checks of the inputs of all image metrics."""
+"""PSNR and SSIM of two images, and the input checks of all image metrics."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -11,16 +11,15 @@ from msb.base.extras import need_extra
 from msb.errors import MetricError
 from msb.metrics.identity import ImageMetric
 
-# The value in dB for which an infinite PSNR counts in a mean; the number of such images is reported beside
-# it.
+# Value in dB that replaces an infinite PSNR in averages; the number of such images is reported beside it.
 PSNR_CAP = 100.0
-# The radius of the 11 x 11 window in pixels.
+# Radius of the 11 x 11 window in pixels.
 _WINDOW_RADIUS = 5
 
 
 def most_psnr(pixels: int) -> float:
-    """Return the most dB between two images of 8 bits and so many pixels that are not equal."""
-    # The values are bytes over 255: a mean squared error is at least that of one step of one.
+    """Return the maximum PSNR in dB between different 8-bit images with this number of pixels."""
+    # Values are bytes over 255, so the mean squared error is at least one step of one value.
     return 10 * math.log10(255**2 * 3 * pixels)
 
 
@@ -30,16 +29,16 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     Parameters
     ----------
     pred, gt : (H, W, 3) uint8 or float
-        RGB of one size; floats are in [0, 1] and clamped to it, bytes are divided by 255.
+        RGB images of equal size. Floats are in [0, 1] and clamped to it; bytes are divided by 255.
     quantize : bool
         Whether floats are first rounded to 8 bits by floor(255 x + 0.5), like the files behind published
-        numbers. The benchmark's numbers are taken with it.
+        numbers. The benchmark does so.
 
     Returns
     -------
     float
-        The PSNR in dB. The mean squared error is over all pixels and channels, in float64; equal images give
-        inf.
+        The PSNR in dB; inf for equal images. The mean squared error is over all pixels and channels, in
+        float64.
 
     Raises
     ------
@@ -48,7 +47,7 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
     Notes
     -----
-    The training log of the 3DGS family is another quantity, the mean of three PSNRs, one per channel
+    The training log of the 3DGS family has a different quantity, the average of three PSNRs, one per channel
     (`graphdeco-inria/gaussian-splatting`: utils/image_utils.py, called with channels first).
 
     Examples
@@ -64,8 +63,8 @@ def psnr(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 def psnr_of_mse(mse: float) -> float:
     """Return the PSNR in dB of a mean squared error of values in [0, 1]; inf if it is 0.
 
-    Errors of bytes are divided by 255^2 first. Who prints or averages an infinite PSNR decides how: as
-    `PSNR_CAP`, as None or as "equal".
+    Divide errors of bytes by 255^2 first. Callers that print or average decide how to represent an infinite
+    PSNR: as `PSNR_CAP`, as None or as "equal".
     """
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
@@ -77,8 +76,8 @@ def _psnr(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
     """Return the structural similarity as the 3DGS family evaluates it, in float64.
 
-    The window is an 11 x 11 Gaussian of sigma 1.5 pixels. Outside of the image are zeros, so every pixel
-    counts. Variances are those of the population, C1 = 0.01^2, C2 = 0.03^2, and the result is the mean over
+    The window is an 11 x 11 Gaussian with sigma 1.5 pixels. The image is padded with zeros, so every pixel
+    counts. Variances are population variances, C1 = 0.01^2, C2 = 0.03^2, and the result is the average over
     all pixels and channels.
 
     Parameters
@@ -110,20 +109,20 @@ def ssim(pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
 
 def _ssim(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     need_extra("bench", "skimage", what="SSIM")
-    with ThreadPoolExecutor(3) as pool:  # the filters let go of the interpreter, and memory is per channel
+    with ThreadPoolExecutor(3) as pool:  # the filters release the interpreter, and memory is per channel
         channels = list(pool.map(_ssim_channel, np.moveaxis(a, 2, 0), np.moveaxis(b, 2, 0)))
     return math.fsum(channels) / len(channels)
 
 
 def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Return the mean over one channel (H, W).
+    """Return the average SSIM over a channel (H, W).
 
-    scikit-image averages only where the window lies inside its input: of an image padded by the window's
-    radius these are all pixels of the image, each having seen zeros beyond the border.
+    scikit-image averages over windows that lie inside its input. After padding by the radius of the
+    window, these are all pixels of the image, with zeros beyond the border.
     """
     from skimage.metrics import structural_similarity
 
-    measure: Any = structural_similarity  # it has no types
+    measure: Any = structural_similarity  # untyped
     value = measure(
         np.pad(a, _WINDOW_RADIUS),
         np.pad(b, _WINDOW_RADIUS),
@@ -136,40 +135,41 @@ def _ssim_channel(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
 
 
 def is_plain(image: NDArray[Any]) -> bool:
-    """Return whether all pixels of an image (H, W, 3) are of one colour, as where it shows nothing."""
+    """Return whether all pixels of an image (H, W, 3) have the same colour, as in an empty rendering."""
     return bool((image == image[:1, :1]).all())
 
 
 def image_pair(
     pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded as the input rule says."""
+    """Return both images as (H, W, 3) float64 in [0, 1], checked and rounded by the input rule."""
     a, b = checked_image(pred, "pred"), checked_image(gt, "gt")
     if a.shape != b.shape:
         sizes = [f"{image.shape[1]} x {image.shape[0]}" for image in (a, b)]
-        text = f"pred has {sizes[0]} pixels and gt {sizes[1]}; they must be equal"
+        text = f"pred has {sizes[0]} pixels and gt {sizes[1]}; sizes must be equal"
         raise MetricError("METRIC_SIZES_DIFFER", text)
     return _unit(a, quantize), _unit(b, quantize)
 
 
 def checked_image(image: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an image that a metric may take; METRIC_IMAGE says what is wrong with the one called `name`."""
+    """Return an image that metrics accept, or raise METRIC_IMAGE with the fault of the image `name`."""
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3 or array.size == 0:
         shape = " x ".join(map(str, array.shape)) or "a single value"
-        text = f"{name} is {shape}; it must be height x width x 3"
+        text = f"{name} has shape {shape}; it must be height x width x 3"
         raise MetricError("METRIC_IMAGE", text)
     if array.dtype == np.uint8:
         return array
     if array.dtype.kind != "f":
-        text = f"{name} holds {array.dtype}; it must be uint8, or floating point in [0, 1]"
+        text = f"{name} has dtype {array.dtype}; it must be uint8, or floating point in [0, 1]"
         raise MetricError("METRIC_IMAGE", text)
     finite = np.isfinite(array)
     if not finite.all():
         y, x, channel = (int(i) for i in np.argwhere(~finite)[0])
         text = f"{name}[{y}, {x}, {channel}] is {array[y, x, channel]}; every value must be a finite number"
         raise MetricError("METRIC_IMAGE", text, pointer=f"{name}[{y}, {x}, {channel}]")
-    # A few bright pixels are the renderer's affair and are clamped; this many are bytes not divided by 255.
+    # A few bright pixels may come from the renderer and are clamped; most values above 2 indicate bytes that
+    # were not divided by 255.
     if 2 * np.count_nonzero(array > 2) > array.size:
         text = f"most values of {name} are above 2, the largest is {array.max():g}; floats must be in [0, 1]"
         raise MetricError("METRIC_IMAGE", text)
@@ -177,7 +177,7 @@ def checked_image(image: ArrayLike, name: str) -> NDArray[Any]:
 
 
 def _unit(array: NDArray[Any], quantize: bool) -> NDArray[np.float64]:
-    """Return checked values in [0, 1]; floats are rounded in their own precision, as those of a PNG."""
+    """Return checked values in [0, 1]; floats are rounded in their precision, like a PNG."""
     if array.dtype != np.uint8:
         kind = array.dtype if array.dtype.itemsize >= 4 else np.dtype(np.float32)
         clamped = np.clip(array.astype(kind), 0, 1)

@@ -1,13 +1,13 @@
-"""How alike two renderings of one thing look: two limits of PSNR in dB, which all judgements share."""
+"""Similarity of two renderings of one object: two PSNR limits in dB that all judgements share."""
 
 import math
 
-# From here on the eye finds a difference only by flipping between the two.
+# From here on, differences are visible only when flipping between the images.
 ALIKE = 35.0
-# Below this the difference is obvious side by side.
+# Below this limit, the difference is obvious side by side.
 NEARLY = 25.0
 
 
 def decibels(value: float) -> str:
-    """Return "34.9 dB" of 34.998: rounded down, so that no limit seems to be reached that is not."""
+    """Return "34.9 dB" for 34.998: rounded down, so that no value seems to reach a limit that it misses."""
     return f"{math.floor(10 * value + 1e-9) / 10:.1f} dB"

@@ -1,6 +1,6 @@
-"""Read arrays of numbers from untrusted MATLAB 5 files.
+"""Read numeric arrays from untrusted MATLAB 5 files.
 
-`scipy.io.loadmat` is not used: in SciPy 1.17 a type number that does not exist still kills the process with a
+`scipy.io.loadmat` is not used: in SciPy 1.17 an invalid type number still crashes the process with a
 segmentation fault.
 
 Source: The MathWorks, MAT-File Format, chapter 1, "Level 5 MAT-Files".
@@ -18,20 +18,21 @@ from numpy.typing import NDArray
 _HEADER = 128
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-# Numbers of the classes of numeric arrays; lower numbers are cells, structures, text and sparse arrays.
+# Class numbers of numeric arrays; lower numbers are cells, structures, text and sparse arrays.
 _NUMERIC = range(6, 16)
 _COMPLEX = 0x0800
-# Most bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63 characters.
+# Maximum number of bytes before the numbers of an array: flags, up to 32 axes, and a name of up to 63
+# characters.
 _HEAD = 1024
-_ENDS = "it ends within a variable"
+_ENDS = "the file ends within a variable"
 
 
 @dataclass(frozen=True)
 class Variable:
-    """An array that was found but not read."""
+    """An array in a file; its numbers are not read yet."""
 
     name: str
-    # As stored, not checked.
+    # As stored and unchecked.
     shape: tuple[int, ...]
     _body: memoryview
     _compressed: bool
@@ -40,14 +41,14 @@ class Variable:
     _start: int
 
     def read(self) -> NDArray[Any]:
-        """Return the numbers, read-only, in their stored type; MATLAB stores whole numbers smaller."""
+        """Return the numbers, read-only, in their stored type; MATLAB stores integers in smaller types."""
         if not self._numeric or min(self.shape) < 0:
-            raise ValueError(f"{self.name} holds no real numbers")
+            raise ValueError(f"{self.name} does not hold real numbers")
         count = math.prod(self.shape)
         head = _unpack(self._body, self._compressed, self._start + 8)
         kind, start, size, _ = _element(head, self._start, self._order)
         if kind not in _TYPES:
-            raise ValueError(f"{self.name} is of the unknown type {kind}")
+            raise ValueError(f"{self.name} has the unknown type {kind}")
         dtype = np.dtype(self._order + _TYPES[kind])
         if size != count * dtype.itemsize:
             raise ValueError(f"{self.name} has {size} bytes for {count} numbers of {dtype.itemsize}")
@@ -58,12 +59,12 @@ class Variable:
 
 
 def find_variables(data: bytes) -> dict[str, Variable]:
-    """Return the arrays in the MATLAB 5 file `data` by name."""
+    """Return name -> array of the MATLAB 5 file `data`."""
     order = {b"IM": "<", b"MI": ">"}.get(data[_HEADER - 2 : _HEADER])
     if order is None:
-        raise ValueError("it has no header of a MATLAB 5 file")
+        raise ValueError("the header of a MATLAB 5 file is missing")
     if struct.unpack_from(order + "H", data, _HEADER - 4) != (0x0100,):
-        raise ValueError("it is of another version, such as 7.3, which is HDF5; save it with -v7")
+        raise ValueError("unsupported version, such as 7.3 (HDF5); save the file with -v7")
     variables: dict[str, Variable] = {}
     view, at = memoryview(data), _HEADER
     while at < len(data):
@@ -79,7 +80,7 @@ def find_variables(data: bytes) -> dict[str, Variable]:
 
 def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
     head = _unpack(body, compressed, _HEAD)
-    at = 8 if compressed else 0  # the tag of the matrix is inside
+    at = 8 if compressed else 0  # the tag of the matrix is part of the compressed data
     _, start, _, at = _element(head, at, order)
     flags = _numbers(head, start, 1, order)[0]
     _, start, size, at = _element(head, at, order)
@@ -91,9 +92,9 @@ def _describe(body: memoryview, compressed: bool, order: str) -> Variable:
 
 
 def _element(data: bytes | memoryview, at: int, order: str) -> tuple[int, int, int, int]:
-    """Return type, start and length of the element at `at`, and where the next one begins."""
+    """Return type, start and length of the element at `at`, and the position of the next element."""
     word = _numbers(data, at, 1, order, "I")[0]
-    if word >> 16:  # the small form: the length in the upper half, the data in place of it
+    if word >> 16:  # small format: length in the upper half, data in place of the length
         return word & 0xFFFF, at + 4, word >> 16, at + 8
     size = _numbers(data, at + 4, 1, order, "I")[0]
     return word, at + 8, size, at + 8 + size + -size % 8
@@ -106,5 +107,5 @@ def _numbers(data: bytes | memoryview, at: int, count: int, order: str, kind: st
 
 
 def _unpack(body: memoryview, compressed: bool, most: int) -> bytes | memoryview:
-    """Return the first `most` bytes of a variable."""
+    """Return the first `most` bytes of a variable, decompressed if necessary."""
     return zlib.decompressobj().decompress(body, most) if compressed else body[:most]

@@ -1,8 +1,8 @@
-"""LPIPS with a VGG16 that the user supplies, on [-1, 1]; torch is imported only here, when it is used.
+"""LPIPS with VGG16 weights from the user, on [-1, 1]; torch is imported only here, on first use.
 
-The network is written out below rather than taken from the lpips package, whose constructor downloads a
-backbone or fills 138 million parameters with random numbers, and whose import needs torchvision. The linear
-layers are the package's.
+The network is written out below instead of using the lpips package. Its constructor downloads a backbone or
+fills 138 million parameters with random numbers, and its import needs torchvision. The linear layers come
+from the package.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from msb.metrics.identity import Identity, ImageMetric
 from msb.metrics.images import image_pair
 from msb.metrics.vgg import HEADS_SHA256, LAYERS, TAPS, check_extra, read_heads, read_vgg
 
-# Least side of an image in pixels; halved four times it leaves one pixel.
+# Minimum side of an image in pixels; halved four times it leaves one pixel.
 MIN_SIDE = 16
 _SHIFT = (-0.030, -0.088, -0.188)
 _SCALE = (0.458, 0.448, 0.450)
-# Convolutions that come after a 2 x 2 maximum.
+# Convolutions that follow a 2 x 2 max pooling.
 _POOLED = {5, 10, 17, 24}
 
 
 class MetricWarning(UserWarning):
-    """A warning that a number is right but cannot be compared with published numbers."""
+    """A warning that a value is correct but not comparable with published values."""
 
 
 def lpips_vgg(
@@ -67,7 +67,7 @@ def lpips_vgg(
     InputError
         FILE_NOT_FOUND or FILE_UNREADABLE.
     MetricError
-        METRIC_WEIGHTS, METRIC_IMAGE, and those of `psnr`.
+        METRIC_WEIGHTS, METRIC_IMAGE, METRIC_SIZES_DIFFER.
 
     Notes
     -----
@@ -91,7 +91,7 @@ def _cached(path: str, _changed: int, _size: int) -> LpipsVgg:
 class LpipsVgg:
     """LPIPS with one set of weights, loaded once: ``LpipsVgg(path)(pred, gt)``.
 
-    Its `weights` hold the names and hashes of the files, its `warnings` METRIC_VGG_UNKNOWN if the weights are
+    `weights` holds names and hashes of the files. `warnings` contains METRIC_VGG_UNKNOWN if the weights are
     not the published ones.
     """
 
@@ -115,24 +115,24 @@ class LpipsVgg:
         self._heads = [torch.from_numpy(head) for head in heads]
 
     def identity(self, *, quantize: bool = True) -> Identity:
-        """Return what must be stored beside this network's numbers."""
+        """Return the data to store beside the values of this network."""
         return LPIPS.identity(weights=self.weights, quantize=quantize)
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> float:
         return float(sum(self.per_layer(pred, gt, quantize=quantize)))
 
     def per_layer(self, pred: ArrayLike, gt: ArrayLike, *, quantize: bool = True) -> list[float]:
-        """Return the five terms whose sum LPIPS is, from relu1_2 to relu5_3."""
+        """Return the five terms that LPIPS adds up, from relu1_2 to relu5_3."""
         import torch
         from torch.nn import functional
 
         a, b = image_pair(pred, gt, quantize=quantize)
         if min(a.shape[:2]) < MIN_SIDE:
-            text = f"the images are {a.shape[1]} x {a.shape[0]}; LPIPS needs {MIN_SIDE} pixels a side"
+            text = f"LPIPS needs at least {MIN_SIDE} pixels per side, not {a.shape[1]} x {a.shape[0]}"
             raise MetricError("METRIC_IMAGE", text)
         terms = []
         with torch.inference_mode():
-            # One image after the other through each layer: two sets of features are alive, not ten.
+            # Both images pass through each layer in turn, so two sets of features are alive, not ten.
             x, y = (torch.from_numpy(_network_input(image)) for image in (a, b))
             heads = iter(self._heads)
             for number, weight, bias in self._layers:
@@ -146,14 +146,14 @@ class LpipsVgg:
 
 
 def _network_input(image: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return an image in [0, 1] as (1, 3, H, W): mapped to [-1, 1], then shifted and scaled."""
+    """Return an image in [0, 1] as (1, 3, H, W), mapped to [-1, 1], then shifted and scaled."""
     centred = image.astype(np.float32) * np.float32(2) - np.float32(1)
     scaled = (centred - np.array(_SHIFT, np.float32)) / np.array(_SCALE, np.float32)
     return np.ascontiguousarray(np.moveaxis(scaled, 2, 0)[None], np.float32)
 
 
 def _distance(x: Any, y: Any, head: Any) -> float:
-    """Return the mean over pixels of the weighted squared difference of unit feature vectors."""
+    """Return the average over pixels of the weighted squared difference of unit feature vectors."""
     x, y = (f / (f.square().sum(1, keepdim=True).sqrt_() + 1e-10) for f in (x, y))
     difference = (x - y).square_()
     return float((difference[0].mean((1, 2)) * head).sum())

@@ -1,9 +1,7 @@
-"""The image metrics: ours, one line each, and those of installed packages (entry-point group `msb.metrics`).
+"""The image metrics: ours, one line each, and metrics of other packages (entry points `msb.metrics`).
 
 Records, commands, gaps and tables read them here.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -11,26 +9,23 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from numpy.typing import ArrayLike
 
 from msb.base.packages import Lazy, PackageError, contained, installed, load, whose
 from msb.errors import Finding, MetricError, shorten
 from msb.metrics.chamfer import CHAMFER
-from msb.metrics.identity import ImageMetric
+from msb.metrics.identity import Definition, Identity, ImageMetric, Pixels
 from msb.metrics.images import PSNR_CAP, image_pair
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from msb.metrics.identity import Definition, Identity, Pixels
-
-# Module here and name of every image metric, in the order of the tables.
+# Module and name of every built-in image metric, in the order of tables.
 BUILT_IN = (
     "images.PSNR",
     "images.SSIM",
     "perceptual.LPIPS",
 )
-# The other keys beside those of image metrics, in records, tables and files; no metric may have one.
+# Keys in records, tables and files that no image metric may use.
 RESERVED = frozenset(
     "name width height file sha256 gt images metrics missing psnr_infinite psnr_inf_count lpips_reason "  # noqa: SIM905
     "pred fps p50_ms p95_ms spread_ms busy_p50_ms host_ms unsteady memory driver_memory asset_size "
@@ -39,7 +34,7 @@ RESERVED = frozenset(
     "boundary_edge_ratio nonmanifold_edge_ratio nonmanifold_vertex_ratio lcc_face_ratio lcc_area_ratio "
     "components".split()
 )
-# The types of what a package's metric declares.
+# Types of the fields that the metric of a package declares.
 _FIELDS: dict[str, Any] = {
     "title": str,
     "unit": str,
@@ -63,25 +58,25 @@ def _installed() -> Mapping[str, ImageMetric]:
     return ours | {key: metric for key, (metric, _) in theirs.items()}
 
 
-def _accepted(key: str, value: str) -> ImageMetric:
-    metric = load(value)
+def _accepted(key: str, entry: str) -> ImageMetric:
+    metric = load(entry)
     if not isinstance(metric, ImageMetric):
-        raise PackageError(f"it is no ImageMetric, but of type {type(metric).__name__}")
+        raise PackageError(f"it must be an ImageMetric, not of type {type(metric).__name__}")
     if key in RESERVED:
-        raise PackageError("its name is that of something else in records or tables")
+        raise PackageError("its name is reserved in records or tables")
     if not metric.key == metric.name == key:
-        raise PackageError(f"its name and its key must be that of its entry point, {key}")
+        raise PackageError(f"its name and key must equal the name of its entry point, {key}")
     for name, kind in _FIELDS.items():
-        if not isinstance(held := getattr(metric, name), kind):
-            raise PackageError(f"its {name} is of type {type(held).__name__}, which no metric has")
+        if not isinstance(value := getattr(metric, name), kind):
+            raise PackageError(f"its {name} has the invalid type {type(value).__name__}")
     if metric.better not in ("higher", "lower"):
         raise PackageError(f'its better is {shorten(repr(metric.better))}; it must be "higher" or "lower"')
-    return replace(metric, measure=_Theirs(whose("metric", key, value), metric.measure), modules=())
+    return replace(metric, measure=_PackageMeasure(whose("metric", key, entry), metric.measure), modules=())
 
 
 @dataclass(frozen=True)
-class _Theirs:
-    """The function of a package's metric; what it does wrong is said to be its own."""
+class _PackageMeasure:
+    """The function of a metric from another package; errors name that package."""
 
     whose: str
     measure: Any
@@ -99,47 +94,56 @@ class _Theirs:
         return number
 
 
-# Key in records, tables and JSON -> metric: ours in the order of the tables, then those of packages.
+# Key in records, tables and JSON -> metric: ours in the order of tables, then metrics of packages.
 IMAGE_METRICS: Mapping[str, ImageMetric] = Lazy(_installed)
 
 
 def _by_name() -> dict[str, Definition]:
-    return {each.name: each for each in (*IMAGE_METRICS.values(), CHAMFER)}
+    return {metric.name: metric for metric in (*IMAGE_METRICS.values(), CHAMFER)}
 
 
 # Name of every metric -> whether "higher" or "lower" is better.
-METRICS: Mapping[str, str] = Lazy(lambda: {name: each.better for name, each in _by_name().items()})
+METRICS: Mapping[str, str] = Lazy(lambda: {name: metric.better for name, metric in _by_name().items()})
 
 
 def identity(
     name: str, *, weights: Mapping[str, Any] | None = None, **parameters: str | float | bool | None
 ) -> Identity:
-    """Return the identity of the metric `name` as it is computed here and now.
+    """Return the identity of a value of metric `name` computed now.
 
     Parameters
     ----------
     name : str
         A key of `METRICS`.
     weights : mapping, optional
-        The record `LpipsVgg.weights`, for LPIPS only; the method `LpipsVgg.identity` fills it in.
+        The record `LpipsVgg.weights`, for LPIPS only; `LpipsVgg.identity` fills it in.
     **parameters
-        Parameters that this computation chose, such as ``quantize=False`` or ``seed=3``.
+        Parameters chosen for this computation, such as ``quantize=False`` or ``seed=3``.
 
     Raises
     ------
     MetricError
-        METRIC_ARGUMENT: there is no such metric.
+        METRIC_ARGUMENT: unknown metric.
     """
     known = _by_name()
     if name not in tuple(known):
-        raise MetricError("METRIC_ARGUMENT", f"there is no metric '{name}'; there are {', '.join(known)}")
+        raise MetricError("METRIC_ARGUMENT", f"unknown metric '{name}'; use one of {', '.join(known)}")
     return known[name].identity(weights=weights, **parameters)
 
 
 class Measures:
-    """All image metrics of two images at once: ``Measures(vgg_weights)(pred, gt)``.
+    """All image metrics of two images: ``Measures(vgg_weights)(pred, gt)``.
 
-    Without weights the metrics that need them are None.
+    Without weights, the metrics that need them are None.
+
+    Attributes
+    ----------
+    identities : tuple of Identity
+        Identities of the metrics that are computed.
+    warnings : tuple of Finding
+        Warnings about the weights.
+    failed : dict of str to str
+        Key of a failed metric of a package -> its first error, with the code.
     """
 
     def __init__(self, vgg_weights: Path | None = None) -> None:
@@ -153,18 +157,15 @@ class Measures:
                 network = metric.load(vgg_weights)
                 self._functions[key] = network
                 identities.append(metric.identity(weights=network.weights))
-                warnings += [one for one in network.warnings if one not in warnings]
+                warnings += [warning for warning in network.warnings if warning not in warnings]
         self.identities: tuple[Identity, ...] = tuple(identities)
-        """Of the metrics that are computed."""
         self.warnings: tuple[Finding, ...] = tuple(warnings)
-        """About the weights."""
         self.failed: dict[str, str] = {}
-        """Key of a package's metric that has failed -> what was wrong the first time, with its code."""
 
     def __call__(self, pred: ArrayLike, gt: ArrayLike) -> dict[str, float | None]:
-        """Return key -> value of two images as `psnr` takes them.
+        """Return key -> value for two images as `psnr` takes them.
 
-        It is None where weights are missing, and where a package's metric failed.
+        A value is None if weights are missing or the metric of a package failed.
         """
         a, b = image_pair(pred, gt)
         results: dict[str, float | None] = dict.fromkeys(self._functions)
@@ -184,7 +185,7 @@ def modules_needed() -> tuple[str, ...]:
 
 
 def mean_of(values: Iterable[float | None]) -> float | None:
-    """Return the mean of the images' values; None if one has no value. Infinite values count `PSNR_CAP`."""
+    """Return the average over images; None if a value is missing. Infinity counts as `PSNR_CAP`."""
     capped = [PSNR_CAP if value == math.inf else value for value in values]
     known = [value for value in capped if value is not None]
     return math.fsum(known) / len(known) if known and len(known) == len(capped) else None

@@ -1,7 +1,7 @@
-"""Points on a mesh at a given spacing, and their thinning until none is near another.
+"""Sample points on a mesh at a given spacing, and thin them until no two are close.
 
-Both as in `jzhangbs/DTUeval-python`: eval.py, which `hbb1/2d-gaussian-splatting` adapts in
-scripts/eval_dtu/eval.py; here in bounded memory and without a loop over faces.
+Both follow `jzhangbs/DTUeval-python`: eval.py, which `hbb1/2d-gaussian-splatting` adapts in
+scripts/eval_dtu/eval.py, but with bounded memory and without a loop over faces.
 """
 
 from collections.abc import Iterator
@@ -12,26 +12,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MetricError
 
-# Most points on one mesh; a culled DTU scan has about ten million. Twice as many candidates are tried.
+# Maximum number of points on a mesh; a culled DTU scan has about ten million. Twice as many candidates are
+# tried.
 MAX_SAMPLES = 1 << 28
-# Number of candidates tried at a time.
+# Number of candidates per batch.
 _CANDIDATES = 1 << 20
+# Size of the first window of `thin`.
 _FIRST_WINDOW = 64
-# Most points whose neighbours are looked up at a time; these have `_NEIGHBORS` in all, or one has more.
+# Maximum number of points per window of `thin`, and of their neighbours in all, unless one point has more.
 _WINDOW = 1 << 16
 _NEIGHBORS = 1 << 22
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return both arrays as a mesh of finite vertices (V, 3) and valid faces (F, 3)."""
+    """Return vertices (V, 3) and faces (F, 3) after checking that they are finite and valid."""
     points, corners = np.asarray(vertices), np.asarray(faces)
     if corners.size == 0:
         corners = np.zeros((0, 3), np.int64)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        text = f"vertices are {points.dtype} of shape {points.shape}; they must be numbers (V, 3)"
+        text = f"vertices are {points.dtype} of shape {points.shape}; they must be numbers of shape (V, 3)"
         raise MetricError("METRIC_MESH", text)
     if corners.ndim != 2 or corners.shape[1] != 3 or corners.dtype.kind not in "iu":
-        text = f"faces are {corners.dtype} of shape {corners.shape}; they must be integers (F, 3)"
+        text = f"faces are {corners.dtype} of shape {corners.shape}; they must be integers of shape (F, 3)"
         raise MetricError("METRIC_MESH", text)
     points = points.astype(np.float64)
     finite = np.isfinite(points).all(axis=1)
@@ -41,7 +43,7 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[np.float
     outside = (corners < 0) | (corners >= len(points))
     if outside.any():
         row, corner = (int(i) for i in np.argwhere(outside)[0])
-        text = f"faces[{row}, {corner}] is {corners[row, corner]}; there are {len(points)} vertices"
+        text = f"faces[{row}, {corner}] is {corners[row, corner]}, but the mesh has {len(points)} vertices"
         raise MetricError("METRIC_MESH", text)
     return points, corners.astype(np.int64)
 
@@ -51,9 +53,9 @@ def sample_surface(
 ) -> tuple[NDArray[np.float64], int]:
     """Return points on the faces about `spacing` apart, in face order, and the number of faces with an area.
 
-    `spacing` is in the units of the vertices. Face by face, with edges e1 = v1 - v0 and e2 = v2 - v0 of
+    `spacing` has the units of the vertices. For each face, with edges e1 = v1 - v0 and e2 = v2 - v0 of
     lengths l1 and l2: step = spacing sqrt(l1 l2 / |e1 x e2|), n = floor(l / step), and v0 + c1 e1 + c2 e2 for
-    c = (i + 0.5) / n wherever c1 + c2 < 1. A face shorter than a step along an edge gets none.
+    c = (i + 0.5) / n wherever c1 + c2 < 1. A face shorter than a step along an edge gets no points.
     """
     origin = vertices[faces[:, 0]]
     first, second = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
@@ -62,7 +64,8 @@ def sample_surface(
     if not np.isfinite(double_area).all():
         raise _too_many(np.inf, spacing)
     proper = double_area > 0
-    origin, first, second, double_area = (each[proper] for each in (origin, first, second, double_area))
+    origin, first, second, double_area = (array[proper] for array in (origin, first, second, double_area))
+    # Number of steps along both edges of each face, and of grid candidates.
     lengths = np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1)
     step = spacing * np.sqrt(lengths[0] * lengths[1] / double_area)
     steps = [np.floor(length / step) for length in lengths]
@@ -80,8 +83,8 @@ def sample_surface(
 
 def _too_many(points: float, spacing: float) -> MetricError:
     text = (
-        f"sampling it every {spacing:g} would take about {points:.3g} points; {MAX_SAMPLES:.3g} are allowed;"
-        " it must be culled and in millimetres"
+        f"sampling every {spacing:g} needs about {points:.3g} points; the limit is {MAX_SAMPLES:.3g};"
+        " cull the mesh and scale it to millimetres"
     )
     return MetricError("METRIC_MESH", text)
 
@@ -89,9 +92,9 @@ def _too_many(points: float, spacing: float) -> MetricError:
 def _grid_points(
     counts: NDArray[np.int64], candidates: NDArray[np.int64]
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
-    """Yield (face, (c1, c2)) of the points to keep, a bounded number of candidates at a time.
+    """Yield the face (n,) and position (c1, c2), (n, 2), of the points to keep, in batches of candidates.
 
-    Candidates are numbered through all faces, so that one huge face is split like many small ones.
+    Candidates are numbered through all faces, so that a huge face is divided like many small ones.
     """
     ends = np.cumsum(candidates)
     total = int(ends[-1]) if len(ends) else 0
@@ -108,9 +111,10 @@ def _grid_points(
 def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """Return the points (N, 3) that remain when each, in order, removes all others within `spacing` of it.
 
-    Their order decides which remain, so shuffle them first. A point at exactly this distance is removed too.
-    Neighbours are looked up for a window of points at a time, only for those not yet removed and for no more
-    than fit into memory. Windows start small and grow: where points lie dense, the first few remove most.
+    The order decides which points remain, so shuffle them first. A point at exactly this distance is removed
+    too. Neighbours are searched for a window of points at a time, only for remaining points, and for no more
+    than fit into memory. Windows start small and grow: in dense regions the first few points remove most
+    others.
     """
     from scipy.spatial import cKDTree
 
@@ -126,6 +130,7 @@ def thin(points: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
             continue
         chosen = points[window]
         neighbors = tree.query_ball_point(chosen, spacing, workers=-1, return_length=True)
+        # Limit the window so that its neighbour lists fit into memory.
         fits = max(1, int(np.searchsorted(np.cumsum(neighbors), _NEIGHBORS, side="right")))
         near: Any = tree.query_ball_point(chosen[:fits], spacing, workers=-1, return_sorted=False)
         for index, others in zip(window[:fits].tolist(), near, strict=True):

@@ -1,4 +1,4 @@
-"""The files behind LPIPS: VGG16 weights the user supplies, and the linear layers of the lpips package."""
+"""The files of LPIPS: VGG16 weights from the user, and the linear layers of the lpips package."""
 
 import hashlib
 import importlib.util
@@ -17,20 +17,20 @@ from msb.errors import MetricError
 
 _NUMBERS = (0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28)
 _CHANNELS = (3, *2 * (64,), *2 * (128,), *3 * (256,), *6 * (512,))
-# (N, in, out): the number and the channels of each 3 x 3 convolution features.N of torchvision's VGG16.
+# (N, in, out): number and channels of each 3 x 3 convolution features.N of the torchvision VGG16.
 LAYERS = tuple(zip(_NUMBERS, _CHANNELS[:-1], _CHANNELS[1:], strict=True))
-# Convolution whose rectified output is compared -> its channels: relu1_2, 2_2, 3_3, 4_3, 5_3.
+# Compared layer -> its channels, after the ReLU: relu1_2, 2_2, 3_3, 4_3, 5_3.
 TAPS = {2: 64, 7: 128, 14: 256, 21: 512, 28: 512}
 VGG_FILE = "vgg16-397923af.pth"
-# The published weights, torchvision's, and the SHA-256 of their file, with which its name agrees.
+# SHA-256 of the published weight file of torchvision; the file name contains its first eight digits.
 VGG_SHA256 = "397923af8e79cdbb6a7127f12361acd7a2f83e06b05044ddf496e83de57a5bf0"
-# The SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4.
+# SHA-256 of weights/v0.1/vgg.pth in lpips 0.1.4.
 HEADS_SHA256 = "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868"
-# The sums of the weights of version 0.1; those of the faulty version 0.0 add up to 3.64, 1.96, ...
+# Sums of the weights of version 0.1; the faulty version 0.0 has 3.64, 1.96, ...
 _HEAD_SUMS = (6.9260, 8.8583, 17.5150, 51.5213, 47.0349)
-# No LPIPS is above it: features are not negative and of length 1, so each differs by 1 at most.
+# Upper bound of LPIPS: features are non-negative with length 1, so each differs by at most 1.
 MOST_LPIPS = math.fsum(_HEAD_SUMS) + 0.01
-# Most bytes before the numbers of a .npy.
+# Maximum size of the header of a .npy in bytes.
 _MAX_HEAD = 1 << 10
 
 # Key (features.N.weight or .bias) -> float32 array.
@@ -38,57 +38,58 @@ Weights = dict[str, Any]
 
 
 def weights_source(weights: Mapping[str, Any] | None) -> str:
-    """Return in a line where `LpipsVgg.weights` come from, and whether they are the published ones.
+    """Return a line about the origin of `LpipsVgg.weights`, and whether they are the published ones.
 
-    Without weights the line says which file to get.
+    Without weights, the line names the required file.
     """
     if weights is None:
-        return f"it takes {VGG_FILE} of download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
+        return f"LPIPS needs {VGG_FILE} from download.pytorch.org/models, SHA-256 {VGG_SHA256[:16]}..."
     vgg, heads = weights["vgg"], weights["heads"]
     source = f"VGG16 is {vgg['file']}, SHA-256 {vgg['sha256'][:16]}..."
     if vgg["known"] is None:
-        return f"{source}, which is not torchvision's {VGG_FILE}: comparable with no published LPIPS"
+        return f"{source}, which is not torchvision's {VGG_FILE}: not comparable with published LPIPS"
     if heads["known"] is None:
-        return f"{source}, torchvision's; linear layers are not those of lpips 0.1.4"
-    return f"{source}, torchvision's; linear layers are of {heads['known']}"
+        return f"{source}, from torchvision; the linear layers are not from lpips 0.1.4"
+    return f"{source}, from torchvision; the linear layers are from {heads['known']}"
 
 
 def is_weights_record(data: Any) -> bool:
-    """Return whether JSON data says of weights all that `weights_source` reads, as `LpipsVgg.weights` do."""
+    """Return whether JSON data has the fields of `LpipsVgg.weights` that `weights_source` reads."""
     vgg, heads = (data.get(name) if isinstance(data, dict) else None for name in ("vgg", "heads"))
     if not isinstance(vgg, dict) or not isinstance(heads, dict):
         return False
-    said = isinstance(vgg.get("file"), str) and isinstance(vgg.get("sha256"), str)
-    return said and all(isinstance(one.get("known", 0), str | None) for one in (vgg, heads))
+    complete = isinstance(vgg.get("file"), str) and isinstance(vgg.get("sha256"), str)
+    return complete and all(isinstance(record.get("known", 0), str | None) for record in (vgg, heads))
 
 
 def check_extra() -> None:
-    """Raise if torch or lpips is not installed."""
+    """Raise UsageError if torch or lpips is not installed."""
     need_extra("lpips", "torch", "lpips", what="LPIPS")
 
 
 def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
-    """Return the convolutions of a VGG16 and the record of where they come from.
+    """Return the convolutions of a VGG16 and a record of their origin.
 
-    The file is a state dict of torchvision's VGG16 as torch.save writes it, or the same keys as .npz. Other
-    keys (classifier.*) are ignored. Nothing in a file is executed. Weights are features.N.weight
-    (out, in, 3, 3) and features.N.bias (out,), float32. The record holds the file's name, "sha256" of the
-    file, "tensors_sha256" of the values (the same whatever file they are in), and what is "known" of it.
+    The file is a state dict of the torchvision VGG16 written by torch.save, or an .npz with the same keys.
+    Other keys (classifier.*) are ignored. Nothing in a file is executed. Weights are features.N.weight (out,
+    in, 3, 3) and features.N.bias (out,), float32. The record holds the name of the file, "sha256" of the
+    file, "tensors_sha256" of the values (independent of the file format), and "known", the name of published
+    weights.
     """
     place = regular_file(path)
-    wanted: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
-    wanted |= {f"features.{n}.bias": (o,) for n, _, o in LAYERS}
+    shapes: dict[str, tuple[int, ...]] = {f"features.{n}.weight": (o, i, 3, 3) for n, i, o in LAYERS}
+    shapes |= {f"features.{n}.bias": (o,) for n, _, o in LAYERS}
     try:
         read = _read_npz if place.suffix.lower() == ".npz" else _read_torch
-        tensors = read(place, wanted)
-        weights = {key: _tensor(place, tensors, key, shape) for key, shape in wanted.items()}
+        tensors = read(place, shapes)
+        weights = {key: _tensor(place, tensors, key, shape) for key, shape in shapes.items()}
     except MetricError:
         raise
-    except Exception as error:  # readers raise all kinds of things about foreign files
+    except Exception as error:  # readers raise all kinds of exceptions for foreign files
         text = f"it cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     digest = hashlib.sha256()
-    for key in wanted:
+    for key in shapes:
         digest.update(key.encode() + b"\0" + weights[key].astype("<f4").tobytes())
     sha256 = file_sha256(place)
     record = {
@@ -103,7 +104,7 @@ def read_vgg(path: str | os.PathLike[str]) -> tuple[Weights, dict[str, Any]]:
 def read_heads() -> tuple[list[NDArray[np.float32]], str]:
     """Return the five linear layers (C,) of LPIPS 0.1 for VGG16, and the SHA-256 of their file.
 
-    The file is in the lpips package, which is located but not imported: importing it imports torchvision.
+    The file is located in the lpips package without importing it, because the import needs torchvision.
     """
     check_extra()
     import torch
@@ -116,46 +117,46 @@ def read_heads() -> tuple[list[NDArray[np.float32]], str]:
         tensors = torch.load(place, map_location="cpu", weights_only=True)
         heads = [tensors[f"lin{k}.model.1.weight"].numpy() for k in range(5)]
     except Exception as error:
-        text = f"it cannot be read: {library_reason(error)}"
+        text = f"the file cannot be read: {library_reason(error)}"
         raise MetricError("METRIC_WEIGHTS", text, file=place) from error
     for head, channels, total in zip(heads, TAPS.values(), _HEAD_SUMS, strict=True):
         if head.shape != (1, channels, 1, 1) or abs(float(head.sum()) - total) > 1e-3:
-            text = f"a layer of shape {head.shape} adds up to {head.sum():.4f}; version 0.1 has {total}"
+            text = f"a layer of shape {head.shape} has the sum {head.sum():.4f}; version 0.1 has {total}"
             raise MetricError("METRIC_WEIGHTS", text, file=place)
     return [head.reshape(-1).astype(np.float32) for head in heads], file_sha256(place)
 
 
-def _tensor(path: Path, found: Weights, key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    if key not in found:
-        text = f"it holds no {key}; it must be a state dict of torchvision's VGG16"
+def _tensor(path: Path, tensors: Weights, key: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    if key not in tensors:
+        text = f"{key} is missing; the file must be a state dict of the torchvision VGG16"
         raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
-    array = np.asarray(found[key])
+    array = np.asarray(tensors[key])
     if array.shape != shape or array.dtype.kind != "f":
         text = f"{key} is {array.dtype} of shape {array.shape}; it must be floats of shape {shape}"
         raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
     if not np.isfinite(array).all():
-        text = f"{key} holds NaN or infinity"
+        text = f"{key} contains NaN or infinity"
         raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
     return np.ascontiguousarray(array, np.float32)
 
 
-def _read_torch(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
+def _read_torch(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
     import torch
 
     tensors = torch.load(path, map_location="cpu", weights_only=True)
     if not isinstance(tensors, dict):
-        text = f"it holds a {type(tensors).__name__}; it must be a state dict of torchvision's VGG16"
+        text = f"the file holds a {type(tensors).__name__}; it must be a state dict of the torchvision VGG16"
         raise MetricError("METRIC_WEIGHTS", text, file=path)
-    return {key: tensors[key].detach().float().numpy() for key in wanted if torch.is_tensor(tensors.get(key))}
+    return {key: tensors[key].detach().float().numpy() for key in shapes if torch.is_tensor(tensors.get(key))}
 
 
-def _read_npz(path: Path, wanted: dict[str, tuple[int, ...]]) -> Weights:
-    # Opened here: NumPy leaves a file open that it finds to be no archive.
+def _read_npz(path: Path, shapes: dict[str, tuple[int, ...]]) -> Weights:
+    # Opened here, because NumPy does not close a file that is not an archive.
     with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        for key, shape in wanted.items():
-            # Before it is unpacked: a number has at most 8 bytes.
+        for key, shape in shapes.items():
+            # Check sizes before unpacking: a number has at most 8 bytes.
             most = 8 * math.prod(shape) + _MAX_HEAD
             if key in archive and archive.zip.getinfo(f"{key}.npy").file_size > most:
                 text = f"{key} is too long; it must be floats of shape {shape}"
                 raise MetricError("METRIC_WEIGHTS", text, file=path, pointer=key)
-        return {key: archive[key] for key in wanted if key in archive}
+        return {key: archive[key] for key in shapes if key in archive}

@@ -1,4 +1,4 @@
-"""The half-edge structure and the audit built on it. This package takes arrays and knows no files."""
+"""Half-edge structure and audit of triangle meshes given as arrays; this package reads no files."""
 
 from msb.topology.audit import Audit, audit_arrays
 

@@ -1,4 +1,4 @@
-"""Everything the audit derives from a mesh, element by element: the audit counts it, viewers draw it."""
+"""Everything that the audit derives from a mesh, by element: the audit counts it and viewers draw it."""
 
 import time
 from collections.abc import Callable
@@ -21,9 +21,9 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Components:
-    """Edge-connected components over the faces without a repeated index.
+    """Edge-connected components of the faces without a repeated index.
 
-    `face_component` (F,) is NONE for repeated-index rows; `sizes` (n,) are numbers of faces, `areas` (n,)
+    `face_component` (F,) is NONE for repeated-index rows. `sizes` (n,) are numbers of faces, `areas` (n,)
     float64 in squared length units.
     """
 
@@ -37,9 +37,9 @@ class Components:
         return len(self.sizes)
 
     def largest(self) -> int | None:
-        """Return the component with most faces; ties go to the larger area, then to the smallest face index.
+        """Return the component with most faces, or None for a mesh without components.
 
-        Components are numbered by their smallest face, so the last tie falls to the lowest number.
+        Ties go to the larger area, then to the lowest face: components are numbered by their lowest face.
         """
         if self.count == 0:
             return None
@@ -49,7 +49,7 @@ class Components:
 
 @dataclass(frozen=True)
 class Offending:
-    """Key of the JSON -> (n,) integers: the numbers of the elements behind the audit's counts, ascending."""
+    """Key of the JSON -> ascending numbers (n,) of the elements that the audit counts under it."""
 
     edges: dict[str, NDArray[Any]]
     vertices: dict[str, NDArray[Any]]
@@ -57,10 +57,10 @@ class Offending:
 
 
 class Analysis:
-    """A mesh with its half-edges, fans, boundary, components and per-face properties.
+    """A mesh with its half-edges, fans, boundary, components and properties of faces.
 
-    It takes arrays that `mesh_arrays` has checked. NumPy and SciPy make each part when it is first asked for;
-    `timings_ms` then says how long that took.
+    The arrays must have been checked by `mesh_arrays`. NumPy and SciPy compute each part on first use;
+    `timings_ms` then holds its time.
     """
 
     def __init__(self, vertices: NDArray[Any], faces: NDArray[Any]) -> None:
@@ -71,21 +71,21 @@ class Analysis:
     @cached_property
     def mesh(self) -> HalfEdgeMesh:
         """The half-edge structure."""
-        return self._made("half_edges", build_half_edges, self.faces, len(self.vertices))
+        return self._timed("half_edges", build_half_edges, self.faces, len(self.vertices))
 
     @cached_property
     def fans(self) -> Fans:
         """The fans around every vertex."""
-        return self._made("fans", find_fans, self.mesh)
+        return self._timed("fans", find_fans, self.mesh)
 
     @cached_property
     def boundary(self) -> Boundary:
         """The boundary loops and chains."""
-        return self._made("boundary", find_boundary, self.mesh, self.fans)
+        return self._timed("boundary", find_boundary, self.mesh, self.fans)
 
     @property
     def area(self) -> NDArray[np.float64]:
-        """(F,) area of each face, 0 where it is not finite; squared length units."""
+        """(F,) area of each face in squared length units; 0 if it is not finite."""
         return self._areas[0]
 
     @property
@@ -100,32 +100,32 @@ class Analysis:
 
     @property
     def two_face_components(self) -> int:
-        """Number of components when faces join across two-face edges only."""
+        """Number of components if faces are joined across two-face edges only."""
         return self._components[1]
 
     @cached_property
     def duplicate(self) -> NDArray[np.bool_]:
-        """(F,) whether each face repeats an earlier one."""
-        return self._made("duplicates", extra_duplicates, self.faces)
+        """(F,) whether each face repeats an earlier face."""
+        return self._timed("duplicates", extra_duplicates, self.faces)
 
     @cached_property
     def soup(self) -> bool:
-        """Whether no vertex is used by two faces."""
-        return self._made("vertex_use", is_soup, self.faces)
+        """Whether no two faces share a vertex."""
+        return self._timed("vertex_use", is_soup, self.faces)
 
     @cached_property
     def _areas(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        return self._made("areas", face_areas, self.vertices, self.faces)
+        return self._timed("areas", face_areas, self.vertices, self.faces)
 
     @cached_property
     def _components(self) -> tuple[Components, int]:
-        return self._made("components", find_components, self.mesh, self.area)
+        return self._timed("components", find_components, self.mesh, self.area)
 
-    def _made(self, stage: str, make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    def _timed(self, stage: str, compute: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
         start = time.perf_counter()
-        made = make(*args, **kwargs)
+        result = compute(*args, **kwargs)
         self.timings_ms[stage] = (time.perf_counter() - start) * 1e3
-        return made
+        return result
 
     @property
     def referenced(self) -> NDArray[np.bool_]:
@@ -133,74 +133,48 @@ class Analysis:
         return np.asarray(self.fans.fans_per_vertex > 0)
 
     @property
-    def nonmanifold_vertices(self) -> NDArray[Any]:
-        """Vertices with more than one fan: the strict reading."""
-        return np.flatnonzero(self.fans.fans_per_vertex > 1)
-
-    @property
-    def multifan_vertices(self) -> NDArray[Any]:
-        """Vertices whose faces stay in several groups even across non-manifold edges: bow-ties."""
-        return np.flatnonzero(self.fans.groups_per_vertex > 1)
-
-    @property
-    def nonmanifold_edges(self) -> NDArray[Any]:
-        """Edges with more than two faces."""
-        return np.flatnonzero(self.mesh.multiplicity > 2)
-
-    @property
-    def nonmanifold_edge_endpoints(self) -> NDArray[Any]:
-        """Vertices on a non-manifold edge."""
-        marked = np.zeros(self.mesh.vertex_count, bool)
-        marked[self.mesh.edge_vertices[self.nonmanifold_edges]] = True
-        return np.flatnonzero(marked)
-
-    @property
-    def zero_area_faces(self) -> NDArray[Any]:
-        """Faces with three distinct indices whose double-precision area is exactly 0."""
-        return np.flatnonzero(has_no_area(self.area, self.finite, self.mesh.repeated_index))
-
-    @property
     def offending(self) -> Offending:
-        """The elements of this mesh that a person would want to see, by the names of the audit's counts."""
+        """The elements that the audit reports, by the keys of its counts."""
+        mesh, fans = self.mesh, self.fans
+        # Crowded edges have more than two faces. At a flipped two-face edge both half-edges start at the same
+        # vertex.
+        crowded = np.flatnonzero(mesh.multiplicity > 2)
+        first, second = mesh.two_face_halfedges
+        flipped = np.flatnonzero(mesh.multiplicity == 2)[mesh.origin[first] == mesh.origin[second]]
+        no_area = has_no_area(self.area, self.finite, mesh.repeated_index)
         return Offending(
             edges={
-                "nonmanifold_edges": self.nonmanifold_edges,
+                "nonmanifold_edges": crowded,
                 "boundary_edges": self.boundary.edges,
-                "inconsistent_winding_edges": self.inconsistent_winding_edges,
+                "inconsistent_winding_edges": flipped,
             },
             vertices={
-                "nonmanifold_vertices": self.nonmanifold_vertices,
-                "multifan_vertices": self.multifan_vertices,
-                "nonmanifold_edge_endpoints": self.nonmanifold_edge_endpoints,
+                "nonmanifold_vertices": np.flatnonzero(fans.fans_per_vertex > 1),
+                "multifan_vertices": np.flatnonzero(fans.groups_per_vertex > 1),
+                "nonmanifold_edge_endpoints": np.unique(mesh.edge_vertices[crowded]).astype(np.intp),
                 "unreferenced_vertices": np.flatnonzero(~self.referenced),
             },
             faces={
-                "repeated_index_faces": np.flatnonzero(self.mesh.repeated_index),
-                "zero_area_faces": self.zero_area_faces,
+                "repeated_index_faces": np.flatnonzero(mesh.repeated_index),
+                "zero_area_faces": np.flatnonzero(no_area),
                 "nonfinite_faces": np.flatnonzero(~self.finite),
                 "duplicate_faces": np.flatnonzero(self.duplicate),
             },
         )
 
-    @property
-    def inconsistent_winding_edges(self) -> NDArray[Any]:
-        """Two-face edges along which both faces run in the same direction."""
-        one, other = self.mesh.two_face_halfedges
-        origin = self.mesh.origin
-        two_face = np.flatnonzero(self.mesh.multiplicity == 2)
-        return np.asarray(two_face[origin[one] == origin[other]])
-
 
 def find_components(mesh: HalfEdgeMesh, area: NDArray[np.float64]) -> tuple[Components, int]:
-    """Return the components across all shared edges, and how many there are across two-face edges only."""
+    """Return the components across shared edges, and their number across two-face edges only."""
+    # compact (F,): consecutive numbers for the faces without a repeated index.
     proper = np.flatnonzero(~mesh.repeated_index)
     compact = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     compact[proper] = np.arange(len(proper), dtype=mesh.faces.dtype)
-    one, other = (compact[face_of(h)] for h in mesh.two_face_halfedges)
-    two_face, part = label_components(len(proper), one, other)
-    one, other = (part[compact[face_of(h)]] for h in mesh.chained_halfedges)
-    count, whole = label_components(two_face, one, other)
-    label = whole[part]
+    first, second = (compact[face_of(h)] for h in mesh.two_face_halfedges)
+    # Join across two-face edges first, then join these parts across edges with more faces.
+    two_face, part = label_components(len(proper), first, second)
+    first, second = (part[compact[face_of(h)]] for h in mesh.chained_halfedges)
+    count, merged = label_components(two_face, first, second)
+    label = merged[part]
     face_component = np.full(mesh.face_count, NONE, mesh.faces.dtype)
     face_component[proper] = label
     sizes = np.bincount(label, minlength=count)

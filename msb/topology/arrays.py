@@ -1,4 +1,4 @@
-"""Check once that arrays given by a caller are a triangle mesh."""
+"""Check that the arrays of a caller are a triangle mesh."""
 
 from typing import Any
 
@@ -7,17 +7,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import MeshError, shorten
 
-# Most vertices of a mesh: a pair of vertex indices must fit into 64 bits.
+# Maximum number of vertices: a pair of vertex indices must fit into 64 bits.
 MAX_VERTICES = 2**32 - 1
-# Most faces of a mesh: corners are numbered 3 f + k, and scipy labels connected components by int32.
+# Maximum number of faces: corners are numbered 3 f + k, and SciPy labels components with int32.
 MAX_FACES = (2**31 - 1) // 3
 
 
 def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return (V, 3) floating `vertices` and (F, 3) `faces` as arrays, every face index known to be a vertex.
+    """Return `vertices` (V, 3) as floats and `faces` (F, 3) as integers after checking that every index is
+    valid.
 
-    Coordinates keep their precision, and may be NaN or infinite. Faces are int32, or int64 where vertex
-    indices need it.
+    Coordinates keep their precision and may be NaN or infinite. Faces are int32, or int64 if vertex indices
+    need it.
     """
     points = _numbers(vertices, "vertices", "fiu")
     triangles = _numbers(faces, "faces", "iu")
@@ -25,33 +26,33 @@ def mesh_arrays(vertices: ArrayLike, faces: ArrayLike) -> tuple[NDArray[Any], ND
         points = points.astype(np.float64)
     for array, name, limit in ((points, "vertices", MAX_VERTICES), (triangles, "faces", MAX_FACES)):
         if len(array) > limit:
-            text = f"there are {len(array)} {name}; at most {limit} are supported"
+            text = f"{len(array)} {name} are too many; at most {limit} are supported"
             raise MeshError("MESH_ARRAY", text)
     if triangles.size:
         _check_range(triangles, len(points))
-    if triangles.dtype == np.uint32 and len(points) < 2**31:  # as assets have them; the top bit is free
+    if triangles.dtype == np.uint32 and len(points) < 2**31:  # the dtype of assets; the top bit is unused
         triangles = triangles.view(np.int32)
     return points, np.ascontiguousarray(triangles, np.int32 if len(points) < 2**31 else np.int64)
 
 
 def _numbers(values: ArrayLike, name: str, kinds: str) -> NDArray[Any]:
     if np.ma.is_masked(values):
-        text = f"{name} is a masked array, and a masked row is neither kept nor dropped; decide first"
+        text = f"{name} is a masked array; drop or fill its masked rows first"
         raise MeshError("MESH_ARRAY", text)
     try:
         array = np.asarray(values)
     except ValueError as error:
         ragged = "inhomogeneous" in str(error)
-        wrong = "has rows of different lengths" if ragged else f"is no array ({shorten(str(error))})"
-        raise MeshError("MESH_ARRAY", f"{name} {wrong}; it must be (n, 3)") from error
-    if array.shape in {(0,), (0, 3), (1, 0)}:  # [], no rows, and [[]]
+        wrong = "has rows of different lengths" if ragged else f"is not an array ({shorten(str(error))})"
+        raise MeshError("MESH_ARRAY", f"{name} {wrong}; it must have shape (n, 3)") from error
+    if array.shape in {(0,), (0, 3), (1, 0)}:  # [], an array without rows, or [[]]
         return np.zeros((0, 3), np.float64 if "f" in kinds else np.int64)
     if array.ndim != 2 or array.shape[1] != 3:
-        text = f"{name} has shape {array.shape}; it must be (n, 3)"
+        text = f"{name} has shape {array.shape}; it must have shape (n, 3)"
         raise MeshError("MESH_ARRAY", text)
     if array.dtype.kind not in kinds:
-        wanted = "real numbers" if "f" in kinds else "integers"
-        raise MeshError("MESH_ARRAY", f"{name} has dtype {array.dtype}; it must hold {wanted}")
+        required = "real numbers" if "f" in kinds else "integers"
+        raise MeshError("MESH_ARRAY", f"{name} has dtype {array.dtype}; it must hold {required}")
     return array
 
 
@@ -65,6 +66,6 @@ def _check_range(faces: NDArray[Any], vertex_count: int) -> None:
         "MESH_INDEX_OUT_OF_RANGE",
         f"face {row} is {tuple(map(int, faces[row]))}: index {bad} is not between 0 and {vertex_count - 1}"
         if vertex_count
-        else f"face {row} is {tuple(map(int, faces[row]))}, but there are no vertices",
+        else f"face {row} is {tuple(map(int, faces[row]))}, but the mesh has no vertices",
         pointer=f"faces[{row}]",
     )

@@ -1,34 +1,30 @@
-"""The audit: every count and metric of a mesh's structure, and the report made of them."""
+"""The audit: every count and metric of the structure of a mesh, and the report of them."""
 
 from __future__ import annotations
 
 import html
 import math
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike, NDArray
 
 from msb.errors import one_line
+from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
 from msb.topology.dispatch import find
 from msb.topology.faces import names_vertex_twice
-from msb.topology.seams import closes_once_merged, find_seams, is_closed
-from msb.topology.verdict import judge, percent
+from msb.topology.findings import Counts, Findings
+from msb.topology.seams import Attributes, SeamKind, closes_once_merged, find_seams, is_closed
+from msb.topology.verdict import Level, judge, percent
 from msb.topology.weld import Weld, corners_coincide, parse_weld, weld_vertices
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from msb.topology.analysis import Analysis
-    from msb.topology.findings import Counts, Findings
-    from msb.topology.seams import Attributes, SeamKind
-    from msb.topology.verdict import Level
 
 SCHEMA = "msb.audit/1"
 
 
 @dataclass(frozen=True)
 class Metrics:
-    """The paper's columns and related numbers. A ratio whose denominator is zero is None."""
+    """The columns of the paper and related numbers. A ratio with a zero denominator is None."""
 
     vf_ratio: float | None
     mean_valence: float | None
@@ -45,7 +41,7 @@ class Metrics:
 
 @dataclass(frozen=True)
 class Welded:
-    """The same numbers after merging coincident vertices."""
+    """Counts and metrics of the mesh after merging coincident vertices."""
 
     weld: Weld
     counts: Counts
@@ -54,7 +50,7 @@ class Welded:
 
 @dataclass(frozen=True)
 class Sample:
-    """One offending element: its number, its vertices, and their coordinates in stored precision."""
+    """An offending element: its number, its vertices, and their coordinates in stored precision."""
 
     element: int
     vertices: tuple[int, ...]
@@ -63,44 +59,45 @@ class Sample:
 
 @dataclass(frozen=True, repr=False)
 class Audit:
-    """The audit of one mesh. `print` shows it in a few lines, a notebook as a small table.
+    """The audit of a mesh. `print` shows it in a few lines, a notebook as a small table.
 
     Attributes
     ----------
     path, method : str or None
-        Where the mesh came from, and the asset's method; None for plain arrays.
+        The file of the mesh and the method of the asset; None for plain arrays.
     topology : {"triangle_soup", "indexed_mesh"}
-        Determined from the data: the mesh is a soup if no vertex is used by two faces.
+        "triangle_soup" if no vertex is used by two faces, determined from the faces.
     is_soup : bool
         Whether every vertex is used by exactly one face, so that V = 3F.
     counts, metrics : Counts, Metrics
     valence_histogram : dict of int to int
-        Number of edges at a vertex -> number of such vertices, unreferenced ones included.
+        Number of edges at a vertex -> number of such vertices, including unreferenced ones.
     winding_consistent : bool
         Whether the two faces of every two-face edge run along it in opposite directions.
     samples : dict of str to tuple of Sample
-        The first few elements behind each count, in ascending order.
+        The first few elements of each count, in ascending order.
     welded : Welded or None
+        The result of the requested weld.
     seams : {"texture", "color"} or None
-        For what vertices are doubled at seams, `counts.seam_vertices` of them; None where none are.
+        The attribute that duplicates `counts.seam_vertices` vertices at seams; None without seams.
     without_seams : Audit or None
-        The audit of the mesh without its seams; None where there are none.
+        The audit of the mesh with merged seams; None without seams.
     closed_once_merged : bool
-        Whether the mesh is open as stored, and closed, manifold and consistently wound once coincident
-        vertices are merged exactly. False, too, where that was not tried: of more than 200,000 faces, unless
-        the exact weld was asked for.
+        Whether the mesh is open as stored, but closed, manifold and consistently wound after an exact weld.
+        Also False if that was not tried, which is so for more than 200,000 faces unless the exact weld was
+        requested.
     corners_coincide : bool or None
-        Of a triangle soup whether the exact weld would join any two faces; else None.
+        For a triangle soup, whether an exact weld would join any two faces; otherwise None.
     cross_check : list or None
         Rows of `msb.topology.crosscheck`.
     timings_ms : dict of str to float
         Stage -> milliseconds.
     computed_by : str
-        "NumPy", or "OpenCL" and the device; the results are the same.
+        "NumPy", or "OpenCL" and the device; both give the same results.
     verdict : {"ok", "limited", "bad"}
-        Whether the mesh can be used as it is: throughout, for some things, or hardly.
+        Whether the mesh is usable as it is for all tasks, for some, or for hardly any.
     sentence : str
-        A sentence that says what the mesh can be used for, and why not for the rest.
+        The tasks that the mesh is usable for, and its faults.
     """
 
     topology: Literal["triangle_soup", "indexed_mesh"]
@@ -123,17 +120,17 @@ class Audit:
 
     @property
     def judged(self) -> Audit:
-        """The audit that the verdict is about: of the mesh without its seams, if it has any."""
+        """The audit that decides the verdict: without seams, if the mesh has seams."""
         return self.without_seams or self
 
     @property
     def verdict(self) -> Level:
-        """The grade of the mesh."""
+        """The level of the verdict."""
         return judge(self).level
 
     @property
     def sentence(self) -> str:
-        """The reason for the grade, without a full stop."""
+        """The sentence of the verdict, without a full stop."""
         return judge(self).sentence
 
     def __repr__(self) -> str:
@@ -146,7 +143,7 @@ class Audit:
         return "\n".join([self._title(), *lines, str(judge(self))])
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows; nothing of a file's name is markup."""
+        """Return the table that a notebook displays, with the file name escaped."""
         right = ' style="text-align: right"'
         rows = "".join(
             f"<tr><td>{name}</td><td{right}>{count}</td><td{right}>{share}</td></tr>"
@@ -164,7 +161,7 @@ class Audit:
         return f"{name}: {kind}, {self.counts.vertices:,} vertices, {self.counts.faces:,} faces"
 
     def _rows(self) -> list[tuple[str, str, str]]:
-        """Return name, count and share of what decides about the mesh."""
+        """Return name, count and share of the most important counts."""
         c = self.counts
         rows = [
             (name, f"{count:,}", percent(count, whole))
@@ -179,7 +176,7 @@ class Audit:
         return [*rows, ("components", f"{c.components:,}", share)]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the audit as JSON data (schema msb.audit/1); no NaN, no infinity."""
+        """Return the audit as JSON data (schema msb.audit/1), without NaN or infinity."""
         welded = self.welded and {"weld": self.welded.weld, **_numbers(self.welded)}
         without_seams = self.without_seams and {"kind": self.seams, **_numbers(self.without_seams)}
         return {
@@ -212,7 +209,7 @@ class Audit:
         }
 
     def variants(self) -> dict[str, dict[str, int]]:
-        """Return the readings of the two ambiguous terms, by name; the first one of each is the headline."""
+        """Return the readings of the two ambiguous terms by name; the first of each is the headline."""
         c = self.counts
         return {
             "nonmanifold_vertices": {
@@ -235,10 +232,11 @@ def audit_arrays(
     weld: Weld | None = None,
     attributes: Attributes | None = None,
 ) -> tuple[Audit, Analysis]:
-    """Return the audit of plain arrays together with their analysis (for viewers and exports).
+    """Return the audit of plain arrays and their analysis, which viewers and exports use.
 
-    `attributes` are what vertices may be doubled for (`msb.topology.seams.seam_attributes`). For a large
-    mesh the parts of the analysis are only made when they are asked for.
+    `attributes` are the UVs and colours that may duplicate vertices at seams
+    (`msb.topology.seams.seam_attributes`). For a large mesh, each part of the analysis is computed on first
+    use.
     """
     points, triangles = mesh_arrays(vertices, faces)
     findings, analysis = find(points, triangles)
@@ -252,12 +250,14 @@ def audit_arrays(
         counts = replace(report.counts, seam_vertices=seams.doubles)
         without, _ = audit_arrays(points[seams.first], seams.merged(triangles))
         report = replace(report, counts=counts, seams=seams.kind, without_seams=without)
+    # Whether merging coincident vertices closes the mesh; reuse a weld that was already audited.
     if report.welded is not None and chosen == "exact":
         closes = report.counts.boundary_edges > 0 and is_closed(report.welded.counts)
     elif report.without_seams is not None:
         closes = is_closed(report.without_seams.counts) or report.without_seams.closed_once_merged
     else:
         closes = closes_once_merged(findings, points, triangles)
+    # Whether the corners of a triangle soup meet, ignoring its repeated-index rows.
     coincide = None
     if report.counts.all_apart:
         degenerate = report.counts.repeated_index_faces > 0

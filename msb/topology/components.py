@@ -1,4 +1,4 @@
-"""Connected components of a graph given by pairs. Only this module joins elements into groups."""
+"""Connected components of a graph given as pairs of nodes. No other module joins elements into groups."""
 
 from typing import Any
 
@@ -7,17 +7,17 @@ from numpy.typing import NDArray
 
 
 def label_components(count: int, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[np.int32]]:
-    """Group `count` nodes so that the two ends of every pair are in one group.
+    """Group `count` nodes so that both nodes of every pair are in the same group.
 
-    Return how many groups there are and the group (count,) of each node, numbered by their smallest node.
-    O(count + n) time and memory.
+    Return the number of groups and the group (count,) of each node; groups are numbered by their lowest node.
+    Takes O(count + n) time and memory for n pairs.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     if len(first) == 0:
         return count, np.arange(count, dtype=np.int32)
-    # Pairs may repeat: values would be summed, so they are wide enough never to cancel or wrap to zero.
+    # Repeated pairs are summed: float32 values can neither cancel nor wrap to zero.
     values = np.ones(len(first), np.float32)
     graph = coo_array((values, (first, second)), shape=(count, count)).tocsr()
     groups, labels = connected_components(graph, directed=False)

@@ -1,4 +1,4 @@
-"""What a change of a mesh deleted, added and cut, by the places of the corners: whoever made it."""
+"""The faces and edges that differ between two versions of a mesh, compared by corner positions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +12,16 @@ from msb.topology.weld import merged_vertices
 
 @dataclass(frozen=True)
 class Difference:
-    """What is different between a mesh before and after.
+    """The differences between a mesh before and after a change.
 
-    `deleted` faces and `cut` edges are numbers of before, `added` faces of after. A cut edge, by its place in
-    `HalfEdgeMesh.edge_vertices`, is more edges in one place now.
+    Attributes
+    ----------
+    deleted : (n,) int64
+        Numbers of faces of the old mesh that the new one lacks.
+    added : (n,) int64
+        Numbers of faces of the new mesh that the old one lacks.
+    cut : (n,) int64
+        Edges of the old mesh, by position in `HalfEdgeMesh.edge_vertices`, that became several edges.
     """
 
     deleted: NDArray[np.int64]
@@ -26,39 +32,42 @@ class Difference:
 def find_difference(
     before: tuple[NDArray[Any], NDArray[Any]], after: tuple[NDArray[Any], NDArray[Any]]
 ) -> Difference:
-    """Return what was deleted, added and cut, of meshes as `mesh_arrays` returns them.
+    """Return the faces that were deleted or added and the edges that were cut.
 
-    Two corners are the same if their float32 coordinates are equal, so numbers of vertices, their order and
-    their copies do not matter, nor does the winding of faces. Of faces in one place the last ones count as
-    deleted or added. O((V + F) log (V + F)) time.
+    `before` and `after` are vertices and faces as `mesh_arrays` returns them. Corners are equal if their
+    float32 coordinates are equal, so the numbers, order and copies of vertices do not matter, nor does the
+    winding of faces. If several faces lie in one place, the last of them count as deleted or added. Takes
+    O((V + F) log (V + F)) time.
     """
+    # Number the positions of both meshes together; describe each face by its sorted positions.
     _, place = merged_vertices(
         np.concatenate([np.asarray(points, np.float64) for points, _ in (before, after)]), "exact"
     )
     places = np.split(place, [len(before[0])])
     rows = [np.sort(where[faces], axis=1) for where, (_, faces) in zip(places, (before, after), strict=True)]
     surplus = _surplus(*rows), _surplus(*rows[::-1])
+    # A cut edge has more edges in its place afterwards; the first edge there stands for all of them.
     edges = [build_half_edges(faces, len(points)).edge_vertices for points, faces in (before, after)]
     old, new = (np.sort(where[ends], axis=1) for where, ends in zip(places, edges, strict=True))
     more = new[_surplus(new, old)]
-    # Of edges in one place the first stands for all.
     return Difference(surplus[0], surplus[1], _first_of(old, more))
 
 
 def _surplus(rows: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int64]:
-    """Return which of `rows` (n, k) are there more often than in `other`: the last ones."""
+    """Return the numbers of the `rows` (n, k) that occur more often than in `other`: the last ones."""
     _, group = np.unique(np.concatenate([rows, other]), axis=0, return_inverse=True)
-    own, theirs = np.split(group.reshape(-1), [len(rows)])
-    order = np.argsort(own, kind="stable")
-    own = own[order]
-    # The rank of each row among the equal ones before it; as many as `other` has are no surplus.
-    rank = np.arange(len(own)) - np.searchsorted(own, own)
-    return np.sort(order[rank >= np.bincount(theirs, minlength=len(group))[own]])
+    group_of_row, group_of_other = np.split(group.reshape(-1), [len(rows)])
+    order = np.argsort(group_of_row, kind="stable")
+    group_of_row = group_of_row[order]
+    # Rank of each row among the equal rows before it. As many rows as `other` has are matched; the rest are
+    # surplus.
+    rank = np.arange(len(group_of_row)) - np.searchsorted(group_of_row, group_of_row)
+    return np.sort(order[rank >= np.bincount(group_of_other, minlength=len(group))[group_of_row]])
 
 
 def _first_of(rows: NDArray[Any], wanted: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the number of the first of `rows` (n, k) that equals each of `wanted`, where there is one."""
+    """Return the number of the first of `rows` (n, k) that equals each row of `wanted`, if one does."""
     _, group = np.unique(np.concatenate([rows, wanted]), axis=0, return_inverse=True)
-    own, theirs = np.split(group.reshape(-1), [len(rows)])
-    groups, first = np.unique(own, return_index=True)
-    return np.sort(first[np.isin(groups, theirs)])
+    group_of_row, group_of_wanted = np.split(group.reshape(-1), [len(rows)])
+    groups, first = np.unique(group_of_row, return_index=True)
+    return np.sort(first[np.isin(groups, group_of_wanted)])

@@ -1,4 +1,4 @@
-"""Decide how a mesh is audited: by NumPy, or by OpenCL kernels if it is large."""
+"""Choose the implementation of an audit: NumPy for small meshes, OpenCL kernels for large ones."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from msb.topology.findings import Findings, find_by_numpy
 if TYPE_CHECKING:
     from msb.cl import Device
 
-# The number of faces from which opening a device costs less than it saves. Smaller meshes never wait for a
-# compiler.
+# Minimum number of faces for the kernels. Below it, opening a device takes longer than the kernels save, and
+# small meshes never wait for a compiler.
 FEWEST_FACES = 1 << 16
 
 
 def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]:
-    """Return what the audit of arrays that `mesh_arrays` has checked finds, and their analysis.
+    """Return the findings and the analysis of a mesh whose arrays `mesh_arrays` has checked.
 
-    Both ways give the same results to the last bit. If no device can run the kernels, or the device fails,
-    NumPy does the work and `computed_by` says why.
+    Both implementations give bit-identical results. If no device can run the kernels, or the device fails,
+    NumPy is used and `computed_by` gives the reason.
     """
     analysis = Analysis(points, faces)
     note = ""
@@ -42,13 +42,15 @@ def find(points: NDArray[Any], faces: NDArray[Any]) -> tuple[Findings, Analysis]
 
 
 def _shared_cpu() -> Device:
-    """Return the default device, or if its style is not CPU, which the kernels are of, the first CPU."""
+    """Return the default device if it uses the CPU style of kernels, otherwise the first CPU device."""
     from msb.cl import shared_device
     from msb.cl.devices import choose_device
 
     chosen = choose_device()
     device = shared_device(chosen.selector if chosen.record.style == "cpu" else "cpu")
     if device.record.style != "cpu" or not device.record.fp64:
-        lacks = "double precision" if device.record.style == "cpu" else "a compiler known to take the kernels"
-        raise DeviceError("DEVICE_COMMAND", f"{device.record} lacks {lacks}")
+        missing = (
+            "double precision" if device.record.style == "cpu" else "compiler that takes the CPU kernels"
+        )
+        raise DeviceError("DEVICE_COMMAND", f"{device.record} has no {missing}")
     return device

@@ -1,6 +1,6 @@
 """The definition of every number of the audit, as plain data: what `msb-audit --explain` prints.
 
-The data is explanations.toml; docs/definitions.md holds the reasoning behind it, and the data on the site.
+explanations.toml holds the data; docs/definitions.md gives the reasons behind the definitions.
 """
 
 import difflib
@@ -24,23 +24,23 @@ class Explanation:
     name : str
         The key in the audit's JSON.
     symbol : str
-        The name in formulas; empty if there is none.
+        The symbol in formulas; may be empty.
     title : str
         The quantity in plain words.
     formula : str
         The formula, on one line.
     definition : str
-        What is counted, in two to four sentences.
+        The elements that are counted, in two to four sentences.
     matters : str
-        What a high or low value means for whoever uses the mesh.
+        The consequence of a high or low value for users of the mesh.
     source : str
-        Where the definition comes from: the paper's section, or why it was decided here.
+        Where the definition comes from: the section of the paper, or the reason for our decision.
     special : str
-        What holds for empty, degenerate or broken meshes; empty if nothing special does.
+        Values for empty, degenerate or damaged meshes; empty if there is nothing to add.
     peers : mapping of str to str
-        Library -> "agrees", or exactly how it differs.
+        Library -> "agrees", or the exact difference.
     aliases : tuple of str
-        Other names that `explain` takes for the quantity.
+        Further names that `explain` accepts.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Explanation:
     aliases: tuple[str, ...] = ()
 
     def paragraphs(self) -> Iterator[tuple[str, str]]:
-        """Yield label and text of everything after the definition."""
+        """Yield the label and the text of each part after the definition."""
         yield "Formula", self.formula
         yield "Why it matters", self.matters
         yield "Source", self.source
@@ -81,29 +81,29 @@ def _read() -> dict[str, Explanation]:
     data = tomllib.loads(Path(__file__).with_name("explanations.toml").read_text("utf-8"))
     texts = data.pop("texts")
 
-    def filled(value: Any) -> Any:
+    def fill(value: Any) -> Any:
         if isinstance(value, str):
             return Template(value).substitute(texts)
         if isinstance(value, dict):
-            return {key: filled(one) for key, one in value.items()}
+            return {key: fill(text) for key, text in value.items()}
         return tuple(value)
 
-    return {name: Explanation(name, **{"symbol": "", **filled(entry)}) for name, entry in data.items()}
+    return {name: Explanation(name, **{"symbol": "", **fill(entry)}) for name, entry in data.items()}
 
 
-# Name in the JSON -> explanation; the paper's columns first.
+# Key of the JSON -> explanation; the columns of the paper come first.
 EXPLANATIONS: dict[str, Explanation] = _read()
 
 
 def explain(name: str) -> Explanation:
-    """Return what a quantity means.
+    """Return the explanation of a quantity.
 
     Parameters
     ----------
     name : str
-        Its key in the JSON (`nonmanifold_edge_ratio`), with or without the object it is in
-        (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`); upper and
-        lower case and "-" for "_" do not matter.
+        Its key in the JSON (`nonmanifold_edge_ratio`), with or without the enclosing object
+        (`metrics.nonmanifold_edge_ratio`), or its symbol in formulas (`nm_edge_ratio`, `E_gt2`). Case does
+        not matter, and "-" may stand for "_".
 
     Examples
     --------
@@ -118,13 +118,14 @@ def explain(name: str) -> Explanation:
         for known in (entry.name, entry.symbol, *entry.aliases)
         if known
     }
-    # LCC_area and lcc_area are two symbols: without the right case it is the first one, the paper's column.
+    # LCC_area and lcc_area are different symbols. In any other case the first one wins, the column of the
+    # paper.
     folded: dict[str, Explanation] = {}
     for known, entry in exact.items():
         folded.setdefault(known.casefold(), entry)
     match = exact.get(wanted) or folded.get(wanted.casefold())
     if match is None:
         near = difflib.get_close_matches(wanted.casefold(), folded, 3, 0.5)
-        hint = f"did you mean {' or '.join(near)}" if near else f"the names are {', '.join(EXPLANATIONS)}"
-        raise UsageError("NAME_UNKNOWN", f'there is no quantity "{shorten(name)}"; {hint}')
+        hint = f"did you mean {' or '.join(near)}" if near else f"known names: {', '.join(EXPLANATIONS)}"
+        raise UsageError("NAME_UNKNOWN", f'unknown quantity "{shorten(name)}"; {hint}')
     return match

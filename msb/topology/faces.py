@@ -1,25 +1,26 @@
-"""Properties of single faces: the area, and whether a face has none, is not finite, or is a duplicate."""
+"""Properties of single faces: area, zero or non-finite area, and duplicates."""
 
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-# Number of faces whose corners are gathered together; nine doubles each make 19 MB.
+# Faces per batch; their corners take 19 MB (nine doubles each).
 _CHUNK = 1 << 18
 
 
 def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the area (F,) of each face, in squared length units, and whether it is finite.
+    """Return the area (F,) of each face in squared length units, and whether it is finite (F,).
 
-    It is half the norm of the cross product, in double precision; 0 where that is not finite.
+    The area is half the norm of the cross product in double precision, or 0 if that is not finite.
     """
     area = np.zeros(len(faces))
     with np.errstate(over="ignore", invalid="ignore", under="ignore"):
         for start in range(0, len(faces), _CHUNK):
             corners = vertices[faces[start : start + _CHUNK]].astype(np.float64)
             first = corners[:, 0]
-            # Written out, as NumPy may sum in any order: the kernels' areas are the same to the last bit.
+            # The sum is written out because NumPy does not define an order; the kernels give bit-identical
+            # areas.
             x, y, z = np.cross(corners[:, 1] - first, corners[:, 2] - first).T
             area[start : start + _CHUNK] = 0.5 * np.sqrt(x * x + y * y + z * z)
     finite = np.isfinite(area)
@@ -28,9 +29,10 @@ def face_areas(vertices: NDArray[Any], faces: NDArray[Any]) -> tuple[NDArray[np.
 
 
 def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
-    """Return the volume that a closed mesh encloses, negative where it is wound inwards.
+    """Return the volume enclosed by a closed mesh; it is negative if the mesh is wound inwards.
 
-    The sum of the tetrahedra between the faces and one point; a corner of the mesh, to keep rounding small.
+    It is the sum of the tetrahedra between the faces and the first corner of the mesh, which keeps rounding
+    small.
     """
     if not len(faces):
         return 0.0
@@ -39,10 +41,11 @@ def signed_volume(vertices: NDArray[Any], faces: NDArray[np.int64]) -> float:
 
 
 def added_areas(area: NDArray[np.float64], group: NDArray[Any], groups: int) -> NDArray[np.float64]:
-    """Return the (groups,) area of each group of faces, each added in the order of the faces.
+    """Return the area (groups,) of each group of faces, added in the order of the faces.
 
-    Rounding is monotone. If areas, which are not negative, are added in one order, the sum over some of the
-    faces is never larger than the sum over all of them, and is equal to it if the others have no area.
+    `area` (F,) is not negative and `group` (F,) is the group of each face. Because rounding is monotone and
+    the order is the same, the area of some faces is never larger than the area of all faces, and equals it if
+    the other faces have no area.
     """
     return np.bincount(group, weights=area, minlength=groups).astype(np.float64)
 
@@ -55,21 +58,22 @@ def has_no_area(
 
 
 def names_vertex_twice(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which (F, 3) rows name a vertex twice; such a row has no edges and no area."""
+    """Return which rows of `faces` (F, 3) have a repeated index; such rows have no edges and no area."""
     a, b, c = faces.T
     return np.asarray((a == b) | (b == c) | (a == c))
 
 
 def extra_duplicates(faces: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which faces repeat an earlier one: the same three indices, in any order or winding.
+    """Return which faces (F,) repeat an earlier face: the same three indices in any order or winding.
 
-    O(F log F) time. The first face of each set of duplicates is not marked.
+    The first face of each set of duplicates is not marked. Takes O(F log F) time.
     """
     extra = np.zeros(len(faces), bool)
     if len(faces) < 2:
         return extra
     low, high = faces.min(axis=1), faces.max(axis=1)
-    # The middle one is what the outer two leave over; exact, because integers wrap consistently.
+    # The middle index is the sum minus the lowest and the highest one; exact, because integers wrap
+    # consistently.
     middle = faces[:, 0] + faces[:, 1] + faces[:, 2] - low - high
     order = np.lexsort((high, middle, low))  # stable: equal rows stay in ascending order
     same = np.ones(len(faces) - 1, bool)

@@ -1,9 +1,9 @@
 """Fans around vertices, boundary loops, and the readings of "non-manifold vertex".
 
-A *fan* is a set of corners at one vertex joined by walking across ordinary (two-face) edges. A vertex is
-manifold exactly when it has one fan: the link, cut at its nodes of degree three and more, is then a single
-path or cycle. The proof is in docs/definitions.md; the identity *strict = several fans = multifan or endpoint
-of a non-manifold edge* is held by tests.
+A *fan* is a set of corners at one vertex that are connected across two-face edges. A vertex is manifold
+exactly if it has one fan: its link, cut at nodes of degree three and more, is then a single path or cycle.
+The proof is in docs/definitions.md; tests check the identity *strict = several fans = multifan or endpoint of
+a non-manifold edge*.
 """
 
 from dataclasses import dataclass
@@ -25,11 +25,11 @@ class Fans:
     corner_fan : (3F,) integers
         Fan of each corner (corner 3 f + k is vertex k of face f); NONE in repeated-index rows.
     fan_vertex : (n,) integers
-        The vertex each fan is around.
+        The vertex of each fan.
     fans_per_vertex : (V,) integers
-        0 for a vertex no proper face uses, 1 for a manifold vertex.
+        0 for a vertex without proper faces, 1 for a manifold vertex.
     groups_per_vertex : (V,) integers
-        The same when corners are joined across every shared edge, non-manifold ones too.
+        The same if corners are joined across every shared edge, including non-manifold edges.
     """
 
     corner_fan: NDArray[Any]
@@ -39,36 +39,38 @@ class Fans:
 
 
 def corners_at_ends(mesh: HalfEdgeMesh, halfedges: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return, for each half-edge, the corners of its face at the edge's low and at its high vertex."""
+    """Return for each half-edge the corners of its face at the low and at the high vertex of the edge."""
     after = next_in_face(halfedges)
     origin = mesh.origin
     upwards = origin[halfedges] < origin[after]
     return np.where(upwards, halfedges, after), np.where(upwards, after, halfedges)
 
 
-def group_corners(mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any]) -> tuple[int, NDArray[Any]]:
-    """Join corners at a vertex by walking across the given pairs of half-edges, each pair at one edge.
+def group_corners(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> tuple[int, NDArray[Any]]:
+    """Join the corners at each vertex across the given pairs of half-edges; both of a pair belong to one
+    edge.
 
-    Return how many groups there are and the group (3F,) of each corner, numbered by their first corner; NONE
-    in repeated-index rows.
+    Return the number of groups and the group (3F,) of each corner. Groups are numbered by their first corner;
+    repeated-index rows have NONE.
     """
     corners = np.flatnonzero(~np.repeat(mesh.repeated_index, 3))
-    # Compact numbers for the corners of proper faces, so that no label is spent on the others.
+    # Number the corners of proper faces consecutively, so that the other corners get no labels.
     compact = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
     compact[corners] = np.arange(len(corners), dtype=mesh.faces.dtype)
-    count, labels = _join(mesh, compact, one, other, len(corners))
+    count, labels = _join(mesh, compact, first, second, len(corners))
     corner_group = np.full(mesh.faces.size, NONE, mesh.faces.dtype)
     corner_group[corners] = labels
     return count, corner_group
 
 
 def find_fans(mesh: HalfEdgeMesh) -> Fans:
-    """Return the fans of `mesh`. O(F) time and memory."""
+    """Return the fans of `mesh`. Takes O(F) time and memory."""
     count, corner_fan = group_corners(mesh, *mesh.two_face_halfedges)
     corners = np.flatnonzero(corner_fan != NONE)
     labels = corner_fan[corners]
     fan_vertex = np.zeros(count, mesh.faces.dtype)
     fan_vertex[labels] = mesh.origin[corners]
+    # Joining the fans across edges with three or more faces gives the multifan groups.
     groups, group_of_fan = _join(mesh, corner_fan, *mesh.chained_halfedges, count)
     group_vertex = np.zeros(groups, mesh.faces.dtype)
     group_vertex[group_of_fan] = fan_vertex
@@ -81,23 +83,25 @@ def find_fans(mesh: HalfEdgeMesh) -> Fans:
 
 
 def _join(
-    mesh: HalfEdgeMesh, node_of_corner: NDArray[Any], one: NDArray[Any], other: NDArray[Any], count: int
+    mesh: HalfEdgeMesh, node_of_corner: NDArray[Any], first: NDArray[Any], second: NDArray[Any], count: int
 ) -> tuple[int, NDArray[np.int32]]:
-    """Join the nodes at both ends of each pair of half-edges that share an edge."""
-    one_low, one_high = corners_at_ends(mesh, one)
-    other_low, other_high = corners_at_ends(mesh, other)
-    first = node_of_corner[np.concatenate([one_low, one_high])]
-    second = node_of_corner[np.concatenate([other_low, other_high])]
-    return label_components(count, first, second)
+    """Join the nodes at both ends of each pair of half-edges that share an edge; return as
+    `label_components`.
+    """
+    first_low, first_high = corners_at_ends(mesh, first)
+    second_low, second_high = corners_at_ends(mesh, second)
+    corners_a = node_of_corner[np.concatenate([first_low, first_high])]
+    corners_b = node_of_corner[np.concatenate([second_low, second_high])]
+    return label_components(count, corners_a, corners_b)
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Boundary edges (B,), ascending, and the `chain` (B,) that each is in.
+    """Boundary edges `edges` (B,), ascending, and the `chain` (B,) of each.
 
-    Two are linked where one boundary fan has both of them as its sides. A chain that is `closed` is a loop (a
-    hole's rim, or the outline of an open sheet); others end where the fan's other side is a non-manifold
-    edge.
+    Two boundary edges are linked if they are the two sides of one open fan. A `closed` chain is a loop: the
+    rim of a hole or the outline of an open sheet. Other chains end at a fan whose other side is a
+    non-manifold edge.
     """
 
     edges: NDArray[Any]
@@ -118,12 +122,13 @@ class Boundary:
 def find_boundary(mesh: HalfEdgeMesh, fans: Fans) -> Boundary:
     """Return the boundary loops and chains of `mesh`.
 
-    An open fan is a path with two sides. Where both are boundary edges, these follow each other along the
-    boundary; so every boundary edge has at most one follower at each end, and the groups they form are cycles
-    (as many links as edges) or paths. At a vertex with several fans the loops touch but stay apart.
+    An open fan is a path with two sides. If both sides are boundary edges, they follow each other along the
+    boundary. Every boundary edge has at most one follower at each end, so connected edges form cycles (as
+    many links as edges) or paths. At a vertex with several fans, loops touch but stay separate.
     """
     edges = np.flatnonzero(mesh.multiplicity == 1)
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[edges]]
+    # Both ends of each boundary half-edge lie in a fan; two ends in one fan are linked.
     fan = np.concatenate([fans.corner_fan[halfedge], fans.corner_fan[next_in_face(halfedge)]])
     side = np.tile(np.arange(len(edges)), 2)
     order = np.argsort(fan, kind="stable")

@@ -1,26 +1,22 @@
-"""The findings of an audit as plain numbers, in the one form that NumPy and the OpenCL kernels both give."""
-
-from __future__ import annotations
+"""Findings of an audit as plain numbers, in the form that NumPy and the OpenCL kernels share."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from msb.topology.analysis import Analysis
 from msb.topology.faces import added_areas
 
-if TYPE_CHECKING:
-    from msb.topology.analysis import Analysis
-
-# Number of offending elements shown of each kind: enough to go and look, few enough to read.
+# Offending elements listed for each kind: enough to locate a fault, few enough to read.
 SAMPLES = 3
-# Key of the counts -> number and vertices of the first few elements behind it, ascending.
+# Key of the counts -> (element number, vertices) of the first few offending elements, ascending.
 First = dict[str, tuple[tuple[int, tuple[int, ...]], ...]]
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Integers. `msb-audit --explain NAME` prints the definition of each (docs/definitions.md)."""
+    """Integer counts. `msb-audit --explain NAME` prints the definition of each (docs/definitions.md)."""
 
     vertices: int
     referenced_vertices: int
@@ -48,21 +44,21 @@ class Counts:
 
     @property
     def all_apart(self) -> bool:
-        """Whether there are faces, and no two of them share a vertex: a soup, whatever rows are degenerate.
+        """Whether no two faces share a vertex: a triangle soup, even if it also has degenerate rows.
 
-        Only a face that names no vertex twice uses its vertices.
+        Faces with a repeated index do not use vertices. A mesh without valid faces is not a soup.
         """
         return self.referenced_vertices == 3 * (self.faces - self.repeated_index_faces) > 0
 
 
 @dataclass(frozen=True)
 class Findings:
-    """The counts of a mesh, and what else the report needs.
+    """The counts of a mesh and the other results that the report needs.
 
-    Areas, in squared length units, are added in the order of the faces, so that both implementations give the
-    same sums. `shares_vertices` says whether some vertex is used by two faces; `first` has the first edges,
-    vertices and faces behind the counts, an edge's number being its place among the vertex pairs. Comparisons
-    ignore the times and `computed_by`.
+    Areas, in squared length units, are added in face order, so both implementations give the same sums.
+    `shares_vertices` is true if two faces share a vertex. `first` lists the first edges, vertices and faces
+    of each count; the number of an edge is its position among the sorted vertex pairs. Comparisons ignore
+    `timings_ms` and `computed_by`.
     """
 
     counts: Counts
@@ -76,13 +72,13 @@ class Findings:
 
 
 def find_by_numpy(analysis: Analysis) -> Findings:
-    """Return the findings of `analysis`. This is the readable twin of `msb.topology.kernel`."""
+    """Return the findings of `analysis`, computed with NumPy; the readable twin of `msb.topology.kernel`."""
     mesh, components, bad = analysis.mesh, analysis.components, analysis.offending
-    listed = {kind: len(ids) for group in (bad.edges, bad.vertices, bad.faces) for kind, ids in group.items()}
+    count_of = {kind: len(ids) for kind, ids in (bad.edges | bad.vertices | bad.faces).items()}
     largest = components.largest()
     counts = Counts(
         vertices=mesh.vertex_count,
-        referenced_vertices=mesh.vertex_count - listed["unreferenced_vertices"],
+        referenced_vertices=mesh.vertex_count - count_of["unreferenced_vertices"],
         faces=mesh.face_count,
         edges=mesh.edge_count,
         manifold_edges=int(np.count_nonzero(mesh.multiplicity == 2)),
@@ -92,7 +88,7 @@ def find_by_numpy(analysis: Analysis) -> Findings:
         components=components.count,
         components_manifold_edges=analysis.two_face_components,
         largest_component_faces=0 if largest is None else int(components.sizes[largest]),
-        **listed,
+        **count_of,
     )
     valences = np.bincount(np.bincount(mesh.edge_vertices.reshape(-1), minlength=counts.vertices))
     return Findings(
@@ -112,7 +108,10 @@ def find_by_numpy(analysis: Analysis) -> Findings:
 
 
 def first_of(numbers: Any, vertices: Any = None) -> tuple[tuple[int, tuple[int, ...]], ...]:
-    """Return the first few of ascending element `numbers`, with their rows of `vertices` or themselves."""
+    """Return the first few of ascending element `numbers`, each with its vertices.
+
+    These are the rows of `vertices`, or the number itself if `vertices` is None.
+    """
     return tuple(
         (int(i), (int(i),) if vertices is None else tuple(map(int, vertices[i]))) for i in numbers[:SAMPLES]
     )

@@ -1,11 +1,11 @@
-"""The half-edge structure: 3F half-edges grouped by undirected vertex pair, any number of them per edge.
+"""Half-edge structure: 3F half-edges grouped by undirected vertex pair, any number of them per edge.
 
-A classic half-edge mesh has room for two faces per edge and would have to split or drop the others: it would
-change the very thing that is audited. Here an edge is a *group* of half-edges, of any size, and nothing is
-merged, dropped, reoriented or repaired.
+A classic half-edge mesh allows two faces per edge. It would have to split or drop further faces, and so
+change the mesh that is audited. Here an edge is a *group* of half-edges of any size, and nothing is merged,
+dropped, reoriented or repaired.
 
-Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face;
-the corner it starts from carries the same number. Definitions: docs/definitions.md; paper, "Topology-Metric
+Half-edge ``h = 3 f + k`` belongs to face f and runs from corner k to corner k + 1 (mod 3) of that face; the
+corner it starts from has the same number. Definitions: docs/definitions.md; paper, "Topology-Metric
 Definitions and Interpretation Limits".
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from msb.topology.faces import names_vertex_twice
 
-# Stands for "there is none" in arrays of element numbers.
+# Marks a missing element in arrays of element numbers.
 NONE = -1
 
 
@@ -30,9 +30,9 @@ class HalfEdgeMesh:
     ----------
     vertex_count : int
     faces : (F, 3) integers
-        The faces as given, repeated-index rows included.
+        The faces as given, including repeated-index rows.
     edge_vertices : (E, 2) integers
-        The distinct unordered pairs (low, high) over the faces without a repeated index, in ascending order.
+        The distinct unordered pairs (low, high) of all faces without a repeated index, in ascending order.
     edge_offsets : (E + 1,) integers
         Edge e has the half-edges ``edge_halfedges[edge_offsets[e] : edge_offsets[e + 1]]``.
     edge_halfedges : (3 (F - F_repeated),) integers
@@ -57,22 +57,22 @@ class HalfEdgeMesh:
 
     @cached_property
     def repeated_index(self) -> NDArray[np.bool_]:
-        """(F,) whether a face names a vertex twice; such a row has no edges and no fans."""
+        """(F,) whether a face has a repeated index; such a row has no edges and no fans."""
         return names_vertex_twice(self.faces)
 
     @cached_property
     def multiplicity(self) -> NDArray[Any]:
-        """(E,) number of faces at each edge; duplicates of a face count each time."""
+        """(E,) number of faces at each edge; duplicate faces count each time."""
         return np.diff(self.edge_offsets)
 
     @property
     def origin(self) -> NDArray[Any]:
-        """(3F,) vertex each half-edge starts from."""
+        """(3F,) start vertex of each half-edge."""
         return self.faces.reshape(-1)
 
     @property
     def target(self) -> NDArray[Any]:
-        """(3F,) vertex each half-edge ends at."""
+        """(3F,) end vertex of each half-edge."""
         return self.faces[:, (1, 2, 0)].reshape(-1)
 
     @cached_property
@@ -92,9 +92,9 @@ class HalfEdgeMesh:
 
     @property
     def chained_halfedges(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Each half-edge of an edge with three faces or more, and the next one in its group.
+        """Each half-edge of an edge with three or more faces, and the next half-edge of its group.
 
-        Joining these joins the whole group without the quadratic number of all its pairs.
+        Joining these pairs joins the whole group, without its quadratic number of pairs.
         """
         crowded = np.repeat(self.multiplicity > 2, self.multiplicity)
         last = np.zeros(len(crowded), bool)
@@ -103,7 +103,7 @@ class HalfEdgeMesh:
         return self.edge_halfedges[position], self.edge_halfedges[position + 1]
 
     def halfedges_of(self, edge: int) -> NDArray[Any]:
-        """Return the half-edges of one edge."""
+        """Return the half-edges of an edge."""
         return self.edge_halfedges[self.edge_offsets[edge] : self.edge_offsets[edge + 1]]
 
 
@@ -113,24 +113,27 @@ def face_of(halfedge: NDArray[Any]) -> NDArray[Any]:
 
 
 def next_in_face(halfedge: NDArray[Any]) -> NDArray[Any]:
-    """Return the half-edge that follows each half-edge around its face."""
+    """Return the next half-edge around the face of each half-edge."""
     return np.where(halfedge % 3 == 2, halfedge - 2, halfedge + 1)
 
 
 def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
-    """Return the half-edge structure of `faces`, which `mesh_arrays` has checked.
+    """Return the half-edge structure of `faces` (F, 3), which `mesh_arrays` has checked.
 
-    One sort of 3F 64-bit keys: O(F log F) time, about 60 bytes a face of working memory.
+    Sorts 3F 64-bit keys: O(F log F) time, about 60 bytes of working memory per face.
     """
     dtype = faces.dtype
+    # Half-edges of the faces without a repeated index, and their vertex pairs (low, high).
     valid = np.flatnonzero(~names_vertex_twice(faces))
     rows = faces[valid]
     origin, target = rows.reshape(-1), rows[:, (1, 2, 0)].reshape(-1)
     low, high = np.minimum(origin, target), np.maximum(origin, target)
+    # One 64-bit key for each vertex pair; equal keys are one edge.
     key, order = _sorted(low.astype(np.uint64) * np.uint64(max(vertex_count, 1)) + high.astype(np.uint64))
     is_first = np.ones(len(key), bool)
     np.not_equal(key[1:], key[:-1], out=is_first[1:])
     first = np.flatnonzero(is_first)
+    # Number of each half-edge, and for each edge its first half-edge in sorted order.
     halfedges = (valid.astype(dtype)[:, None] * 3 + np.arange(3, dtype=dtype)).reshape(-1)
     leader = order[first]
     return HalfEdgeMesh(
@@ -143,10 +146,10 @@ def build_half_edges(faces: NDArray[Any], vertex_count: int) -> HalfEdgeMesh:
 
 
 def _sorted(key: NDArray[np.uint64]) -> tuple[NDArray[np.uint64], NDArray[Any]]:
-    """Return the keys in ascending order, and which each is; equal ones stay in their order.
+    """Return the keys in ascending order and their original positions; equal keys keep their order.
 
-    Where a key and its number fit into 64 bits together, which they do up to some two million faces, numbers
-    alone are sorted: six times as fast as sorting numbers by keys.
+    If a key and its position fit into 64 bits together (up to about two million faces), the packed numbers
+    are sorted, which is six times as fast as sorting positions by key.
     """
     bits = np.uint64(len(key).bit_length())
     if int(key.max(initial=0)) >> (64 - int(bits)):

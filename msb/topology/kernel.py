@@ -1,54 +1,48 @@
-"""The findings of an audit by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
+"""The audit by OpenCL kernels for a CPU; `findings.find_by_numpy` is the readable twin.
 
-Corners are put into blocks of vertices that fit into a core's cache, with the rest of their face beside them.
-There each vertex is visited with all its faces at once. Which of these faces share a neighbour determines
-edges, fans, duplicates and the boundary, without a sort (audit_small.cl); vertices with many faces need a
-sort (audit_large.cl). The pairs of faces that belong to one component are listed, for a union with the lowest
-number as root (audit_pairs.cl). docs/audit_speed.md says why, with measurements.
+Corners are sorted into blocks of vertices that fit into the cache of a core, each with the rest of its face.
+Within a block, each vertex is visited with all its faces at once. The neighbours that these faces share
+determine edges, fans, duplicates and the boundary without a sort (audit_small.cl); vertices with many faces
+need a sort (audit_large.cl). Pairs of faces in one component are listed and united, with the lowest face as
+root (audit_pairs.cl). docs/audit_speed.md gives reasons and measurements.
 """
-
-from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from msb.cl import Buffer, Device, Program
 from msb.topology.findings import SAMPLES, Findings
 from msb.topology.tally import Totals, add_up, tally_dtype
 
-if TYPE_CHECKING:
-    from msb.cl import Device
-    from msb.cl.buffers import Buffer
-    from msb.cl.programs import Program
-
-# The kinds of pairs of audit_pairs.cl.
+# Kinds of face pairs in audit_pairs.cl.
 TWO_FACE, CROWDED, RIM = range(3)
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes that change the kernels' time and memory but not the results; tests make all of them small.
+    """Sizes that change time and memory of the kernels but not the results; tests make all of them small.
 
     Attributes
     ----------
     block_corners : int
-        Mean number of corners in a block of vertices: 200 KB, which a second-level cache holds twice.
+        Average number of corners in a block of vertices: 200 KB; a second-level cache holds two such blocks.
     most_blocks : int
-        The most blocks; each is a stream to be written to.
+        Maximum number of blocks; each block is a separate write stream.
     large_block : int
-        Number of corners from which a block is sorted in place, if that is more than a share of all.
+        Minimum number of corners of a block that is sorted in place, unless 1/16 of a worker's share is more.
     rounds : int
-        How often the memory for the corners is used; a large block that needs more memory makes it once more.
+        Number of times that the memory for corners is reused; blocks larger than `large_block` add a round.
     most_compared : int
-        The most faces of a vertex whose neighbours are compared all with all; a multiple of 8, up to 32.
+        Maximum number of faces of a vertex that are compared pairwise; a multiple of 8, up to 32.
     chunk_pairs : int
-        Number of pairs of faces in a chunk of the list, more than four times `most_compared`.
+        Number of face pairs in a chunk of the list, more than four times `most_compared`.
     valences : int
-        Length of the table in which vertices with fewer edges than this are counted.
+        Length of the valence table; the valences of vertices with more edges are listed.
     """
 
     block_corners: int = 12288
@@ -68,11 +62,11 @@ def find_by_kernels(
     workers: int | None = None,
     sizes: Sizes | None = None,
 ) -> Findings:
-    """Return what the audit of (V, 3) floating `points` and (F, 3) int32 `faces` finds.
+    """Return the findings of the audit of floating `points` (V, 3) and int32 `faces` (F, 3).
 
-    The device has double precision; all memory taken on it is given back. `workers` work-items run at a time,
-    by default as many as it has compute units. Time is O(V + F) for meshes whose vertices have few faces and
-    O(V + F log F) for any mesh. Memory is about 45 bytes a face.
+    The device must support double precision; all memory allocated on it is released. `workers` work-items run
+    at a time, by default one per compute unit. Takes O(V + F) time for meshes with few faces per vertex, O(V
+    + F log F) for any mesh, and about 45 bytes of memory per face.
     """
     run = _Run(points, faces, device, workers or device.record.compute_units, sizes or Sizes())
     try:
@@ -82,7 +76,7 @@ def find_by_kernels(
 
 
 class _Run:
-    """One audit: the buffers, and the stages in their order."""
+    """An audit in progress: its buffers and its stages in order."""
 
     def __init__(
         self, points: NDArray[Any], faces: NDArray[np.int32], device: Device, workers: int, sizes: Sizes
@@ -91,8 +85,9 @@ class _Run:
             points = points.astype(np.float64)
         self.points, self.faces = np.ascontiguousarray(points), faces
         self.device, self.workers, self.sizes = device, workers, sizes
+        # Contiguous parts of the faces: twice as many as workers, so that a delayed worker delays the rest
+        # less.
         self.chunks = 2 * workers
-        """Contiguous parts of the faces; more than workers, so that one held up does not hold up all."""
         self.chunk = -(-len(faces) // self.chunks)
         self.tally = tally_dtype(sizes.valences)
         self.timings: dict[str, float] = {}
@@ -100,7 +95,7 @@ class _Run:
         self._clock = time.perf_counter()
 
     def findings(self) -> Findings:
-        """Run all stages."""
+        """Run all stages and return the findings."""
         self.program = self._program()
         self.on_device = self._share(self.faces.view(np.uint32), "faces")
         self._lap("open")
@@ -130,7 +125,7 @@ class _Run:
         return add_up(totals, self.timings, f"OpenCL, {self.device.record}")
 
     def release(self) -> None:
-        """Give back all memory, once nothing uses it any more."""
+        """Release all buffers after the device has finished with them."""
         self.device.finish()
         for buffer in self._held:
             buffer.release()
@@ -138,10 +133,10 @@ class _Run:
     # ---- stages
 
     def _count_corners(self) -> None:
-        """Lay out the blocks of vertices and the rounds in which they are visited."""
+        """Choose the blocks of vertices and count the corners (chunks, blocks) of each."""
         face_count, vertex_count, sizes = len(self.faces), len(self.points), self.sizes
-        wanted = min(max(3 * face_count // sizes.block_corners, 1), sizes.most_blocks)
-        self.shift = max((vertex_count // wanted).bit_length() - 1, 0)
+        count = min(max(3 * face_count // sizes.block_corners, 1), sizes.most_blocks)
+        self.shift = max((vertex_count // count).bit_length() - 1, 0)
         self.blocks = -(-vertex_count >> self.shift)
         counts = self._new((self.chunks, self.blocks), np.uint32, "corner counts")
         improper = self._new((self.chunks, 1 + SAMPLES), np.uint32, "improper faces")
@@ -152,13 +147,13 @@ class _Run:
         self.starts = np.concatenate([[0], np.cumsum(self.counts.sum(axis=0, dtype=np.int64))])
 
     def _visit_vertices(self) -> None:
-        """Put the corners into their blocks and visit the vertices there, round after round."""
+        """Move the corners into their blocks and visit the vertices there, round by round."""
         block_sizes, face_count = np.diff(self.starts), len(self.faces)
         share = 3 * face_count // (16 * self.workers)
         self.large = max(self.sizes.large_block, share)
         largest = int(block_sizes.max(initial=0))
         rounds = self.sizes.rounds + (largest > self.large)
-        # A little more than a round's share, because blocks do not divide evenly.
+        # 1/32 more than an equal share, because blocks do not divide evenly; at least the largest block.
         room = max(int(self.starts[-1]) // rounds * 33 // 32, largest)
         self.memory = _empty(max(room + 1, -(-3 * face_count // 2)) * 16)
         records = self._share(self.memory, "corners")
@@ -180,7 +175,7 @@ class _Run:
             buffer.release()
 
     def _rounds(self, room: int) -> Iterator[tuple[int, int]]:
-        """Yield first and end of the blocks of each round: as many as there is room for."""
+        """Yield the first and the end block of each round: as many blocks as fit into `room` corners."""
         first = 0
         while first < self.blocks:
             end = int(np.searchsorted(self.starts, self.starts[first] + room, side="right")) - 1
@@ -188,10 +183,14 @@ class _Run:
             first = end
 
     def _place_corners(self, records: Buffer, first: int, end: int, spare: int) -> None:
-        """Give each chunk its place in each block, all chunks of a block one after the other."""
-        mine = self.counts[:, first:end]
+        """Run place_corners for the blocks `first` to `end`.
+
+        `cursors` (chunks, blocks + 1) holds the first position where each chunk writes in each block;
+        the chunks of a block follow each other. The last column is the spare position for all other blocks.
+        """
+        counts = self.counts[:, first:end]
         cursors = np.full((self.chunks, end - first + 1), spare, np.uint32)
-        cursors[:, :-1] = self.starts[first:end] - self.starts[first] + np.cumsum(mine, axis=0) - mine
+        cursors[:, :-1] = self.starts[first:end] - self.starts[first] + np.cumsum(counts, axis=0) - counts
         buffer = self._share(cursors, "cursors")
         scalars = _uints(len(self.faces), self.chunk, first, end - first, self.shift)
         self.program.place_corners(self.chunks, 1, self.on_device, records, buffer, *scalars)
@@ -211,7 +210,7 @@ class _Run:
         )  # fmt: skip
 
     def _make_lists(self, rounds: int) -> None:
-        """Make room for the pairs: at most one for each half-edge, in chunks, some of which are not full."""
+        """Allocate the lists of face pairs: at most one pair for each half-edge, in partly filled chunks."""
         sizes, kinds = self.sizes, 3
         full = 3 * len(self.faces) // (sizes.chunk_pairs - 2 * sizes.most_compared) + 1
         begun = kinds * (self.workers + 1) * (2 * rounds + 2)
@@ -219,21 +218,22 @@ class _Run:
         self.fills = self._new(full + begun + 1, np.uint32, "chunks of pairs")
 
     def _scratch(self, workers: int, corners: int, *, large: bool = False) -> tuple[Buffer, int]:
-        """Return what visit_blocks needs beside, and how many words of it each work-item has."""
-        starts = (1 << self.shift) + 1  # twice, as 32-bit numbers
+        """Return the scratch buffer of visit_blocks and its words per work-item."""
+        starts = (1 << self.shift) + 1  # two tables of 32-bit numbers
         words = starts + 1 + (4 if large else 6) * corners
         words += words % 2
         return self._large(words * workers, np.uint64, "scratch"), words
 
     def _unite(self) -> tuple[int, int]:
-        """Return the components of both readings: unite across two-face edges, then across the others too."""
+        """Return the number of components across all shared edges and across two-face edges only."""
         self.chunks_used = int(self.used[1].read()[0])
+        # Every union that joins two sets reduces the number of components by one.
         proper = len(self.faces) - int(self.improper[:, 0].sum())
         two_face = proper - self._joined(TWO_FACE, self.parents)
         return two_face - self._joined(CROWDED, self.parents), two_face
 
     def _joined(self, kind: int, parents: Buffer) -> int:
-        """Unite the pairs of a kind; return how many of them joined two sets."""
+        """Unite the face pairs of a kind; return the number of unions that joined two sets."""
         joined = self._zeros(self.workers, np.uint32, "joined")
         chunk = self._zeros(1, np.uint32, "next chunk")
         scalars = _uints(self.chunks_used, kind)
@@ -241,9 +241,9 @@ class _Run:
         return int(joined.read().sum(dtype=np.int64))
 
     def _measure_faces(self) -> tuple[float, float, int, int, NDArray[np.uint32]]:
-        """Return both areas, the faces of the largest component, the boundary loops and the strange areas."""
+        """Return total area, area and faces of the largest component, boundary loops, degenerate faces."""
         count = len(self.faces)
-        # In the memory of the corners, which has been touched and is large enough: 24 bytes a face.
+        # Reuse the memory of the corners, which is large enough and already touched: 24 bytes per face.
         cuts = np.split(self.memory[: 24 * count], [8 * count, 16 * count, 20 * count])
         areas = self._share(cuts[0].view(np.float64), "areas")
         sums = self._share(cuts[1].view(np.float64), "sums of areas")
@@ -255,17 +255,17 @@ class _Run:
             self.chunks, 1, self._share(self.points, "points"), self.on_device,
             areas, self.parents, sizes, rims, strange, *_uints(count, self.chunk),
         )  # fmt: skip
-        # Faces that follow each other along the boundary are joined; a pair that closes a ring joins nothing.
+        # Unite faces that follow each other along the boundary; a pair that closes a loop joins nothing.
         joined = self._joined(RIM, rims)
         counts = self._new(2, np.uint32, "largest component")
-        added = self._new(2, np.float64, "its area and that of all")
-        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, added, *_uints(count))
-        fills = self.fills.read()[1 : self.chunks_used + 1]
-        pairs = int((fills[fills % 4 == RIM] // 4).sum(dtype=np.int64))
-        largest, alone = (int(n) for n in counts.read())
-        # A face that shares no edge is a ring of its own three.
-        largest_area, total = (float(x) for x in added.read())
-        return total, largest_area, largest, pairs - joined + alone, strange.read()
+        area_sums = self._new(2, np.float64, "area of the largest component and of all")
+        self.program.sum_largest(1, 1, areas, self.parents, sizes, sums, counts, area_sums, *_uints(count))
+        chunk_fills = self.fills.read()[1 : self.chunks_used + 1]
+        pairs = int((chunk_fills[chunk_fills % 4 == RIM] // 4).sum(dtype=np.int64))
+        largest, single_faces = (int(n) for n in counts.read())
+        # A face without shared edges forms a loop with its three edges.
+        largest_area, total = (float(x) for x in area_sums.read())
+        return total, largest_area, largest, pairs - joined + single_faces, strange.read()
 
     # ---- buffers
 
@@ -313,8 +313,8 @@ def _uints(*values: int) -> list[np.uint32]:
 
 
 def _empty(nbytes: int) -> NDArray[np.uint8]:
-    """Return memory that begins on a page: NumPy's is in huge pages, where the system has them."""
+    """Return uninitialised memory that starts on a page; NumPy uses huge pages if the system has them."""
     page = 4096
-    memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - only what kernels have written is read
+    memory = np.empty(nbytes + page, np.uint8)  # noqa: TID251 - kernels write before anything is read
     start = -memory.ctypes.data % page
     return memory[start : start + nbytes]

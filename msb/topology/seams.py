@@ -1,14 +1,14 @@
-"""Seams: vertices that a file had to store more than once, because each row has one texture coordinate.
+"""Seams: vertices that a file stores more than once because each vertex row has a single UV coordinate or
+colour.
 
-The definition is in docs/definitions.md ("Seams"). What is doubled for another reason, such as normals or a
-format without shared vertices, is no seam; whether a mesh would be closed without such doubles is told, too.
+docs/definitions.md ("Seams") has the definition. Vertices duplicated for other reasons, such as normals or a
+format without shared vertices, are not seams. For those this module tells whether an exact weld would close
+the mesh.
 """
-
-from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +17,31 @@ from msb.base.soup import is_soup
 from msb.topology.components import label_components
 from msb.topology.dispatch import find
 from msb.topology.faces import names_vertex_twice
+from msb.topology.findings import Counts, Findings
 from msb.topology.weld import coincident_vertices, weld_vertices
 
-if TYPE_CHECKING:
-    from msb.topology.findings import Counts, Findings
-
-# What a file doubles vertices for: "uv" (V, 2) and "color" (V, n), or by corner "corner_uv" (3F, 2) and
-# "corner_color" (3F, n), and "face_texture" (F,) of faces.
+# Attributes that make a file duplicate vertices. By vertex: "uv" (V, 2) and "color" (V, n). By corner:
+# "corner_uv" (3F, 2) and "corner_color" (3F, n). By face: "face_texture" (F,).
 Attributes = Mapping[str, NDArray[Any]]
 SeamKind = Literal["texture", "color"]
 
-# Welding and auditing again takes as long as the audit: larger meshes are not welded unasked.
+# Maximum number of faces of a mesh that is welded without a request, because welding and auditing the result
+# takes about as long as the audit.
 MOST_FACES = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Seams:
-    """The vertices of a mesh without its seams.
+    """The vertices of a mesh after its seams are merged.
 
-    `first` (W,) is the first row of each, ascending, and `number` (V,) says which of them each row is. The
-    `kind` is "texture" where the mesh has UVs, else "color".
+    Attributes
+    ----------
+    first : (W,) integers
+        The first row of each merged vertex, ascending.
+    number : (V,) integers
+        The merged vertex of each row.
+    kind : {"texture", "color"}
+        "texture" if the mesh has UVs, else "color".
     """
 
     first: NDArray[Any]
@@ -45,59 +50,66 @@ class Seams:
 
     @property
     def doubles(self) -> int:
-        """Number of rows that repeat another at a seam."""
+        """Number of rows that duplicate another row at a seam."""
         return len(self.number) - len(self.first)
 
     def merged(self, faces: NDArray[Any]) -> NDArray[Any]:
-        """Return `faces` by the merged vertices, in the type they have."""
+        """Return `faces` (F, 3) with merged vertex numbers, in the same integer type."""
         return np.asarray(self.number.astype(faces.dtype)[faces])
 
 
 def seam_attributes(buffers: Mapping[str, NDArray[Any]], domains: Mapping[str, str]) -> dict[str, Any]:
-    """Return those of an asset's buffers for whose sake a file doubles vertices: UVs and colours.
+    """Return the UVs and colours of an asset's buffers, the attributes that make a file duplicate vertices.
 
-    What a model was trained to have at its vertices is not among them: its rows are its own, not a file's.
+    Trained vertex attributes are not included: their rows belong to the model, not to a file format.
     """
-    by = {"vertex": "", "corner": "corner_"}
-    names = [name for name in ("uv", "color") if domains.get(name) in by]
-    found = {f"{by[domains[name]]}{name}": buffers[name] for name in names}
-    if "uv" in names and "face_texture" in buffers:  # files hold the faces of each texture apart
-        found["face_texture"] = buffers["face_texture"]
-    return found
+    prefix = {"vertex": "", "corner": "corner_"}
+    names = [name for name in ("uv", "color") if domains.get(name) in prefix]
+    attributes = {f"{prefix[domains[name]]}{name}": buffers[name] for name in names}
+    if "uv" in names and "face_texture" in buffers:  # files store the faces of each texture separately
+        attributes["face_texture"] = buffers["face_texture"]
+    return attributes
 
 
 def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes) -> Seams | None:
     """Return the seams of a mesh, or None if it has none.
 
-    Two boundary edges in one place are one edge that was torn if UVs or colours differ at an end, or the
-    textures of their faces: their ends are merged. Of more than two it is not known which belong together.
-    The corners of a triangle soup may meet by chance. That seams alone made a mesh a soup is believed if most
-    faces have a torn edge, and no edges in one place are alike. O(V log V) time, of which next to nothing
-    where no two vertices coincide.
+    Two boundary edges in one place are one torn edge if UVs or colours differ at an end, or if their faces
+    have different textures. Their end vertices are merged. Three or more boundary edges in one place are left
+    alone, because it is unknown which of them belong together.
+
+    In a triangle soup (triangles that share no vertices) corners may meet by chance. A soup is taken for a
+    mesh with seams only if more than half of its faces have a torn edge and no boundary edges in one place
+    have equal attributes. Takes O(V log V) time, and hardly any if no two vertices coincide.
     """
     if not attributes or not len(faces):
         return None
     rows, set_of = coincident_vertices(points)
     if not len(rows):
         return None
+    # place (V,): the first vertex with the same coordinates. double (V,): whether another vertex has them.
     place = np.arange(len(points))
     place[rows] = rows[set_of]
     double = np.zeros(len(points), bool)
     double[rows] = True
+    # Only faces with a duplicated vertex can have a torn edge; faces with a repeated index have no edges.
     a, b, c = faces.T
     near = np.flatnonzero(double[a] | double[b] | double[c])
     near = near[~names_vertex_twice(faces[near])]
     if not len(near):
         return None
-    held = [_by_corner(name, values, faces, near) for name, values in attributes.items()]
-    edges, torn_faces, alike = _torn_edges(faces[near].astype(np.int64), place, double, held)
+    corner_values = [_by_corner(name, values, faces, near) for name, values in attributes.items()]
+    edges, torn_faces, equal_edges = _torn_edges(faces[near].astype(np.int64), place, double, corner_values)
     if not len(edges):
         return None
-    if (alike or 2 * torn_faces <= len(faces)) and is_soup(faces[near]) and is_soup(_proper(faces)):
+    may_be_chance = (equal_edges or 2 * torn_faces <= len(faces)) and is_soup(faces[near])
+    if may_be_chance and is_soup(faces[~names_vertex_twice(faces)]):
         return None
+    # Each connected group of vertex pairs becomes one vertex: the lowest row of the group.
     ends, node = np.unique(edges.reshape(-1), return_inverse=True)
     _, label = label_components(len(ends), *node.reshape(-1, 2).T)
-    _, lowest = np.unique(label, return_index=True)  # `ends` ascend, so the first of each is the lowest
+    # `ends` are sorted, so the first entry of each label is its lowest row
+    _, lowest = np.unique(label, return_index=True)
     labels = np.arange(len(points))
     labels[ends] = ends[lowest][label]
     is_first = labels == np.arange(len(points))
@@ -106,61 +118,73 @@ def find_seams(points: NDArray[Any], faces: NDArray[Any], attributes: Attributes
     return Seams(np.flatnonzero(is_first), number, kind)
 
 
-def _proper(faces: NDArray[Any]) -> NDArray[Any]:
-    """Return the faces that name no vertex twice."""
-    return np.asarray(faces[~names_vertex_twice(faces)])
-
-
-def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], chosen: NDArray[Any]) -> NDArray[Any]:
-    """Return what the corners of the `chosen` faces have of an attribute, (3 n, k)."""
+def _by_corner(name: str, values: NDArray[Any], faces: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
+    """Return the attribute values at the corners of the faces `rows` (n,), as (3 n, k)."""
     if name == "face_texture":
-        return np.repeat(values[chosen], 3)[:, None]
-    held = values.reshape(len(faces), 3, -1)[chosen] if "corner" in name else values[faces[chosen]]
-    return np.asarray(held.reshape(3 * len(chosen), -1))
+        return np.repeat(values[rows], 3)[:, None]
+    corners = values.reshape(len(faces), 3, -1)[rows] if "corner" in name else values[faces[rows]]
+    return np.asarray(corners.reshape(3 * len(rows), -1))
 
 
 def _torn_edges(
-    faces: NDArray[np.int64], place: NDArray[Any], double: NDArray[np.bool_], held: list[NDArray[Any]]
+    faces: NDArray[np.int64],
+    place: NDArray[Any],
+    double: NDArray[np.bool_],
+    corner_values: list[NDArray[Any]],
 ) -> tuple[NDArray[np.int64], int, bool]:
-    """Return the (n, 2) pairs of rows to be merged, at how many faces, and whether other edges coincide.
+    """Find the boundary edges that seams have torn.
 
-    Those are boundary edges in one place that are alike at both ends. `faces` are all proper ones with a
-    vertex that is stored more than once, so all faces at an edge with such an end are among them; `held` has
-    what their corners have.
+    `faces` (F, 3) are all faces without a repeated index that have a duplicated vertex, so every face at an
+    edge with such an end is included. `find_seams` explains `place` (V,) and `double` (V,); each array of
+    `corner_values` holds the values (3F, k) at the corners of `faces`.
+
+    Returns
+    -------
+    pairs : (n, 2) int64
+        Vertex rows to merge.
+    torn_faces : int
+        Number of faces with a torn edge.
+    equal_edges : bool
+        Whether some boundary edges in one place have equal values at both ends.
     """
     corners = np.arange(faces.size).reshape(-1, 3)
     ends, ends_at = (
         np.stack([rows, np.roll(rows, -1, axis=1)], axis=-1).reshape(-1, 2) for rows in (faces, corners)
     )
+    # ends, ends_at (3F, 2): vertices and corners at both ends of each half-edge. Keep edges with a duplicated
+    # end and different places at their ends.
     start, end = ends.T
     number = np.flatnonzero((double[start] | double[end]) & (place[start] != place[end]))
     ends = ends[number]
+    # Boundary edges: vertex pairs that occur once.
     low, high = np.minimum(*ends.T), np.maximum(*ends.T)
     _, first, faces_there = np.unique(low * len(place) + high, return_index=True, return_counts=True)
     first = first[faces_there == 1]
-    rim, at = ends[first], ends_at[number[first]]
-    # The end whose place has the lower number first, so that ends in one place stand in one column.
-    there = place[rim]
-    turned = (there[:, 0] > there[:, 1])[:, None]
-    rim, at, there = (np.where(turned, rows[:, ::-1], rows) for rows in (rim, at, there))
+    edges, corner = ends[first], ends_at[number[first]]
+    # Order both ends by place, so that edges in one place have matching columns.
+    spot = place[edges]
+    swap = (spot[:, 0] > spot[:, 1])[:, None]
+    edges, corner, spot = (np.where(swap, rows[:, ::-1], rows) for rows in (edges, corner, spot))
+    # Group boundary edges by place; compare every edge with the first of its group.
     _, first, group, size = np.unique(
-        there[:, 0] * len(place) + there[:, 1], return_index=True, return_inverse=True, return_counts=True
+        spot[:, 0] * len(place) + spot[:, 1], return_index=True, return_inverse=True, return_counts=True
     )
     group = group.reshape(-1)
-    beside = first[group]
-    differs = np.zeros(len(rim), bool)
-    for values in held:
-        differs |= (values[at] != values[at[beside]]).any(axis=(1, 2))
+    other = first[group]
+    differs = np.zeros(len(edges), bool)
+    for values in corner_values:
+        differs |= (values[corner] != values[corner[other]]).any(axis=(1, 2))
     differs = np.bincount(group, differs, len(size))[group] > 0
-    own = at[:, 0] // 3 == at[beside, 0] // 3  # both sides of a sliver: a face is not folded onto itself
-    torn = differs & (size[group] == 2) & (np.bincount(group, own)[group] < 2)
-    alike = bool(((size[group] > 1) & ~differs).any())
-    pairs = np.stack([rim, rim[beside]], axis=-1)[torn].reshape(-1, 2)
-    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(at[torn] // 3)), alike
+    # Two edges of one sliver face: merging them would fold the face onto itself.
+    same_face = corner[:, 0] // 3 == corner[other, 0] // 3
+    torn = differs & (size[group] == 2) & (np.bincount(group, same_face)[group] < 2)
+    equal_edges = bool(((size[group] > 1) & ~differs).any())
+    pairs = np.stack([edges, edges[other]], axis=-1)[torn].reshape(-1, 2)
+    return pairs[pairs[:, 0] != pairs[:, 1]], len(np.unique(corner[torn] // 3)), equal_edges
 
 
 def is_closed(counts: Counts) -> bool:
-    """Return whether a mesh has faces and is closed, manifold and consistently wound, with no face twice."""
+    """Return whether a mesh has faces, is closed, manifold and consistently wound, and repeats no face."""
     return counts.faces > counts.repeated_index_faces and not (
         counts.boundary_edges
         or counts.nonmanifold_vertices
@@ -170,14 +194,14 @@ def is_closed(counts: Counts) -> bool:
 
 
 def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the exact weld closes an open mesh of at most `MOST_FACES` faces; else False.
+    """Return whether an exact weld would close an open mesh of at most `MOST_FACES` faces.
 
-    `findings` are those of the mesh as stored.
+    `findings` describe the mesh as stored. Larger meshes are not tried and give False.
     """
     counts = findings.counts
     if not counts.boundary_edges or counts.faces > MOST_FACES:
         return False
-    # What welding does not mend, and what it would mend everywhere: nearly all meshes end here.
+    # These faults survive a weld. Most meshes return here or at the next check, before the expensive weld.
     if counts.nonmanifold_edges or counts.inconsistent_winding_edges or counts.duplicate_faces:
         return False
     if not _all_coincide([edge for _, edge in findings.first["boundary_edges"]], points):
@@ -186,9 +210,9 @@ def closes_once_merged(findings: Findings, points: NDArray[Any], faces: NDArray[
 
 
 def _all_coincide(edges: list[tuple[int, ...]], points: NDArray[Any]) -> bool:
-    """Return whether an end of each edge has the float32 coordinates of another vertex.
+    """Return whether each edge has an end whose float32 coordinates are shared with another vertex.
 
-    A boundary edge that a weld removes has such an end: had both ends none, the edge would stay as it is.
+    A weld removes a boundary edge only if one of its ends is merged with another vertex.
     """
     with np.errstate(over="ignore"):
         places = points.astype(np.float32)

@@ -1,13 +1,13 @@
-"""How the audit's ratios and counts of components are printed, on the terminal and in reports."""
+"""Text of ratios and component counts of an audit, as the terminal and reports print them."""
 
-# Decimals of a ratio or mean, as in the paper's table of mesh diagnostics.
+# Decimals of ratios and averages, as in the table of mesh diagnostics of the paper.
 DECIMALS = 2
-# Smaller counts are printed in full, because "0.00 M" would say nothing.
+# Counts from here on are printed in millions; smaller ones in full, because "0.00 M" says nothing.
 _MILLIONS_FROM = 1e5
 
 
 def structure_text(metric: str, value: float) -> str:
-    """Return a number of `msb.topology.audit.Metrics` as tables print it.
+    """Return the value of a metric of `msb.topology.audit.Metrics` as tables print it.
 
     Examples
     --------

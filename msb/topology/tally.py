@@ -1,4 +1,4 @@
-"""Add up what the work-items of the audit's kernels have counted and listed."""
+"""Add up the counts and element lists that the work-items of the audit kernels return."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from msb.topology.findings import SAMPLES, Counts, Findings, First, first_of
 
 EDGE_KINDS = ("nonmanifold_edges", "boundary_edges", "inconsistent_winding_edges")
-# Keys of the counts of vertices, in the order of audit_types.cl.
+# Keys of the vertex counts, in the order of audit_types.cl.
 VERTEX_KINDS = (
     "nonmanifold_vertices",
     "multifan_vertices",
@@ -19,7 +19,7 @@ VERTEX_KINDS = (
 
 
 def tally_dtype(valences: int) -> np.dtype[Any]:
-    """Return the `Tally` of audit_types.cl, whose table of valences has so many entries."""
+    """Return the struct `Tally` of audit_types.cl as a dtype; its valence table has `valences` entries."""
     edge = [(name, "u8") for name in ("block", "rank", "low", "high")]
     counts = ("max_edge_faces", "rim_links", "shared_vertices", "duplicate_faces")
     return np.dtype(
@@ -37,24 +37,26 @@ def tally_dtype(valences: int) -> np.dtype[Any]:
 
 @dataclass(frozen=True)
 class Totals:
-    """The results of all stages.
+    """The results of all kernel stages.
 
     Attributes
     ----------
     vertex_count : int
     faces : (F, 3) int32
     improper : (chunks, 1 + SAMPLES) uint32
-        Number of repeated-index faces in each chunk of the faces, and the first of them.
+        For each chunk of faces, the number of repeated-index faces and the first of them.
     strange : (chunks, 2, 1 + SAMPLES) uint32
-        The same for faces without area, and for faces whose area is not finite.
+        The same for zero-area faces and for faces with a non-finite area.
     tallies : (workers + 1,) `tally_dtype`
     block_edges : (blocks,) uint64
-        Number of edges by the block of their lower vertex.
+        Number of edges whose lower vertex is in each block.
     valences : (n,) uint32
-        Valence of each vertex whose valence is not in the tallies' tables.
-    components, two_face_components, boundary_loops, largest : int
-        The last one is the number of faces in the largest component.
+        Valence of each vertex whose valence exceeds the table of the tallies.
+    components, two_face_components, boundary_loops : int
+    largest : int
+        Number of faces in the largest component.
     area, largest_area : float
+        Total area, and area of the largest component.
     """
 
     vertex_count: int
@@ -73,31 +75,31 @@ class Totals:
 
 
 def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Findings:
-    """Return the findings; `timings_ms` is kept, not copied, so that it may still grow."""
+    """Return the findings. `timings_ms` is stored without a copy, so the caller may still add stages."""
     tallies = totals.tallies
     kinds = (*EDGE_KINDS, *VERTEX_KINDS)
     sums = [*tallies["edge_counts"].sum(axis=0), *tallies["vertex_counts"].sum(axis=0)]
-    listed = {kind: int(count) for kind, count in zip(kinds, sums, strict=True)}
+    count_of = {kind: int(count) for kind, count in zip(kinds, sums, strict=True)}
     edges = int(totals.block_edges.sum())
     zero_area, nonfinite = totals.strange[:, :, 0].sum(axis=0)
     counts = Counts(
         vertices=totals.vertex_count,
-        referenced_vertices=totals.vertex_count - listed["unreferenced_vertices"],
+        referenced_vertices=totals.vertex_count - count_of["unreferenced_vertices"],
         faces=len(totals.faces),
         repeated_index_faces=int(totals.improper[:, 0].sum()),
         zero_area_faces=int(zero_area),
         nonfinite_faces=int(nonfinite),
         duplicate_faces=int(tallies["duplicate_faces"].sum()),
         edges=edges,
-        manifold_edges=edges - listed["boundary_edges"] - listed["nonmanifold_edges"],
+        manifold_edges=edges - count_of["boundary_edges"] - count_of["nonmanifold_edges"],
         max_edge_faces=int(tallies["max_edge_faces"].max()),
         boundary_loops=totals.boundary_loops,
-        # A chain has one link fewer than edges, a loop as many.
-        open_boundary_chains=listed["boundary_edges"] - int(tallies["rim_links"].sum()),
+        # A closed loop has as many links as edges, an open chain one fewer.
+        open_boundary_chains=count_of["boundary_edges"] - int(tallies["rim_links"].sum()),
         components=totals.components,
         components_manifold_edges=totals.two_face_components,
         largest_component_faces=totals.largest,
-        **listed,
+        **count_of,
     )
     return Findings(
         counts=counts,
@@ -112,17 +114,18 @@ def add_up(totals: Totals, timings_ms: dict[str, float], computed_by: str) -> Fi
 
 
 def _histogram(table: NDArray[Any], others: NDArray[Any]) -> dict[int, int]:
-    """Return valence -> vertices: those of the table, then those whose valences are listed one by one."""
+    """Return valence -> number of vertices, from the table and from the list of larger valences."""
     valences, counts = np.unique(others, return_counts=True)
     low = {int(k): int(table[k]) for k in np.flatnonzero(table)}
     return low | {int(k): int(n) for k, n in zip(valences, counts, strict=True)}
 
 
 def _first(totals: Totals) -> First:
-    """Return the lowest elements of each kind among those that the work-items met first."""
+    """Return the lowest elements of each kind among the samples of all work-items."""
     tallies, improper, strange = totals.tallies, totals.improper, totals.strange
     first: First = {}
     for kind, name in enumerate(EDGE_KINDS):
+        # Number of an edge = edges of all earlier blocks + its rank in the block.
         edges = _filled(tallies["edges"][:, kind], tallies["edge_counts"][:, kind])
         before = np.cumsum(totals.block_edges) - totals.block_edges
         numbers = before[edges["block"].astype(np.int64)] + edges["rank"]
@@ -143,5 +146,5 @@ def _first(totals: Totals) -> First:
 
 
 def _filled(rows: NDArray[Any], counts: NDArray[Any]) -> NDArray[Any]:
-    """Return the entries of rows of samples, one after the other: as many as were counted, if they fit."""
+    """Return the valid entries of sample rows, concatenated: row i has counts[i] of them, or is full."""
     return np.concatenate([row[: int(n)] for row, n in zip(rows, counts, strict=True)])

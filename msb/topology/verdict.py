@@ -1,4 +1,4 @@
-"""One sentence for a technical artist: what the mesh can be used for, and why not for the rest."""
+"""The verdict on a mesh: one sentence that tells a technical artist which tasks it is usable for, and why."""
 
 from __future__ import annotations
 
@@ -11,24 +11,34 @@ if TYPE_CHECKING:
 
 Level = Literal["ok", "limited", "bad"]
 
-# Uses that refuse or crack what is no manifold surface. UV unwrapping and collision, which the paper names
-# too ("Mesh Structural Results": Local structure), cut and join by themselves: docs/trial.md has trials.
+# Tasks that reject or crack a mesh that is not a manifold surface. UV unwrapping and collision, which the
+# paper names too ("Mesh Structural Results": Local structure), cut and join the mesh themselves;
+# docs/trial.md tries them.
 SOLID_TOOLS = "subdivision, booleans or printing"
-# Share of non-manifold edges up to which tools that cut a mesh there get away with it.
+# Tools that cut a mesh at non-manifold edges usually succeed up to this share of them. Above it the sentence
+# says "not usable" instead of "unreliable"; the level is "bad" either way.
 MANY = 0.01
-# Pieces of fewer faces, where there are more than a few, are no surface to unwrap or subdivide.
+# A mesh is called fragmented if it has more than FEW_PIECES pieces with fewer than SMALL_PIECE faces on
+# average. Only the sentence depends on this.
 SMALL_PIECE, FEW_PIECES = 10, 10
 
-# What is said of a mesh that is open only where vertices are doubled, but for no UV or colour.
+# Text for a mesh that is open only at duplicated vertices that neither UVs nor colours explain.
 MERGED = "closed once coincident vertices are merged"
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """`level` grades it, `sentence` says it; meaning is never carried by the level's colour alone.
+    """A grade with its explanation, so that no reader depends on the colour of the grade.
 
-    `reason` is the first thing that stands in the way, in a few words, or "" where nothing does. Of what does
-    not even render (`renders`) nothing else is said.
+    Attributes
+    ----------
+    level : {"ok", "limited", "bad"}
+    sentence : str
+        The tasks that the mesh is usable for and all faults, without a full stop.
+    reason : str
+        The gravest fault in a few words; empty for "ok".
+    renders : bool
+        Whether the mesh can be displayed. If not, the sentence mentions nothing else.
     """
 
     level: Level
@@ -38,7 +48,7 @@ class Verdict:
 
     @property
     def word(self) -> str:
-        """The level as a person reads it: OK, LIMITED or BAD."""
+        """The level in capitals, as it is printed: OK, LIMITED or BAD."""
         return self.level.upper()
 
     def __str__(self) -> str:
@@ -46,139 +56,140 @@ class Verdict:
 
 
 def judge(audit: Audit) -> Verdict:
-    """Return the verdict on an audited mesh: all that stands in the way, the gravest first.
+    """Return the verdict on an audited mesh, with all its faults, the gravest first.
 
-    Any mesh with a face that has an area renders on the standard tier, if all areas are finite: of others
-    nothing is said but that. The gravest reason decides what else a mesh is good for.
-    Seams stand in nobody's way: what is judged is the mesh without them.
+    Any mesh can be displayed in the standard tier if all areas are finite and at least one is positive. The
+    gravest fault decides which tasks the mesh is usable for. Seams are not faults: a mesh with seams is
+    judged as if its seams were merged.
     """
     counts = audit.counts
     if audit.without_seams is not None:
         verdict = judge(audit.without_seams)
-        doubled = "vertex is" if counts.seam_vertices == 1 else "vertices are"
+        duplicated = "vertex is" if counts.seam_vertices == 1 else "vertices are"
         kind = "texture" if audit.seams == "texture" else "colour"
-        text = f"{verdict.sentence}; {counts.seam_vertices:,} {doubled} doubled at {kind} seams"
+        text = f"{verdict.sentence}; {counts.seam_vertices:,} {duplicated} duplicated at {kind} seams"
         return replace(verdict, sentence=text)
     if reason := _invisible(audit):
-        return Verdict("bad", f"does not render: {reason}", reason.removeprefix("it has "), renders=False)
+        return Verdict("bad", f"{reason}; nothing to display", reason, renders=False)
     merged = f"; {MERGED}" if audit.closed_once_merged else ""
     if counts.all_apart:
-        return Verdict("bad", f"renders; {_soup(audit)}", f"triangle soup{merged}")
-    reasons_why = [(reason, text) for reason in _REASONS if (text := reason.found(audit))]
-    if not reasons_why:
-        return Verdict("ok", f"structurally usable throughout: {_sound(audit)}")
-    gravest, first = reasons_why[0]
-    *most, last = [text for _, text in reasons_why]
+        return Verdict("bad", f"displays correctly, but {_soup(audit)}", f"triangle soup{merged}")
+    faults = [(fault, text) for fault in _FAULTS if (text := fault.describe(audit))]
+    if not faults:
+        return Verdict("ok", f"usable for all tasks: {_sound(audit)}")
+    gravest, first = faults[0]
+    *most, last = [text for _, text in faults]
     reasons = f"{', '.join(most)}, and {last}" if most else last
-    sentence = f"renders; {gravest.uses(audit)}, because {reasons}{merged}"
-    return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("its ") + merged)
+    # The tasks of an open mesh already include the advice to merge vertices.
+    advice = "" if gravest.tasks is _tasks_of_open else merged
+    sentence = f"displays correctly, but {reasons}; {gravest.tasks(audit)}{advice}"
+    return Verdict(gravest.level, sentence, first.removeprefix("it is ").removeprefix("it ") + merged)
 
 
 def _invisible(audit: Audit) -> str:
-    """Say why nothing draws the mesh, "" if something does; some faces without area are in nobody's way."""
+    """Return why the mesh cannot be displayed, or ""; single faces without area do not matter."""
     counts = audit.counts
     if counts.faces == counts.repeated_index_faces:
-        return "it has no proper face"
+        return "no valid triangles"
     if counts.nonfinite_faces:
         share = percent(counts.nonfinite_faces, counts.faces)
-        return f"{share} of its faces have no finite area, for coordinates are NaN, infinite or too large"
+        return f"{share} of the faces have NaN, infinite or too large coordinates"
     if counts.faces == counts.repeated_index_faces + counts.zero_area_faces:
-        return "none of its faces has an area"
+        return "all faces have zero area"
     return ""
 
 
 def _soup(audit: Audit) -> str:
-    why = "because it is a triangle soup: no two faces share a vertex"
+    soup = "it is a triangle soup (its triangles share no vertices)"
     if audit.corners_coincide is False and (audit.welded is None or audit.welded.weld == "exact"):
-        alone = "and no two corners coincide, so it is no surface and repair cannot make it one"
-        return f"not usable for subdivision, booleans, printing, collision or UV unwrapping, {why}, {alone}"
-    joined = "for collision or UV unwrapping only where corners coincide"
-    return f"not usable for {SOLID_TOOLS}, and {joined}, {why}{_welded(audit)}"
+        alone = "no two corners coincide, so neither merging vertices nor a repair can make it a surface"
+        tasks = "not usable for subdivision, booleans, printing, collision or UV unwrapping"
+        return f"{soup}, and {alone}; {tasks}"
+    joined = "collision and UV unwrapping work only where corners coincide"
+    return f"{soup}; not usable for {SOLID_TOOLS}; {joined}{_welded(audit)}"
 
 
 def _nonmanifold(audit: Audit) -> str:
     counts = audit.counts
     if not counts.nonmanifold_vertices:
         return ""
-    edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of its edges and "
-    vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of its vertices are non-manifold"
+    edges = f"{percent(counts.nonmanifold_edges, counts.edges)} of the edges and "
+    vertices = f"{percent(counts.nonmanifold_vertices, counts.vertices)} of the vertices are non-manifold"
     return f"{edges if counts.nonmanifold_edges else ''}{vertices}"
 
 
-def _uses_of_nonmanifold(audit: Audit) -> str:
+def _tasks_of_nonmanifold(audit: Audit) -> str:
     if audit.counts.nonmanifold_edges > MANY * audit.counts.edges:
-        return f"not usable for {SOLID_TOOLS}, unreliable for collision or UV unwrapping"
-    return "unreliable for subdivision, booleans, printing, collision or UV unwrapping"
+        return f"not usable for {SOLID_TOOLS}; unreliable for collision and UV unwrapping"
+    return "unreliable for subdivision, booleans, printing, collision and UV unwrapping"
 
 
 def _open(audit: Audit) -> str:
     counts = audit.counts
     if not counts.boundary_edges:
         return ""
-    edges = f"it is open: {counts.boundary_edges:,} boundary edge{'' if counts.boundary_edges == 1 else 's'}"
-    if counts.nonmanifold_vertices:  # where borders cross there are other ways to count loops
-        return edges
-    return f"{edges} in {'1 loop' if counts.boundary_loops == 1 else f'{counts.boundary_loops:,} loops'}"
+    edges = f"{counts.boundary_edges:,} boundary edge{'' if counts.boundary_edges == 1 else 's'}"
+    if counts.nonmanifold_vertices:  # loops cannot be counted in a unique way if borders cross
+        return f"it is open ({edges})"
+    loops = "1 loop" if counts.boundary_loops == 1 else f"{counts.boundary_loops:,} loops"
+    return f"it is open ({edges} in {loops})"
 
 
-def _uses_of_open(audit: Audit) -> str:
+def _tasks_of_open(audit: Audit) -> str:
     if audit.closed_once_merged:
-        return f"usable for UV unwrapping; merge coincident vertices before {SOLID_TOOLS}"
+        merge = f"merge coincident vertices before {SOLID_TOOLS}, which closes it"
+        return f"usable for UV unwrapping; {merge}"
     faces, pieces = audit.counts.faces, audit.metrics.components
+    solid = "not usable as a solid for collision or printing"
     if pieces > FEW_PIECES and faces < SMALL_PIECE * pieces:
-        small = (
-            f"its pieces, of {faces / pieces:.1f} faces in the mean, are too small for subdivision and UV "
-        )
-        return f"{small}unwrapping; not usable as a solid for collision or printing"
+        average = f"{faces / pieces:.1f} faces on average"
+        return f"its pieces ({average}) are too small to subdivide or unwrap; {solid}"
     if pieces > FEW_PIECES:
-        cracks = "subdivision cracks where its pieces touch"
-        return f"usable for UV unwrapping; {cracks}; not usable as a solid for collision or printing"
-    return "usable for subdivision and UV unwrapping; not usable as a solid for collision or printing"
+        return f"usable for UV unwrapping; subdivision opens cracks between touching pieces; {solid}"
+    return f"usable for subdivision and UV unwrapping; {solid}"
 
 
 def _pieces(audit: Audit) -> str:
-    """Say in how many pieces a mesh is; a closed one may well have several bodies."""
+    """Return the number of pieces as a fault; the bodies of a closed mesh are not a fault."""
     counts = audit.counts
     if counts.components < 2 or not (counts.boundary_edges or counts.nonmanifold_vertices):
         return ""
     largest = percent(counts.largest_component_faces, counts.faces)
-    return f"it is in {counts.components:,} pieces (the largest holds {largest} of the faces)"
+    return f"it consists of {counts.components:,} pieces (the largest holds {largest} of the faces)"
 
 
-def _doubled(audit: Audit) -> str:
+def _duplicates(audit: Audit) -> str:
     counts = audit.counts
     if not counts.duplicate_faces:
         return ""
-    return f"{percent(counts.duplicate_faces, counts.faces)} of its faces repeat another"
+    return f"{percent(counts.duplicate_faces, counts.faces)} of the faces are duplicates"
 
 
 def _flips(audit: Audit) -> str:
     flips = audit.counts.inconsistent_winding_edges
-    return f"its winding flips across {flips:,} edge{'' if flips == 1 else 's'}" if flips else ""
+    return f"the winding is inconsistent across {flips:,} edge{'' if flips == 1 else 's'}" if flips else ""
 
 
 @dataclass(frozen=True)
-class _Reason:
-    """What stands in the way.
+class _Fault:
+    """A kind of fault.
 
-    `found` says it with its number, or is "" where there is none of it; `uses` says what a mesh can be used
-    for if nothing graver is found.
+    `describe` returns it with its number, or "" if the mesh does not have it. `tasks` returns the tasks that
+    the mesh is usable for if this is its gravest fault.
     """
 
     level: Level
-    found: Callable[[Audit], str]
-    uses: Callable[[Audit], str]
+    describe: Callable[[Audit], str]
+    tasks: Callable[[Audit], str]
 
 
-# In order of gravity.
-_REASONS = (
-    _Reason("bad", _nonmanifold, _uses_of_nonmanifold),
-    _Reason("limited", _open, _uses_of_open),
-    _Reason("limited", _pieces, _uses_of_open),
-    _Reason(
-        "limited", _doubled, lambda _: f"flickers where both of two are drawn; not usable for {SOLID_TOOLS}"
-    ),
-    _Reason(
+# The gravest fault comes first.
+_FAULTS = (
+    _Fault("bad", _nonmanifold, _tasks_of_nonmanifold),
+    _Fault("limited", _open, _tasks_of_open),
+    _Fault("limited", _pieces, _tasks_of_open),
+    _Fault("limited", _duplicates, lambda _: f"duplicates may flicker; not usable for {SOLID_TOOLS}"),
+    _Fault(
         "limited",
         _flips,
         lambda _: "make the winding consistent before computing normals, booleans or printing",
@@ -189,12 +200,16 @@ _REASONS = (
 def _sound(audit: Audit) -> str:
     bodies = f", in {audit.counts.components:,} separate bodies" if audit.counts.components > 1 else ""
     unused = audit.counts.unreferenced_vertices
-    apart = f"; {unused:,} {'vertex is' if unused == 1 else 'vertices are'} in no face" if unused else ""
+    apart = (
+        f"; {unused:,} {'vertex is' if unused == 1 else 'vertices are'} not used by any face"
+        if unused
+        else ""
+    )
     return f"closed, manifold and consistently wound{bodies}{apart}"
 
 
 def percent(part: int, whole: int) -> str:
-    """Return a share as percent; a share that is not 0 or 1 is never shown as "0 %" or "100 %"."""
+    """Return a share as a percentage; only exactly 0 and 1 are printed as "0 %" and "100 %"."""
     if whole == 0:
         return "-"
     if part == 0:
@@ -208,15 +223,16 @@ def percent(part: int, whole: int) -> str:
 
 
 def _welded(audit: Audit) -> str:
+    """Return the result of the requested weld, or of the exact weld if it closes the mesh."""
     if audit.welded is None:
         return f"; {MERGED}" if audit.closed_once_merged else ""
     counts = audit.welded.counts
     if counts.vertices == audit.counts.vertices:
-        return ", and welding merges nothing"
+        return "; welding merges no vertices"
     if not counts.components:
-        return "; welded, nothing is left of it"
+        return "; after welding nothing is left"
     pieces = "one piece" if counts.components == 1 else f"{counts.components:,} pieces"
     if counts.nonmanifold_vertices == 0:
-        return f"; welded, it is manifold, in {pieces}"
+        return f"; after welding it is manifold, in {pieces}"
     share = percent(counts.nonmanifold_vertices, counts.vertices)
-    return f"; welded, {share} of its vertices are non-manifold and it is in {pieces}"
+    return f"; after welding {share} of its vertices are non-manifold, in {pieces}"

@@ -1,4 +1,4 @@
-"""Merge coincident vertices, as an option that runs before an audit and is reported beside it."""
+"""Merge coincident vertices. This option of the audit is reported beside the mesh as stored."""
 
 import math
 from typing import Any, Literal
@@ -11,41 +11,42 @@ from msb.topology.components import label_components
 
 Weld = Literal["exact"] | float
 
-# Most pairs within the weld distance: 1 GiB of indices. Real welds have about one pair per vertex.
+# Maximum number of vertex pairs within the weld distance: 1 GiB of indices. Typical welds have one pair per
+# vertex.
 MAX_PAIRS = 1 << 26
 
 
 def parse_weld(text: str | float) -> Weld:
-    """Return the weld setting written as `text`: "exact", or a positive finite length."""
+    """Return the weld setting given as `text`: "exact", or a positive finite length."""
     if text == "exact":
         return "exact"
     try:
-        # True is the number 1 to Python, but nobody means a length by it.
+        # A bool is a number in Python, but never a meaningful length.
         distance = math.nan if isinstance(text, bool | np.bool_) else float(text)
     except (ValueError, TypeError, OverflowError):
         distance = math.nan
     if not (distance > 0 and math.isfinite(distance)):
-        raise MeshError("WELD_DISTANCE", f'the weld is "{text}"; it must be exact or a positive length')
+        raise MeshError("WELD_DISTANCE", f'invalid weld "{text}"; use exact or a positive length')
     return distance
 
 
 def weld_vertices(
     vertices: NDArray[Any], faces: NDArray[Any], weld: Weld
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the mesh (V, 3), (F, 3) with coincident vertices merged; all face rows are kept.
+    """Return vertices (W, 3) and faces (F, 3) after merging coincident vertices; all face rows are kept.
 
-    "exact" merges rows whose three float32 coordinates are equal (-0 equals +0, NaN equals nothing); a length
-    merges the transitive closure of pairs at most that far apart, so the order does not matter. The first of
-    each set of merged vertices stays, in the old order. Rows that collapse become repeated-index rows.
+    "exact" merges rows with equal float32 coordinates (-0 equals +0, NaN equals nothing). A length merges the
+    transitive closure of all pairs at most that far apart, so the order does not matter. The first vertex of
+    each merged set is kept, in the old order. Faces that collapse become repeated-index rows.
     """
     first, number = merged_vertices(vertices, weld)
     return vertices[first], number.astype(faces.dtype)[faces]
 
 
 def merged_vertices(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the first vertex (W,) of each merged set, and the number (V,) of the set each vertex is in.
+    """Return the first vertex (W,) of each merged set, and the number (V,) of the set of each vertex.
 
-    The sets are in the order of their first vertices. Raises as `weld_vertices`.
+    Sets are ordered by their first vertices.
     """
     if len(vertices) == 0:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
@@ -55,20 +56,21 @@ def merged_vertices(vertices: NDArray[Any], weld: Weld) -> tuple[NDArray[Any], N
 
 
 def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
-    """Return whether the exact weld would join any two faces of a soup.
+    """Return whether an exact weld would join any two faces of a triangle soup.
 
-    Positions are hashed to 32 bits and sorted; only those whose hash repeats are compared.
+    Positions are hashed to 32 bits and sorted. Only positions with a repeated hash are compared.
     """
     bits, corners = _as_stored(vertices).view(np.uint32), faces.reshape(-1)
     hashes, repeated = _hashed(bits, corners)
-    start, count = 0, 64  # where corners coincide, the first few hashes mostly show it
+    start, count = 0, 64  # the first few hashes usually suffice if corners coincide
     while start < len(repeated):
         bucket = np.zeros(1 << 20, bool)
+        # Preselect corners by the upper 20 bits of their hash, then compare coordinates and faces.
         bucket[repeated[start : start + count] >> 12] = True
         corner = np.flatnonzero(bucket[hashes >> 12])
         rows = np.column_stack([bits[corners[corner]], corner // 3])
         rows = rows[~np.isnan(rows[:, :3].astype(np.uint32).view(np.float32)).any(axis=1)]
-        rows = np.unique(rows, axis=0)  # corners of one face that coincide join nothing
+        rows = np.unique(rows, axis=0)  # coincident corners of one face join nothing
         if (rows[1:, :3] == rows[:-1, :3]).all(axis=1).any():
             return True
         start, count = start + count, count << 8
@@ -76,12 +78,12 @@ def corners_coincide(vertices: NDArray[Any], faces: NDArray[Any]) -> bool:
 
 
 def coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return the vertices (n,), ascending, that the exact weld would merge, and which of them each becomes.
+    """Return the vertices (n,), ascending, that an exact weld would merge, and the target (n,) of each.
 
-    The second array (n,) has a place in the first: that of the smallest vertex of the same coordinates.
+    Targets are positions in the first array: the lowest vertex with the same coordinates.
     """
     hashes, repeated = _hashed(_as_stored(vertices).view(np.uint32))
-    bucket = np.zeros(1 << 20, bool)  # most rows of most meshes go by this
+    bucket = np.zeros(1 << 20, bool)  # rejects most rows of typical meshes
     bucket[repeated >> 12] = True
     rows = np.flatnonzero(bucket[hashes >> 12])
     rows = rows[np.isin(hashes[rows], repeated)]
@@ -93,22 +95,24 @@ def coincident_vertices(vertices: NDArray[Any]) -> tuple[NDArray[Any], NDArray[A
 def _hashed(
     bits: NDArray[np.uint32], order: NDArray[Any] | None = None
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Return a hash of each row (V, 3), or of those of `order`, and the hashes that occur more than once."""
+    """Return a hash of each row of `bits` (V, 3), or of the rows `order`, and the hashes that occur
+    repeatedly.
+    """
     hashes = np.zeros(len(bits), np.uint32)
     for axis in range(3):
         hashes += bits[:, axis]
         hashes *= np.uint32(0x9E3779B1)
-        hashes ^= hashes >> 15  # else signs would end in the highest bit, and mirrored points be alike
+        hashes ^= hashes >> 15  # mix signs into all bits, otherwise mirrored points get equal hashes
     hashes = hashes if order is None else hashes[order]
     ordered = np.sort(hashes)
     return hashes, ordered[1:][ordered[1:] == ordered[:-1]]
 
 
 def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:
-    """Return for each vertex the smallest vertex whose float32 coordinates are the same.
+    """Return for each vertex (V,) the lowest vertex with the same float32 coordinates.
 
-    float32 also for double-precision meshes: that is what an asset made from the mesh holds, and both
-    must weld alike.
+    Double-precision meshes are compared in float32 too, because an asset stores float32 and both must weld
+    alike.
     """
     points = _as_stored(vertices)
     bits = points.view(np.uint32)
@@ -118,19 +122,19 @@ def _exact_labels(vertices: NDArray[Any]) -> NDArray[Any]:
     differs[1:] = (rows[1:] != rows[:-1]).any(axis=1)
     differs |= np.isnan(points[order]).any(axis=1)
     labels = np.zeros(len(rows), np.int64)
-    # lexsort is stable, so the first row of each run is the smallest vertex.
+    # The sort is stable, so the first row of each run is its lowest vertex.
     labels[order] = order[np.flatnonzero(differs)][np.cumsum(differs) - 1]
     return labels
 
 
 def _as_stored(vertices: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the vertices (V, 3) as an asset holds them; equal numbers have equal bits."""
+    """Return the vertices (V, 3) as an asset stores them, so that equal numbers have equal bits."""
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(vertices.astype(np.float32) + np.float32(0.0))  # -0 becomes +0
 
 
 def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
-    """Return for each vertex the smallest vertex it is joined to by steps of at most `distance`."""
+    """Return for each vertex (V,) the lowest vertex that steps of at most `distance` connect it to."""
     from scipy.spatial import cKDTree
 
     with np.errstate(over="ignore"):
@@ -139,18 +143,18 @@ def _near_labels(vertices: NDArray[Any], distance: float) -> NDArray[Any]:
     labels = np.arange(len(vertices))
     if len(finite) == 0:
         return labels
-    # Coincident vertices first: they alone could make the number of pairs quadratic.
+    # Merge coincident vertices first; on their own they could make the number of pairs quadratic.
     points, group = np.unique(places[finite], axis=0, return_inverse=True)
-    # The tree squares distances: bring coordinates to at most 2, by a power of two, which rounds nothing.
+    # The tree squares distances. Scale coordinates to at most 2, by a power of two, which causes no rounding.
     scale = 2.0 ** (math.frexp(float(np.abs(points).max()))[1] - 1)
-    reach = min(distance / scale, 8.0)  # more than any distance then
+    reach = min(distance / scale, 8.0)  # more than any scaled distance
     tree = cKDTree(points / scale)
     pairs = (int(tree.count_neighbors(tree, reach)) - len(points)) // 2
     if pairs > MAX_PAIRS:
         raise MeshError(
             "WELD_DISTANCE",
-            f"a weld distance of {distance:g} joins {pairs} pairs of vertices, which would collapse the "
-            f"mesh; at most {MAX_PAIRS} are joined, so choose a shorter distance",
+            f"a weld distance of {distance:g} joins {pairs} pairs of vertices and would collapse the "
+            f"mesh; the limit is {MAX_PAIRS}; choose a shorter distance",
         )
     near = tree.query_pairs(reach, output_type="ndarray")
     _, merged = label_components(len(points), near[:, 0], near[:, 1])

@@ -1,4 +1,4 @@
-"""One PoCL device for all tests, in both styles of kernels."""
+"""A PoCL device for all tests, in both styles of kernels."""
 
 import os
 import subprocess
@@ -14,14 +14,14 @@ from msb.cl.devices import choose_device
 from tests.conftest import ROOT
 
 KERNELS = "tests.cl.kernels"
+# The platform of the tests; MSB_DEVICE selects another one.
 SELECTOR = os.environ.get("MSB_DEVICE") or "pocl"
-"""The tests' platform; another one is tested with MSB_DEVICE."""
 WITHOUT_ATOMICS = "gpu without 64-bit atomics"
 STYLES = ("cpu", "gpu", WITHOUT_ATOMICS)
 
 
 def open_styled(style: str) -> Device:
-    """Open the tests' device for one of STYLES; skip the CPU's where its compiler is not known to take it."""
+    """Open the test device for one of STYLES; skip the CPU style if its compiler may not accept it."""
     if style == "cpu" and choose_device(SELECTOR).record.style != "cpu":
         pytest.skip(f"the compiler of {SELECTOR} is not known to take the CPU style")
     opened = open_device(SELECTOR, style="cpu" if style == "cpu" else "gpu")
@@ -39,27 +39,27 @@ def device() -> Iterator[Device]:
 
 @pytest.fixture
 def fresh() -> Iterator[Device]:
-    """Return a device of the test's own, with nothing on it."""
+    """Return a separate device without programs and buffers."""
     with open_device(SELECTOR) as opened:
         yield opened
 
 
 @pytest.fixture(scope="session", params=["cpu", "gpu"])
 def styled(request: pytest.FixtureRequest) -> Iterator[Device]:
-    """Return a device that uses the CPU style, then one that uses the GPU style, of kernels."""
+    """Return a device with CPU-style kernels, then one with GPU-style kernels."""
     with open_styled(request.param) as opened:
         yield opened
 
 
 class Child(Protocol):
-    """Run Python code in a process of its own."""
+    """Run Python code in a separate process."""
 
     def __call__(self, code: str, **env: str | None) -> subprocess.Popen[str]: ...
 
 
 @pytest.fixture(scope="session")
 def child() -> Child:
-    """Return a function that starts a Python process; a variable given as None is unset in it."""
+    """Return a function that starts a Python process; variables given as None are unset in it."""
 
     def start(code: str, **env: str | None) -> subprocess.Popen[str]:
         whole = {**os.environ, "PYTHONPATH": str(ROOT), **env}
@@ -75,7 +75,7 @@ def child() -> Child:
 
 
 def answer(process: subprocess.Popen[str]) -> str:
-    """Return what a child printed, once it ended well."""
+    """Return the output of a child process after it ended successfully."""
     out, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     return out.strip()

@@ -1,4 +1,4 @@
-"""Memory on the device: copies, views, accounting, limits, release."""
+"""Device memory: copies, views, accounting, limits and release."""
 
 import dataclasses
 import gc
@@ -16,7 +16,7 @@ from tests.cl.conftest import KERNELS
     ("dtype", "shape"),
     [(np.uint8, (0,)), (np.int32, (1,)), (np.uint64, (7, 3)), (np.float32, (0, 3)), (np.float64, (2, 3, 4))],
 )
-def test_up_and_down_again(device: Device, dtype: type, shape: tuple[int, ...]) -> None:
+def test_upload_and_read_round_trip(device: Device, dtype: type, shape: tuple[int, ...]) -> None:
     array = np.arange(np.prod(shape), dtype=dtype).reshape(shape)
     buffer = device.upload(array, "test")
     assert buffer.shape == shape
@@ -29,12 +29,12 @@ def test_up_and_down_again(device: Device, dtype: type, shape: tuple[int, ...]) 
 
 
 @pytest.mark.parametrize("dtype", [bool, object, ">f4", "M8[s]", complex])
-def test_what_no_kernel_can_read_is_refused(device: Device, dtype: object) -> None:
+def test_unsupported_dtypes_are_rejected(device: Device, dtype: object) -> None:
     with pytest.raises(TypeError, match="native integers and floats"):
         device.upload(np.zeros(3, dtype))
 
 
-def test_parts_of_a_buffer(device: Device) -> None:
+def test_partial_reads_writes_and_copies(device: Device) -> None:
     buffer = device.allocate(10, np.uint32, "test")
     buffer.fill(7)
     buffer.write(np.array([1, 2], np.uint32), start=4)
@@ -66,7 +66,7 @@ def test_views_share_memory(device: Device) -> None:
     floats = device.upload(np.array([0.0, 1.0, 2.0], np.float32))
     bits = floats.view((3,), np.uint32)
     assert bits.read().tolist() == [0, 0x3F800000, 0x40000000]
-    with pytest.raises(ValueError, match="16 bytes of 12"):
+    with pytest.raises(ValueError, match="16 bytes exceed the 12"):
         floats.view(4, np.uint32)
     floats.release()
     with pytest.raises(DeviceError, match="released"):
@@ -74,7 +74,7 @@ def test_views_share_memory(device: Device) -> None:
 
 
 @pytest.mark.slow
-def test_every_byte_is_accounted(fresh: Device) -> None:
+def test_memory_accounts_for_every_byte(fresh: Device) -> None:
     assert fresh.memory() == {}
     positions = fresh.upload(np.zeros((5, 3), np.float32), "positions")
     more = fresh.upload(np.zeros(2, np.float32), "positions")
@@ -94,11 +94,11 @@ def test_every_byte_is_accounted(fresh: Device) -> None:
     assert fresh.memory() == {}
 
 
-def test_the_pool_reuses_and_grows(fresh: Device) -> None:
+def test_scratch_pool_reuses_grows_and_releases(fresh: Device) -> None:
     first = fresh.scratch("keys", 1000, np.uint32)
     first.fill(3)
     held = fresh.memory()["keys"]
-    assert 4000 <= held <= 4500  # at most an eighth more
+    assert 4000 <= held <= 4500  # at most an eighth larger
     again = fresh.scratch("keys", (10, 10), np.uint32)
     assert again.shape == (10, 10)
     assert (again.read() == 3).all()
@@ -111,10 +111,16 @@ def test_the_pool_reuses_and_grows(fresh: Device) -> None:
     assert error.value.code == "DEVICE_CLOSED"
     assert fresh.scratch("values", 1, np.uint8) is not None
     assert set(fresh.memory()) == {"keys", "values"}
+    fresh.release_scratch("key")
+    assert list(fresh.memory()) == ["values"]
+    with pytest.raises(DeviceError):
+        grown.read()
+    fresh.scratch("keys", 50).fill(3)
+    fresh.finish()
 
 
-def test_more_than_there_is(fresh: Device) -> None:
-    # A device of 1 MiB, of which 64 KiB at once.
+def test_allocations_beyond_the_device_memory_fail(fresh: Device) -> None:
+    # A device with 1 MiB, at most 64 KiB per buffer.
     fresh._queue.record = dataclasses.replace(fresh.record, global_memory=2**20, max_allocation=2**16)
     held = [fresh.allocate(2**16, np.uint8, "positions") for _ in range(15)]
     for make in (
@@ -125,22 +131,19 @@ def test_more_than_there_is(fresh: Device) -> None:
         with pytest.raises(DeviceError, match="too much at once") as error:
             make()
         assert error.value.code == "DEVICE_MEMORY"
-        assert "0.9 of them in use" in error.value.message
-    last = fresh.scratch("last", 60_000)  # the pool's rounding up must not be what does not fit
+        assert "0.9 MiB in use" in error.value.message
+    last = fresh.scratch("last", 60_000)  # rounding up in the pool must not exceed the limit
     with pytest.raises(DeviceError, match="do not fit"):
         fresh.allocate(2**13, np.uint8, "too much in all")
     assert len(held) == 15
     assert last.nbytes == 60_000
     with pytest.raises(DeviceError, match="last do not fit"):
         fresh.scratch("last", 2**16 + 1)
-    fresh.scratch("last", 60_000).fill(1)  # what was too large is forgotten
+    fresh.scratch("last", 60_000).fill(1)  # a failed allocation leaves no trace
 
 
-def test_closed_means_closed() -> None:
-    from msb.cl import open_device
-    from tests.cl.conftest import SELECTOR
-
-    device = open_device(SELECTOR)
+def test_closed_device_rejects_every_use(fresh: Device) -> None:
+    device = fresh
     buffer = device.upload(np.zeros(3, np.float32))
     kernel = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
     device.close()
@@ -164,12 +167,12 @@ def test_closed_means_closed() -> None:
 
 
 def address(device: Device, array: np.ndarray) -> bool:
-    """Return whether the device uses the array's own memory."""
+    """Return whether the device uses the memory of the array."""
     with device.upload(array, "shared").mapped() as mapped:
         return mapped.ctypes.data == array.ctypes.data
 
 
-def test_pocl_shares_what_nobody_can_change(device: Device, tmp_path: Path) -> None:
+def test_pocl_shares_constant_arrays(device: Device, tmp_path: Path) -> None:
     path = tmp_path / "array.bin"
     np.arange(5000, dtype=np.float32).tofile(path)
     mapped = np.memmap(path, np.float32, "r")
@@ -183,15 +186,4 @@ def test_pocl_shares_what_nobody_can_change(device: Device, tmp_path: Path) -> N
     hidden.flags.writeable = False
     assert not address(device, hidden)
     with device.upload(mapped).mapped() as view:
-        assert not address(device, view)  # gone after the block
-
-
-def test_scratch_can_be_given_back(fresh: Device) -> None:
-    kept, dropped = fresh.scratch("kept", 100), fresh.scratch("dropped one", 100)
-    fresh.release_scratch("dropped")
-    assert list(fresh.memory()) == ["kept"]
-    with pytest.raises(DeviceError):
-        dropped.read()
-    assert kept.read().shape == (100,)
-    fresh.scratch("dropped one", 50).fill(3)
-    fresh.finish()
+        assert not address(device, view)  # invalid after the block

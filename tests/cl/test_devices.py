@@ -1,4 +1,4 @@
-"""Which devices there are and which one a text names."""
+"""The list of devices, and the device that a selector chooses."""
 
 import dataclasses
 import json
@@ -82,12 +82,14 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> list[DeviceRecord]:
         ("0:1,0", "nvidia:1"),
     ],
 )
-def test_a_selector_names_a_device(machine: list[DeviceRecord], selector: str, expected: str) -> None:
+def test_selector_chooses_a_device(machine: list[DeviceRecord], selector: str, expected: str) -> None:
     assert choose_device(selector).record.selector == expected
 
 
 @pytest.mark.parametrize("selector", ["nvidia:2", "3", "amd", "pocl:1", "nvidia:card 7", "opengl", "0:-1"])
-def test_a_device_that_is_not_there(machine: list[DeviceRecord], selector: str) -> None:
+def test_unmatched_selector_is_an_error_that_lists_devices(
+    machine: list[DeviceRecord], selector: str
+) -> None:
     with pytest.raises(DeviceError, match="nvidia:0, nvidia:1, pocl:0, intel:0") as error:
         choose_device(selector)
     assert error.value.code == "DEVICE_NOT_FOUND"
@@ -95,9 +97,7 @@ def test_a_device_that_is_not_there(machine: list[DeviceRecord], selector: str) 
     assert EXIT_STATUS[type(error.value)] == 5
 
 
-def test_argument_before_our_variable_before_pyopencls_before_default(
-    machine: list[DeviceRecord], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_selector_precedence(machine: list[DeviceRecord], monkeypatch: pytest.MonkeyPatch) -> None:
     assert choose_device() == (POCL, None, "default")
     monkeypatch.setenv(PYOPENCL_VARIABLE, "0:1")
     assert choose_device() == (NVIDIA[1], "0:1", PYOPENCL_VARIABLE)
@@ -108,7 +108,7 @@ def test_argument_before_our_variable_before_pyopencls_before_default(
     assert choose_device().source == PYOPENCL_VARIABLE
 
 
-def test_default_is_pocl_then_a_cpu_then_whatever_there_is(machine: list[DeviceRecord]) -> None:
+def test_default_device_is_pocl_then_a_cpu_then_any(machine: list[DeviceRecord]) -> None:
     machine.remove(POCL)
     assert choose_device().record is INTEL
     machine.remove(INTEL)
@@ -119,7 +119,7 @@ def test_default_is_pocl_then_a_cpu_then_whatever_there_is(machine: list[DeviceR
     assert error.value.code == "DEVICE_NOT_FOUND"
 
 
-def test_the_record_of_a_real_device() -> None:
+def test_record_of_a_real_device() -> None:
     record = choose_device(SELECTOR).record
     assert record in list_devices()
     assert record.kind in ("cpu", "gpu")
@@ -131,15 +131,15 @@ def test_the_record_of_a_real_device() -> None:
     assert data["style"] == record.style
 
 
-def test_cpu_style_only_where_its_compiler_is_known() -> None:
-    """Mesa's compiler ends the process at what clang offers beyond OpenCL."""
+def test_cpu_style_requires_a_known_compiler() -> None:
+    """Mesa's compiler crashes at extensions of clang."""
     assert (POCL.style, INTEL.style) == ("cpu", "cpu")
     for platform in ("rusticl", "Oclgrind", "NVIDIA CUDA", "Apple"):
         assert other(platform=platform).style == "gpu"
     assert other(kind="gpu").style == "gpu"
 
 
-def test_a_chosen_style_holds() -> None:
+def test_requested_style_is_used() -> None:
     with open_device(SELECTOR, style="gpu") as device:
         assert device.style == "gpu"
         assert device.record.style == choose_device(SELECTOR).record.style

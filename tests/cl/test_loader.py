@@ -1,14 +1,16 @@
-"""How platforms are found, in processes of their own: a loader starts once in a process."""
+"""The search for platforms, in child processes: a loader starts only once per process."""
 
 import os
 import sys
 from importlib import metadata
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
-from msb.cl import loader
+from msb.cl import list_devices, loader, open_device
 from msb.cl.loader import INTEL_LIBRARY, INTEL_PACKAGE
+from msb.errors import DeviceError
 from tests.cl.conftest import Child, answer
 from tests.conftest import ROOT
 
@@ -19,8 +21,8 @@ from msb.cl import list_devices
 from msb.cl.loader import notes
 print(*(record.selector for record in list_devices()), *notes(), sep="|")
 import pyopencl
-before["PYOPENCL_HOME"] = os.environ["PYOPENCL_HOME"]  # its own
-assert dict(os.environ) == before, "the environment is changed for good"
+before["PYOPENCL_HOME"] = os.environ["PYOPENCL_HOME"]  # set by pyopencl
+assert dict(os.environ) == before, "the environment was not restored"
 """
 OPEN = """
 from msb.cl import open_device
@@ -36,8 +38,8 @@ from msb.cl import open_device
 from msb.cl.sort import sort_pairs
 with open_device("pocl") as device:
     keys = np.random.default_rng(0).integers(0, 2**32, 5000, np.uint32)
-    found, order = sort_pairs(device, device.upload(keys))
-    assert (found.read() == np.sort(keys)).all()
+    ordered, order = sort_pairs(device, device.upload(keys))
+    assert (ordered.read() == np.sort(keys)).all()
     print(*device.program("radix_cpu", {"KEY": "uint", "DIGITS": 256})._kernels)
 """
 SCALE = """
@@ -52,7 +54,7 @@ with open_device("pocl") as device:
 NOTHING_SET = dict.fromkeys((loader.VENDOR_VARIABLE, "MSB_DEVICE", "PYOPENCL_CTX", "POCL_DEVICES"))
 
 
-def test_nothing_is_loaded_before_it_is_needed(child: Child) -> None:
+def test_heavy_modules_are_imported_on_first_use(child: Child) -> None:
     code = "import sys, msb.cl, msb.cl.sort, msb.meshes, msb.metrics\n"
     code += "from msb.topology.explain import explain\nexplain('E'); msb.metrics.psnr; print(*sys.modules)"
     heavy = {"pyopencl", "scipy", "skimage", "trimesh", "PIL", "OpenEXR", "torch", "rich"}
@@ -61,40 +63,83 @@ def test_nothing_is_loaded_before_it_is_needed(child: Child) -> None:
 
 
 @pytest.mark.slow
-def test_pocl_is_found_with_nothing_set(child: Child) -> None:
+def test_pocl_is_found_without_settings(child: Child) -> None:
     assert "pocl:0" in answer(child(LIST, **NOTHING_SET)).split("|")
 
 
 @pytest.mark.slow
-def test_no_platform(child: Child, tmp_path: Path) -> None:
-    """The pyopencl wheel's loader finds nothing at all if the folder it is pointed to does not exist."""
-    line = answer(child(OPEN, **{**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / "absent")}))
+@pytest.mark.parametrize(
+    ("variable", "folder", "more"),
+    [
+        ("OCL_ICD_VENDORS", "absent", {}),  # the loader of the pyopencl wheel then finds nothing at all
+        ("POCL_DEVICES", "", {"POCL_DEVICES": "no_such_driver", "MSB_DEVICE": "pocl"}),
+    ],
+)
+def test_error_names_the_variable_that_hides_all_devices(
+    child: Child, tmp_path: Path, variable: str, folder: str, more: dict[str, str]
+) -> None:
+    # With an empty folder the loader finds only the PoCL wheel.
+    env = {**NOTHING_SET, "OCL_ICD_VENDORS": str(tmp_path / folder), **more}
+    line = answer(child(OPEN, **env))
     assert line.startswith("DEVICE_NOT_FOUND: ")
-    assert "OCL_ICD_VENDORS=" in line
+    assert variable in line
     assert "\n" not in line
 
 
+def test_device_list_is_empty_without_platforms(monkeypatch: pytest.MonkeyPatch) -> None:
+    cl = loader.opencl()
+    error = cl.LogicError(cl._cl._ErrorRecord(msg="", code=-1001, routine="clGetPlatformIDs"))
+    monkeypatch.setattr(cl, "get_platforms", Mock(side_effect=error))
+    assert list_devices() == []
+    with pytest.raises(DeviceError, match="DEVICE_NOT_FOUND"):
+        open_device()
+
+
+def test_driver_without_icd_file_is_registered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(loader, "_SYSTEM_VENDORS", (tmp_path,))
+    monkeypatch.setattr(loader, "_intel_library", lambda: None)
+    monkeypatch.setattr(loader.ctypes, "CDLL", Mock())  # as if the library of the driver existed
+    monkeypatch.delenv(loader.VENDOR_VARIABLE, raising=False)
+    assert loader._missing_entries() == {"nvidia": loader.NVIDIA_LIBRARY}
+    (tmp_path / "nvidia.icd").write_text(f"{loader.NVIDIA_LIBRARY}\n")
+    assert loader._missing_entries() == {}
+
+
 @pytest.mark.slow
-def test_no_pyopencl(child: Child) -> None:
+def test_missing_pyopencl_is_an_error(child: Child) -> None:
     line = answer(child("import sys\nsys.modules['pyopencl'] = None\n" + OPEN))
     assert line.startswith("DEVICE_NOT_FOUND: pyopencl ")
 
 
 @pytest.mark.slow
+def test_user_without_home_folder_gets_a_temporary_cache(child: Child) -> None:
+    code = "import pathlib\ndef none(): raise RuntimeError\npathlib.Path.home = none\n" + LIST
+    output = answer(child(code, **{**NOTHING_SET, "XDG_CACHE_HOME": None})).split("|")
+    assert "pocl:0" in output
+    assert "not writable" in output[-1]
+
+
+@pytest.mark.slow
+def test_processes_at_once_on_an_empty_cache(child: Child, tmp_path: Path) -> None:
+    together = [child(SCALE, POCL_CACHE_DIR=str(tmp_path)) for _ in range(3)]
+    assert {answer(process) for process in together} == {"0.0 2.0 4.0 6.0 8.0"}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("variable", ["HOME", "XDG_CACHE_HOME"])
-def test_a_cache_that_cannot_be_written(child: Child, tmp_path: Path, variable: str) -> None:
-    """PoCL has no device then, and pyopencl no kernels, but for what the loader does about it."""
+def test_unwritable_cache_is_replaced(child: Child, tmp_path: Path, variable: str) -> None:
+    """Without the loader, PoCL would have no device and pyopencl no kernels."""
     (tmp_path / "file").touch()
     env = {**NOTHING_SET, "POCL_CACHE_DIR": None, "XDG_CACHE_HOME": None, variable: str(tmp_path / "file")}
     assert answer(child(SCALE, **env)) == "0.0 2.0 4.0 6.0 8.0"
     devices, note = answer(child(LIST, **env)).split("|")[-2:]
-    assert devices.startswith("pocl:")  # the last one is the wheel's, the system may have another
-    assert "cannot be written" in note
+    assert devices.startswith("pocl:")  # the wheel comes last; the system may have another PoCL
+    assert "not writable" in note
 
 
 @pytest.mark.slow
-def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) -> None:
-    """All kernels of a program are found again (not so where one of them uses 16-wide vectors)."""
+def test_second_process_uses_the_kernel_cache(child: Child, tmp_path: Path) -> None:
+    """All kernels of a program are found again (except with 16-wide vectors)."""
     first = answer(child(SORT, POCL_CACHE_DIR=str(tmp_path)))
     built = {path for path in tmp_path.rglob("*.so") if path.is_file()}
     assert built
@@ -103,7 +148,7 @@ def test_a_second_process_starts_from_the_cache(child: Child, tmp_path: Path) ->
 
 
 def fake_intel(folder: Path) -> Path:
-    """Make what pip leaves of the Intel runtime, as far as it is looked at; return where to import from."""
+    """Create the files of the Intel runtime that the loader inspects; return the folder to import from."""
     site = folder / "site"
     info = site / "intel_opencl_rt-1.0.dist-info"
     info.mkdir(parents=True)
@@ -121,19 +166,19 @@ def fake_intel(folder: Path) -> Path:
     [
         ("", None, "libtbb.so.12"),
         ("from msb.cl import loader\nloader._preload = lambda folder: None\n", None, INTEL_PACKAGE),
-        ("", str(ROOT / "tests"), "OCL_ICD_VENDORS"),  # what the user set holds
+        ("", str(ROOT / "tests"), "OCL_ICD_VENDORS"),  # the setting of the user is respected
     ],
 )
-def test_intel_that_cannot_be_is_said_and_left_out(
+def test_unusable_intel_runtime_is_noted_and_ignored(
     child: Child, tmp_path: Path, before: str, vendors: str | None, note: str
 ) -> None:
     code = f"import sys\nsys.path.insert(0, {str(fake_intel(tmp_path))!r})\n" + before + LIST
-    found = answer(child(code, **{**NOTHING_SET, "OCL_ICD_VENDORS": vendors})).split("|")
-    assert any(note in text for text in found)
-    assert vendors is not None or "pocl:0" in found
+    output = answer(child(code, **{**NOTHING_SET, "OCL_ICD_VENDORS": vendors})).split("|")
+    assert any(note in text for text in output)
+    assert vendors is not None or "pocl:0" in output
 
 
-def test_the_systems_entries_stay_visible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_system_entries_stay_visible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "one.icd").write_text("libone.so\n")
     (tmp_path / "two.icd").write_text(f"{tmp_path}/libtwo.so\n")
     (tmp_path / "gone.icd").write_text("/no/such/libgone.so\n")
@@ -145,8 +190,8 @@ def test_the_systems_entries_stay_visible(tmp_path: Path, monkeypatch: pytest.Mo
     assert system == {"one": "libone.so", "two": f"{tmp_path}/libtwo.so"}
     with loader._visible({**system, "nvidia": "libnvidia-opencl.so.1"}):
         folder = Path(os.environ["OCL_ICD_VENDORS"])
-        shown = {file.name: file.read_text() for file in folder.iterdir()}
-        assert shown == {
+        entries = {file.name: file.read_text() for file in folder.iterdir()}
+        assert entries == {
             "one.icd": "libone.so\n",
             "two.icd": f"{tmp_path}/libtwo.so\n",
             "nvidia.icd": "libnvidia-opencl.so.1\n",
@@ -163,9 +208,9 @@ def intel_is_installed() -> bool:
 
 
 @pytest.mark.skipif(not intel_is_installed(), reason="extra intel is not installed")
-def test_intel_extra_needs_nothing_set_and_agrees_with_pocl(child: Child) -> None:
-    found = answer(child(LIST, **{**NOTHING_SET, "LD_LIBRARY_PATH": None})).split("|")
-    assert {"intel:0", "pocl:0"} == set(found)
+def test_intel_extra_needs_no_settings_and_agrees_with_pocl(child: Child) -> None:
+    output = answer(child(LIST, **{**NOTHING_SET, "LD_LIBRARY_PATH": None})).split("|")
+    assert {"intel:0", "pocl:0"} == set(output)
     code = SORT.replace('"pocl"', '"intel"')
     assert answer(child(code, **NOTHING_SET)) == answer(child(SORT, **NOTHING_SET))
     default = "from msb.cl import open_device; print(open_device().record.selector)"

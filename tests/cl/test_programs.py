@@ -1,4 +1,4 @@
-"""Kernel files: includes, defines, building, and what a launch checks."""
+"""Kernel files: includes, defines, builds, and the checks of a launch."""
 
 import dataclasses
 import itertools
@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from msb.cl import Device, LocalMemory
+from msb.cl import Buffer, Device, Kernel, LocalMemory
 from msb.cl.kernel_text import define_lines, resolve
 from msb.cl.programs import _ERROR_LINE
 from msb.errors import DeviceError
@@ -21,10 +21,15 @@ from tests.cl.conftest import KERNELS
 
 
 def scaled(device: Device, **defines: Any) -> list[float]:
-    program = device.program("simple", {"OFFSET": 0, **defines}, KERNELS)
+    return launched(device, **defines)[2].read().tolist()
+
+
+def launched(device: Device, **defines: Any) -> tuple[Kernel, Buffer, Buffer]:
+    """Return a kernel after a launch, with its input and its output."""
+    kernel = device.program("simple", {"OFFSET": 0, **defines}, KERNELS).scaled
     given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
-    program.scaled(5, 4, given, out, np.uint32(5))
-    return out.read().tolist()
+    kernel(5, 4, given, out, np.uint32(5))
+    return kernel, given, out
 
 
 @pytest.mark.slow
@@ -32,11 +37,11 @@ def test_defines_and_includes_reach_the_kernel(device: Device) -> None:
     assert scaled(device) == [0, 2, 4, 6, 8]
     assert scaled(device, OFFSET=1) == [1, 3, 5, 7, 9]
     assert scaled(device, SCALE="(1 + 2)") == [0, 3, 6, 9, 12]
-    assert scaled(device, SCALE=0.1)[3] == np.float32(0.1) * np.float32(3)  # a float is exact
+    assert scaled(device, SCALE=0.1)[3] == np.float32(0.1) * np.float32(3)  # floats are exact
 
 
 @pytest.mark.slow
-def test_built_once_for_each_set_of_defines(device: Device) -> None:
+def test_program_is_built_once_per_set_of_defines(device: Device) -> None:
     first = device.program("simple", {"OFFSET": 0, "SCALE": 7}, KERNELS)
     assert device.program("simple", {"SCALE": 7, "OFFSET": 0}, KERNELS) is first
     second = device.program("simple", {"OFFSET": 1, "SCALE": 7}, KERNELS)
@@ -51,12 +56,12 @@ def test_built_once_for_each_set_of_defines(device: Device) -> None:
 @pytest.mark.parametrize(
     "defines", [{"A B": 1}, {"1A": 1}, {"A": "x\ny"}, {"A": float("nan")}, {"A": float("inf")}, {"": 1}]
 )
-def test_what_is_no_macro_is_refused(defines: dict[str, Any]) -> None:
+def test_invalid_macros_are_rejected(defines: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=r"macro|constant"):
         define_lines(defines)
 
 
-def test_an_own_file_can_be_included_from_another_package() -> None:
+def test_our_kernels_can_be_included_from_another_package() -> None:
     assert "group_scan(" in resolve("msb.cl.kernels", "scan_gpu.cl")
     assert resolve(KERNELS, "group_scan.cl") == resolve("msb.cl.kernels", "group_scan.cl")
 
@@ -69,12 +74,12 @@ def test_an_own_file_can_be_included_from_another_package() -> None:
         ("absent.cl", FileNotFoundError, r"absent\.cl"),
     ],
 )
-def test_includes_that_cannot_be(name: str, error: type[Exception], text: str) -> None:
+def test_invalid_includes_are_rejected(name: str, error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=text):
         resolve(KERNELS, name)
 
 
-def test_kernels_in_a_zip(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_are_read_from_a_zip(tmp_path: Path, device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     with zipfile.ZipFile(tmp_path / "zipped.zip", "w") as archive:
         archive.writestr("zipped_kernels/__init__.py", "")
         archive.writestr("zipped_kernels/one.cl", '#include "two.cl"\n')
@@ -87,7 +92,7 @@ def test_kernels_in_a_zip(tmp_path: Path, device: Device, monkeypatch: pytest.Mo
     sys.modules.pop("zipped_kernels", None)
 
 
-def test_a_failing_build_names_file_line_and_error(device: Device) -> None:
+def test_build_error_names_file_line_and_message(device: Device) -> None:
     with pytest.raises(DeviceError) as error:
         device.program("broken", package=KERNELS)
     assert error.value.code == "DEVICE_BUILD"
@@ -111,34 +116,30 @@ def test_a_failing_build_names_file_line_and_error(device: Device) -> None:
         ("Compilation failed", None),
     ],
 )
-def test_what_is_a_complaint(line: str, text: str | None) -> None:
-    found = _ERROR_LINE.match(line)
-    assert (found and found["text"]) == text
-    assert not found or (found["file"], found["line"]) == ("a.cl", "4")
+def test_compiler_errors_are_recognised(line: str, text: str | None) -> None:
+    match = _ERROR_LINE.match(line)
+    assert (match and match["text"]) == text
+    assert not match or (match["file"], match["line"]) == ("a.cl", "4")
 
 
-def test_an_argument_that_stays_is_set_once(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
-    scale = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
-    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
-    scale(5, 1, given, out, np.uint32(5))
+def test_unchanged_arguments_are_not_set_again(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    scale, given, out = launched(device)
     handle = Mock(wraps=scale._handle)
     monkeypatch.setattr(device._queue.cl, "enqueue_nd_range_kernel", Mock())
     monkeypatch.setattr(scale, "_handle", handle)
-    scale(5, 1, given, out, np.uint32(5))
+    scale(5, 4, given, out, np.uint32(5))
     assert not handle.set_arg.called
     scale(5, 1, given, out, np.uint32(4))
     assert [call.args for call in handle.set_arg.call_args_list] == [(2, np.uint32(4))]
 
 
-def test_a_kernel_keeps_no_memory_alive(device: Device) -> None:
-    scale = device.program("simple", {"OFFSET": 0}, KERNELS).scaled
-    given, out = device.upload(np.arange(5, dtype=np.float32)), device.allocate(5, np.float32)
-    scale(5, 1, given, out, np.uint32(5))
+def test_kernel_does_not_keep_buffers_alive(device: Device) -> None:
+    scale, given, out = launched(device)
     gone = weakref.ref(given.allocation)
-    other_one = device.upload(np.full(5, 7, np.float32))
+    replacement = device.upload(np.full(5, 7, np.float32))
     del given
     assert gone() is None
-    scale(5, 1, other_one, out, np.uint32(5))
+    scale(5, 1, replacement, out, np.uint32(5))
     assert out.read().tolist() == [14] * 5
 
 
@@ -157,7 +158,7 @@ def test_contraction_off_and_division_round_as_numpy(device: Device) -> None:
         np.testing.assert_array_max_ulp(result[:, 1], a / b, 3)
 
 
-def test_wrong_arguments_are_refused(device: Device) -> None:
+def test_wrong_kernel_arguments_are_rejected(device: Device) -> None:
     out = device.allocate(4, np.float32)
     good = [out, np.ones(4, np.float32), np.ones(3, np.uint32), np.uint64(1), np.int8(1), LocalMemory(4)]
     bad: list[list[Any]] = [
@@ -180,10 +181,10 @@ def test_wrong_arguments_are_refused(device: Device) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("group", [(8,), (2, 4)])
 @pytest.mark.parametrize("who", ["device", "kernel"])
-def test_too_large_work_groups_are_refused_with_the_sizes(
+def test_too_large_work_groups_are_rejected(
     who: str, group: tuple[int, ...], fresh: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A kernel that allows fewer than its device shows when launched: platforms do not all tell the truth."""
+    """The limit of a kernel shows only at the launch, because some platforms report wrong limits."""
     out = fresh.upload(np.ones(4, np.float32))
     kernel = fresh.program("simple", {"OFFSET": 0}, KERNELS).scaled
     arguments = (48,) * len(group), group, out, out, np.uint32(0)
@@ -217,7 +218,7 @@ def test_threads_share_a_device(device: Device) -> None:
     assert wrong == []
 
 
-def test_commands_count_to_their_stage(device: Device) -> None:
+def test_commands_are_timed_by_stage(device: Device) -> None:
     buffer = device.allocate(1000, np.uint32)
     with device.timing() as timing:
         buffer.fill(1)
@@ -230,29 +231,24 @@ def test_commands_count_to_their_stage(device: Device) -> None:
             buffer.read()
         with device.stage("clear"):
             buffer.fill(5)
-    found = timing.milliseconds()
-    assert list(found) == ["other", "clear", "inner", "readback"]
+    times = timing.milliseconds()
+    assert list(times) == ["other", "clear", "inner", "readback"]
     assert len(timing) == 6
-    assert all(value >= 0 for value in found.values())
+    assert all(value >= 0 for value in times.values())
     assert 0 < timing.span() <= timing.since_queued()
-    if not device.record.selector.startswith("rusticl"):  # 22.3 gives every fill the same nanosecond
-        assert timing.span() >= max(found.values())
+    if not device.record.selector.startswith("rusticl"):  # version 22.3 gives every fill the same nanosecond
+        assert timing.span() >= max(times.values())
 
 
-def test_nothing_is_collected_when_nobody_asks(device: Device) -> None:
+def test_timing_is_limited_to_its_block(device: Device) -> None:
     buffer = device.allocate(10, np.uint32)
     with device.stage("clear"):
         buffer.fill(1)
     with device.timing() as timing:
         pass
-    assert timing.milliseconds() == {}
-    assert timing.span() == 0
-    assert len(timing) == 0
-
-
-def test_timing_blocks_do_not_nest_and_end_after_an_error(device: Device) -> None:
+    assert (timing.milliseconds(), timing.span(), len(timing)) == ({}, 0, 0)
     with pytest.raises(RuntimeError, match="nest"), device.timing(), device.timing():
         pass
     with device.timing() as timing:
-        device.allocate(1, np.uint32).fill(1)
+        buffer.fill(1)
     assert len(timing) == 1

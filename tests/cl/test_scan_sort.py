@@ -1,4 +1,4 @@
-"""Prefix sum and radix sort against NumPy, in both styles of kernels."""
+"""Prefix sum and radix sort compared with NumPy, in both styles of kernels."""
 
 from dataclasses import replace
 
@@ -18,29 +18,28 @@ EDGES = [0, 1, 2, 255, 256, 257, TILE - 1, TILE, TILE + 1, 4095, 4096, 4097, 2 *
 CALM = settings(max_examples=20, derandomize=True)
 
 
+def expect_scanned(device: Device, values: NDArray[np.uint32], dtype: type) -> None:
+    """Scan on the device and compare with NumPy's sums."""
+    offsets = device.allocate(len(values) + 1, dtype)
+    exclusive_scan(device, device.upload(values), offsets)
+    assert np.array_equal(offsets.read(), prefix(values, dtype))
+
+
 def prefix(values: NDArray[np.uint32], dtype: type) -> NDArray[np.uint64]:
-    sums = np.zeros(len(values) + 1, np.uint64)
-    np.cumsum(values, dtype=np.uint64, out=sums[1:])
-    return sums.astype(dtype)
+    return np.cumsum(np.append(np.uint64(0), values), dtype=np.uint64).astype(dtype)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("count", EDGES)
 @pytest.mark.parametrize("dtype", [np.uint32, np.uint64])
 def test_scan_of_edge_sizes(styled: Device, count: int, dtype: type) -> None:
-    values = np.random.default_rng(count).integers(0, 2**32, count, np.uint32)
-    offsets = styled.allocate(count + 1, dtype)
-    exclusive_scan(styled, styled.upload(values), offsets)
-    assert np.array_equal(offsets.read(), prefix(values, dtype))
+    expect_scanned(styled, np.random.default_rng(count).integers(0, 2**32, count, np.uint32), dtype)
 
 
 @pytest.mark.slow
 def test_scan_over_three_levels(styled: Device) -> None:
-    count = TILE * TILE + 5
-    values = np.random.default_rng(0).integers(0, 100, count, np.uint32)
-    offsets = styled.allocate(count + 1, np.uint64)
-    exclusive_scan(styled, styled.upload(values), offsets)
-    assert np.array_equal(offsets.read(), prefix(values, np.uint64))
+    values = np.random.default_rng(0).integers(0, 100, TILE * TILE + 5, np.uint32)
+    expect_scanned(styled, values, np.uint64)
 
 
 @CALM
@@ -53,7 +52,7 @@ def test_scan_in_place(styled: Device, count: int, high: int, seed: int) -> None
     assert np.array_equal(buffer.read(), prefix(values[:count], np.uint32))
 
 
-def test_scan_refuses(device: Device) -> None:
+def test_scan_rejects_wrong_arguments(device: Device) -> None:
     values, offsets = device.allocate(4, np.uint32), device.allocate(4, np.uint32)
     with pytest.raises(TypeError, match=r"count \+ 1"):
         exclusive_scan(device, values, offsets)
@@ -131,7 +130,7 @@ def test_sort_of_the_first_elements(styled: Device) -> None:
     assert got_values.read().tolist() == list(range(39, -1, -1))
 
 
-def test_sort_refuses(device: Device) -> None:
+def test_sort_rejects_wrong_arguments(device: Device) -> None:
     keys = device.allocate(4, np.uint32)
     with pytest.raises(TypeError, match="uint32 or uint64"):
         sort_pairs(device, device.allocate(4, np.float32))
@@ -144,15 +143,13 @@ def test_sort_refuses(device: Device) -> None:
         sort_pairs(device, keys, count=5)
 
 
-def test_many_sums_are_scanned_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As of more than eight million elements, on a GPU."""
+def test_many_tile_sums_are_scanned_recursively(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This happens with more than eight million elements on a GPU."""
     monkeypatch.setattr("msb.cl.scan._MOST_SUMS", 2)
     values = np.random.default_rng(3).integers(0, 2**32, 50_000, np.uint32)
     with open_styled("gpu") as device:
         for dtype in (np.uint32, np.uint64):
-            offsets = device.allocate(len(values) + 1, dtype)
-            exclusive_scan(device, device.upload(values), offsets)
-            assert np.array_equal(offsets.read(), prefix(values, dtype))
+            expect_scanned(device, values, dtype)
 
 
 @pytest.mark.slow
@@ -162,13 +159,10 @@ def test_work_groups_are_as_large_as_device_and_kernels_allow(who: str, most: in
     with open_styled("gpu") as device:
         allowed = device.program("simple", {"OFFSET": 0}, KERNELS).max_work_group
         device._queue.record = replace(device.record, max_work_group=most)
-        if who == "device":  # else only the kernels, once built, say so
+        if who == "device":  # otherwise only the built kernels report the limit
             device.record = device._queue.record
         random = np.random.default_rng(most)
-        values = random.integers(0, 9, 5000, np.uint32)
-        offsets = device.allocate(5001, np.uint64)
-        exclusive_scan(device, device.upload(values), offsets)
-        assert np.array_equal(offsets.read(), prefix(values, np.uint64))
+        expect_scanned(device, random.integers(0, 9, 5000, np.uint32), np.uint64)
         expect_sorted(device, random.integers(0, 2**32, 3000, np.uint32), None)
         groups = {dict(key[2])["GROUP"] for key in device._programs if key[0] != KERNELS}
     assert min(groups) == 1 << (min(most, allowed).bit_length() - 1)

@@ -1,6 +1,6 @@
-"""A device is what builds: it is tried in a process of its own, and the PoCL wheel is mended if it can be.
+"""Devices are tried in a child process, and the PoCL wheel is fixed if possible.
 
-What a mended wheel draws, `tests.machines unknown` holds to the golden images.
+`tests.machines unknown` compares the images of a fixed wheel with the golden images.
 """
 
 import dataclasses
@@ -25,7 +25,7 @@ WHEEL = other(selector="pocl:1", driver=mend.DRIVER)
 
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Make this a machine with those devices, of which those in `broken` do not build."""
+    """Simulate a machine with these devices; those in `broken` do not build kernels."""
     for name in (devices.DEVICE_VARIABLE, devices.PYOPENCL_VARIABLE):
         monkeypatch.delenv(name, raising=False)
 
@@ -54,7 +54,7 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         ((SYSTEM, WHEEL), (), "pocl:1", WHEEL),
     ],
 )
-def test_what_does_not_build_is_passed_over(
+def test_devices_that_do_not_build_are_skipped(
     machine: Callable[..., None],
     there: tuple[DeviceRecord, ...],
     broken: tuple[DeviceRecord, ...],
@@ -66,7 +66,7 @@ def test_what_does_not_build_is_passed_over(
 
 
 @pytest.mark.parametrize("selector", ["pocl", "pocl:1", "portable", None])
-def test_no_device_that_builds_is_an_error_with_the_compilers_words(
+def test_error_without_a_building_device_quotes_the_compiler(
     machine: Callable[..., None], selector: str | None
 ) -> None:
     machine(WHEEL, *((INTEL,) if selector else ()), broken=(WHEEL,))
@@ -79,22 +79,22 @@ def test_no_device_that_builds_is_an_error_with_the_compilers_words(
     assert "\n" not in str(error.value)
 
 
-# A device of this machine
+# Trials of a real device.
 
 
 @pytest.fixture
 def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, DeviceRecord]]:
-    """The tests' device, of which nothing is known yet."""
+    """Return the test device without known results."""
     chosen = choose_device(SELECTOR).record
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     trial.forget()
-    found = found_devices(loader.opencl())
-    yield next((handle, record) for record, handle in found if record.selector == chosen.selector)
+    pairs = found_devices(loader.opencl())
+    yield next((handle, record) for record, handle in pairs if record.selector == chosen.selector)
     trial.forget()
 
 
 def children(monkeypatch: pytest.MonkeyPatch, reply: Reply | None = None) -> list[str]:
-    """Count the processes that are started to try a device, and let them reply something else."""
+    """Count the child processes that try a device, and optionally replace their reply."""
     started: list[str] = []
 
     def counted(work: Any, word: str, *rest: Any) -> Reply:
@@ -106,7 +106,7 @@ def children(monkeypatch: pytest.MonkeyPatch, reply: Reply | None = None) -> lis
 
 
 @pytest.mark.slow
-def test_a_device_is_tried_once_and_the_result_is_kept_for_its_driver(
+def test_trial_result_is_cached_per_driver(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     started = children(monkeypatch)
@@ -116,7 +116,7 @@ def test_a_device_is_tried_once_and_the_result_is_kept_for_its_driver(
     assert [line.split()[1] for line in kept.read_text().splitlines()] == ["builds"]
     before = len(started)
     assert try_device(*real).builds
-    trial.forget()  # as a new process
+    trial.forget()  # like a new process
     assert try_device(*real).builds
     assert len(started) == before
     assert try_device(*real, again=True).builds
@@ -130,7 +130,7 @@ def test_a_device_is_tried_once_and_the_result_is_kept_for_its_driver(
 @pytest.mark.parametrize(
     "reply", [Reply(UNKNOWN), Reply(why="it crashed (status 8): LLVM ERROR: no such intrinsic")]
 )
-def test_the_words_of_a_compiler_that_fails_are_kept(
+def test_compiler_failures_are_cached_but_crashes_are_not(
     real: tuple[Any, DeviceRecord], monkeypatch: pytest.MonkeyPatch, reply: Reply, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(mend.MEND_VARIABLE, "0")
@@ -138,11 +138,11 @@ def test_the_words_of_a_compiler_that_fails_are_kept(
     tried = try_device(*real)
     assert not tried.builds
     assert (reply.data or reply.why) in (tried.why or "")
-    # What a compiler says is so the next time; a process that died may have died of something else.
+    # A compiler error is permanent; a crashed process may have crashed for another reason.
     assert (tmp_path / "meshsplatbench").exists() == (reply.data == UNKNOWN)
 
 
-# The processor that the wheel does not know
+# The PoCL wheel on an unknown processor.
 
 SHOW = """
 from msb.cl import loader, mend
@@ -163,16 +163,14 @@ print(try_device(wheel[1], wheel[0]).mended)
 
 
 @pytest.mark.slow
-def test_the_wheel_is_mended_where_it_does_not_know_the_processor(
-    child: Child, unknown: dict[str, str]
-) -> None:
-    for _ in range(2):  # the second process remembers
+def test_pocl_wheel_is_fixed_on_an_unknown_processor(child: Child, unknown: dict[str, str]) -> None:
+    for _ in range(2):  # the second process uses the cache
         before, kernels, *after = answer(child(SHOW, **unknown)).splitlines()
         assert (before, kernels.split("/")[1], after) == ("generic", "scan_cpu.cl", ["haswell"] * 2)
 
 
 @pytest.mark.slow
-def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, str]) -> None:
+def test_environment_variable_disables_the_pocl_fix(child: Child, unknown: dict[str, str]) -> None:
     lines = answer(child(SHOW, **{**unknown, mend.MEND_VARIABLE: "0"})).splitlines()
     assert lines[0] == lines[2] == "generic"
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
@@ -182,11 +180,12 @@ def test_a_variable_switches_the_mending_off(child: Child, unknown: dict[str, st
 
 
 @pytest.mark.slow
-def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dict[str, str]) -> None:
-    failing = "from msb.cl import trial\nwhy_not = trial._why_not\n"
-    failing += (
-        "trial._why_not = lambda record, mended: ('no', True) if mended else why_not(record, mended=False)\n"
-    )
+def test_processor_name_is_kept_if_the_fixed_trial_fails(child: Child, unknown: dict[str, str]) -> None:
+    failing = """
+from msb.cl import trial
+why_not = trial._why_not
+trial._why_not = lambda record, *, mended: ("no", True) if mended else why_not(record, mended=False)
+"""
     lines = answer(child(failing + SHOW, **unknown)).splitlines()
     assert lines[0] == lines[2] == "generic"
     assert lines[1].startswith("DEVICE_BUILD: pocl:")
@@ -201,9 +200,7 @@ def test_the_name_stays_where_the_trial_with_it_fails(child: Child, unknown: dic
         "",
     ],
 )
-def test_nothing_is_mended_on_a_processor_that_lacks_something(
-    monkeypatch: pytest.MonkeyPatch, flags: str
-) -> None:
+def test_pocl_fix_requires_the_features_of_haswell(monkeypatch: pytest.MonkeyPatch, flags: str) -> None:
     monkeypatch.delenv(mend.MEND_VARIABLE, raising=False)
     read = Path.read_text
     monkeypatch.setattr(
@@ -214,18 +211,18 @@ def test_nothing_is_mended_on_a_processor_that_lacks_something(
     assert "lacks" in (mend.hindrance() or "")
 
 
-# One device a process
+# One device per process.
 
 
-def test_what_shares_a_device_opens_it_once() -> None:
+def test_shared_device_is_opened_once() -> None:
     first = shared_device(SELECTOR)
     assert shared_device(SELECTOR) is first
     assert shared_device(first.record.selector) is first
-    with open_device(SELECTOR) as own:
-        assert own is not first
+    with open_device(SELECTOR) as separate:
+        assert separate is not first
 
 
-def test_a_device_that_has_failed_is_opened_anew() -> None:
+def test_failed_shared_device_is_reopened() -> None:
     first = shared_device(SELECTOR, style="gpu")
     first._queue.failed = True
     second = shared_device(SELECTOR, style="gpu")
@@ -234,7 +231,7 @@ def test_a_device_that_has_failed_is_opened_anew() -> None:
     assert shared_device(SELECTOR, style="gpu") is not second
 
 
-def test_a_forked_process_leaves_its_parents_device_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forked_process_cannot_use_the_device_of_its_parent(monkeypatch: pytest.MonkeyPatch) -> None:
     shared_device(SELECTOR)
     monkeypatch.setattr(devices.os, "getpid", lambda: -1)
     with pytest.raises(DeviceError, match="forked"):

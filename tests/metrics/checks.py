@@ -1,10 +1,10 @@
-"""What the test of any image metric does: its module, its value for many kinds of images, and its identity.
+"""The test of any image metric: its module, its value for several kinds of images, and its identity.
 
     def test_mae() -> None:
         check_metric(MAE, lambda a, b: sum(abs(a - b).ravel()) / a.size)
 
-is a whole one: the second argument says the same as the metric in another way, a slow and obvious one or
-another library's.
+is a complete test: the second argument computes the metric in another way, slow and simple or with another
+library.
 """
 
 import json
@@ -46,9 +46,9 @@ def check_metric(
     rel: float = 1e-9,
     abs: float = 1e-10,
 ) -> None:
-    """Hold a metric to another computation of it, and to what records and tables take for granted.
+    """Compare a metric with another computation of it, and check what records and tables require.
 
-    `smallest` is the least side of an image in pixels; values may differ by `rel` or `abs`.
+    `smallest` is the minimum side of an image in pixels; values may differ by `rel` or `abs`.
     """
     for kind in KINDS:
         for height, width in ((smallest, smallest), (smallest + 9, smallest + 12), (33, 50)):
@@ -59,9 +59,11 @@ def check_metric(
             assert value == pytest.approx(expected(a, b), rel=rel, abs=abs), (kind, height, width)
             assert metric.measure(a, a) == metric.equal
             assert value <= metric.equal if metric.better == "higher" else value >= metric.equal
-            assert math.isfinite(value) or np.array_equal(a, b), "only equal images may have infinity"
-            np.testing.assert_array_equal(before, (a, b), "it changes its images")
+            assert math.isfinite(value) or np.array_equal(a, b), (
+                "only equal images may have an infinite value"
+            )
+            np.testing.assert_array_equal(before, (a, b), "the metric changes its images")
     record = metric.identity().to_dict()
     assert json.loads(json.dumps(record)) == record
     assert (record["name"], record["better"], record["unit"]) == (metric.name, metric.better, metric.unit)
-    assert None not in record["libraries"].values(), "a library it names is not installed"
+    assert None not in record["libraries"].values(), "a listed library is not installed"

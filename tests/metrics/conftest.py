@@ -1,4 +1,4 @@
-"""The golden data of the metrics, and the synthetic VGG16 as a file."""
+"""Golden data of the metrics, and the synthetic VGG16 as a file."""
 
 import json
 from collections.abc import Callable
@@ -19,9 +19,9 @@ DTU = GOLDEN / "dtu_synthetic"
 
 
 def needs_torch(test: Test) -> Test:
-    """Mark a test that imports torch: seconds, and gigabytes that only `make test-all` installs.
+    """Mark a test that imports torch, which takes seconds and gigabytes that only `make test-all` installs.
 
-    It runs in a session of its own: beside what other tests have loaded torch has crashed.
+    It runs in a separate session, because torch has crashed beside libraries of other tests.
     """
     absent = not (find_spec("torch") and find_spec("lpips"))
     marked = pytest.mark.skipif(absent, reason="extra lpips (torch, lpips) is not installed")(test)
@@ -33,18 +33,18 @@ def golden(name: str) -> Any:
 
 
 def synthetic_vgg(seed: int = 1) -> dict[str, NDArray[np.float32]]:
-    """Return a VGG16 by a formula, not trained: uniform numbers, weights scaled by sqrt(6 / (9 inputs))."""
-    found: dict[str, NDArray[np.float32]] = {}
+    """Return an untrained VGG16 from a formula: uniform numbers, weights scaled by sqrt(6 / (9 inputs))."""
+    weights: dict[str, NDArray[np.float32]] = {}
     for layer, (number, inputs, outputs) in enumerate(LAYERS):
         base = seed * 2**40 + layer * 2**32
         weight = _symmetric(base, outputs * inputs * 9) * np.sqrt(6 / (9 * inputs))
-        found[f"features.{number}.weight"] = weight.astype(np.float32).reshape(outputs, inputs, 3, 3)
-        found[f"features.{number}.bias"] = (_symmetric(base + 2**31, outputs) * 0.05).astype(np.float32)
-    return found
+        weights[f"features.{number}.weight"] = weight.astype(np.float32).reshape(outputs, inputs, 3, 3)
+        weights[f"features.{number}.bias"] = (_symmetric(base + 2**31, outputs) * 0.05).astype(np.float32)
+    return weights
 
 
 def _symmetric(base: int, count: int) -> NDArray[np.float64]:
-    """Return `count` numbers in [-1, 1): the 53 upper bits of SplitMix64's output for base, base + 1, ..."""
+    """Return `count` numbers in [-1, 1): the upper 53 bits of SplitMix64 for base, base + 1, ..."""
     z: Any = np.uint64(base) + np.arange(count, dtype=np.uint64) + np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

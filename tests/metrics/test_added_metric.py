@@ -1,4 +1,6 @@
-"""An image metric is one module and one line: that of CONTRIBUTING.md in a copy of the package."""
+"""Adding an image metric takes one module and one line: the example of CONTRIBUTING.md in a copy of the
+package.
+"""
 
 import json
 import math
@@ -18,9 +20,9 @@ GOLDEN = ROOT / "tests" / "golden" / "metrics"
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a copy of `msb` that has the metric."""
+    """A folder with a copy of `msb` that includes the metric."""
     folder = tmp_path_factory.mktemp("package")
-    shutil.copytree(ROOT / "msb", folder / "msb", ignore=shutil.ignore_patterns("web"))  # compiled already
+    shutil.copytree(ROOT / "msb", folder / "msb", ignore=shutil.ignore_patterns("web"))  # already compiled
     (text,) = (block for block in blocks("CONTRIBUTING.md", "python") if "ImageMetric(" in block)
     (folder / "msb" / "metrics" / "mae.py").write_text(text)
     registry = folder / "msb" / "metrics" / "registry.py"
@@ -52,5 +54,5 @@ def test_eval_measures_an_added_metric(package: Path) -> None:
     values = [image["mae"] for image in data["images"]]
     assert values[0] > 0 == values[2]
     assert data["mean"]["mae"] == pytest.approx(math.fsum(values) / 3)
-    assert [one["name"] for one in data["metrics"]] == ["psnr", "ssim", "mae"]
+    assert [metric["name"] for metric in data["metrics"]] == ["psnr", "ssim", "mae"]
     assert (package / "here.csv").read_text().splitlines()[0].endswith("psnr,ssim,lpips,mae")

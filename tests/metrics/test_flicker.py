@@ -1,4 +1,4 @@
-"""What flickers on a walk ranks orders and samples as the eye does."""
+"""Measured flicker ranks sorting orders and sample counts as a viewer would."""
 
 from typing import Any
 
@@ -20,10 +20,10 @@ PEBBLE = MODELS / "pebble"
 
 
 def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> float:
-    """Return what flickers of the made pebble on a walk, drawn so many times as large and reduced."""
+    """Return the flicker of the synthetic pebble on a walk, rendered with `samples` x `samples` per pixel."""
     capture = turntable((0, 0, 0), 4.2, up=(0, 0, 1), count=16, width=size, height=size, fov_y=0.7)
     (small, large) = (walk(capture, capture, 5, 0.25, size * times) for times in (1, samples))
-    large = [one.resized(size * samples, size * samples) for one in small]
+    large = [camera.resized(size * samples, size * samples) for camera in small]
 
     def reduced(values: NDArray[Any]) -> NDArray[np.float32]:
         parts = values.reshape(size, samples, size, samples, *values.shape[2:])
@@ -41,18 +41,18 @@ def flicker(method: str, size: int, samples: int, tier: Any, **options: Any) -> 
 
 
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting", "mesh_splatting"])
-def test_fewer_samples_shimmer_and_an_opaque_mesh_at_64_does_not(method: str) -> None:
-    one, sixteen, sixtyfour = (flicker(method, 100, side, "standard") for side in (1, 4, 8))
-    assert one > 3 * sixteen > 3 * sixtyfour
-    if method != "two_dts":  # whose faces have gaps here, through which its far side moves past
+def test_shimmer_decreases_with_samples_to_none_at_64(method: str) -> None:
+    single, sixteen, sixtyfour = (flicker(method, 100, side, "standard") for side in (1, 4, 8))
+    assert single > 3 * sixteen > 3 * sixtyfour
+    if method != "two_dts":  # whose faces have gaps, through which its far side is visible
         assert sixtyfour < 0.3
 
 
 @pytest.mark.parametrize("method", ["two_dts", "triangle_splatting"])
-def test_one_depth_a_face_pops_where_the_exact_order_does_not(
+def test_sorting_by_face_depth_pops_more_than_exact_order(
     method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At 16 samples, so that shimmer does not hide it; "tile" and "global" know one depth of a face."""
+    """With 16 samples, so that shimmer does not hide it; "tile" and "global" sort by one depth per face."""
     tile, image = (
         flicker(method, 100, 4, "dedicated", sampling="engine", order=o) for o in ("tile", "global")
     )
@@ -65,7 +65,7 @@ def test_one_depth_a_face_pops_where_the_exact_order_does_not(
 def exact_composite(
     tiles: Any, cover: Any, shade: Any, rule: Any, width: int, height: int, dtype: Any, weights: Any = None
 ) -> blend.Composite:
-    """Blend colours and depths as `blend.composite` does, but by the depths of faces at each sample."""
+    """Blend colours and depths like `blend.composite`, but sorted by the depth of faces at each sample."""
     color, through, depth = (np.zeros((height * width, 3)), *np.array([[1.0], [0]]).repeat(height * width, 1))
     for tile in tiles:
         pixels = tile.rows * width + tile.columns

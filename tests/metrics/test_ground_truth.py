@@ -1,4 +1,4 @@
-"""Photographs as they are compared: against the 3DGS family's loader, and against the formulas."""
+"""Photographs as they are compared: against the loader of the 3DGS family, and against formulas."""
 
 import json
 import shutil
@@ -27,7 +27,7 @@ WITH_PIXELS = [
 
 
 def levels(image: Any) -> Any:
-    """Return 255 times the image, which must be whole numbers."""
+    """Return 255 times the image, which must be integers."""
     assert image.dtype == np.float32
     whole = np.rint(image.astype(np.float64) * 255)
     assert np.abs(whole - image.astype(np.float64) * 255).max() < 1e-4
@@ -35,7 +35,7 @@ def levels(image: Any) -> Any:
 
 
 @pytest.mark.parametrize(("layout", "key"), WITH_PIXELS)
-def test_opaque_photographs_are_the_loaders_bit_for_bit(layout: str, key: str) -> None:
+def test_opaque_photographs_equal_the_loader_bit_for_bit(layout: str, key: str) -> None:
     _, folder, _, resolution = key.split()
     scene = read_scene(GOLDEN / layout, image_folder=folder, resolution=int(resolution))
     for wanted in LOADERS[layout][key]["cameras"]:
@@ -52,22 +52,22 @@ def test_opaque_photographs_are_the_loaders_bit_for_bit(layout: str, key: str) -
 
 
 @pytest.mark.parametrize(("name", "background"), [("white", (1, 1, 1)), ("black", (0, 0, 0))])
-def test_masked_photographs_are_the_loaders_to_its_truncation(name: str, background: Any) -> None:
+def test_masked_photographs_equal_the_loader_up_to_truncation(name: str, background: Any) -> None:
     scene = read_scene(
         GOLDEN / "nerf_synthetic", dataset="nerf_synthetic", resolution=1, background=background
     )
     assert not scene.gt_resized
     for wanted, camera in zip(LOADERS["nerf_synthetic"][name], scene.test, strict=True):
-        found = levels(ground_truth(scene, camera))
+        result = levels(ground_truth(scene, camera))
         rows = np.array(wanted["uint8_composite_first_rows"])  # rows 0 and 6, six pixels each
-        above = found[[0, 6], :6] - rows
+        above = result[[0, 6], :6] - rows
         assert above.min() >= 0
         assert above.max() <= 1
-        assert 0 <= found.sum() - wanted["uint8_composite_sum"] <= found.size
+        assert 0 <= result.sum() - wanted["uint8_composite_sum"] <= result.size
 
 
 def masked_scene(tmp_path: Path, pixels: Any, **options: Any) -> tuple[Scene, Any]:
-    """Return a scene whose every photograph is `pixels`, and its first test camera."""
+    """Return a scene that has `pixels` as every photograph, and its first test camera."""
     root = shutil.copytree(STUBS / "nerf_synthetic/pebble", tmp_path / "nerf_synthetic/toy")
     for path in (*(root / "test").iterdir(), *(root / "train").iterdir()):
         Image.fromarray(pixels).save(path)
@@ -82,7 +82,7 @@ def random_pixels(size: int = 32) -> Any:
     return pixels
 
 
-def test_alpha_is_laid_over_the_background_rounded_half_up(tmp_path: Path) -> None:
+def test_alpha_is_composited_over_the_background_and_rounded_half_up(tmp_path: Path) -> None:
     pixels, background = random_pixels(), (0.25, 0.5, 1.0)
     scene, camera = masked_scene(tmp_path, pixels, resolution=1, background=background)
     alpha = pixels[..., 3:] / 255
@@ -91,7 +91,7 @@ def test_alpha_is_laid_over_the_background_rounded_half_up(tmp_path: Path) -> No
 
 
 def cubic(x: Any) -> Any:
-    """Return Keys' cubic with a = -1/2, which Pillow's bicubic filter is."""
+    """Return Keys' cubic with a = -1/2, which is Pillow's bicubic filter."""
     x = np.abs(x)
     near = (1.5 * x - 2.5) * x**2 + 1
     far = ((-0.5 * x + 2.5) * x - 4) * x + 2
@@ -108,31 +108,31 @@ def halved(image: Any) -> Any:
     return image
 
 
-def test_synthetic_photographs_are_composited_before_they_are_resized(tmp_path: Path) -> None:
+def test_synthetic_photographs_are_composited_before_resizing(tmp_path: Path) -> None:
     pixels = random_pixels()
     scene, camera = masked_scene(tmp_path, pixels)
     assert (scene.compositing, scene.gt_resized) == ("before_resize", True)
     alpha = pixels[..., 3:] / 255
     over = pixels[..., :3] / 255 * alpha + 1 - alpha
     expected = np.clip(halved(over), 0, 1) * 255
-    found = levels(ground_truth(scene, camera))
-    assert found.shape == (16, 16, 3)
-    assert np.abs(found - expected).max() < 0.501  # rounded once
+    result = levels(ground_truth(scene, camera))
+    assert result.shape == (16, 16, 3)
+    assert np.abs(result - expected).max() < 0.501  # rounded only once
 
 
-def test_dtu_photographs_are_resized_before_they_are_composited() -> None:
+def test_dtu_photographs_are_resized_before_compositing() -> None:
     scene = read_scene(STUBS / "dtu/scan1")
     assert (scene.compositing, scene.mask_source) == ("after_resize", "png_alpha")
     camera = scene.test[0]
     with Image.open(str(camera.image_path)) as image:
         small = np.floor(np.clip(halved(np.asarray(image) / 255.0), 0, 1) * 255 + 0.5) / 255
     expected = (small[..., :3] * small[..., 3:] + 1 - small[..., 3:]) * 255
-    found = levels(ground_truth(scene, camera))
-    error = np.abs(found - expected)  # Pillow rounds and clamps bytes between the axes as well
+    result = levels(ground_truth(scene, camera))
+    error = np.abs(result - expected)  # Pillow also rounds and clamps bytes between the axes
     assert error.max() < 5
     assert error.mean() < 0.2
     before = ground_truth(replace(scene, compositing="before_resize"), camera)
-    assert np.abs(levels(before) - found).max() > 5  # the grey behind the mask does show at its border
+    assert np.abs(levels(before) - result).max() > 5  # the grey behind the mask shows at its border
 
 
 @pytest.fixture
@@ -140,14 +140,14 @@ def dtu(tmp_path: Path) -> Path:
     return shutil.copytree(STUBS / "dtu/scan1", tmp_path / "dtu/scan1")
 
 
-def test_masks_of_a_folder_do_as_alpha_does(dtu: Path) -> None:
+def test_mask_folder_equals_alpha(dtu: Path) -> None:
     by_alpha = read_scene(dtu, resolution=1)
     expected = [ground_truth(by_alpha, camera) for camera in by_alpha.test]
     masks = sorted((dtu / "mask").iterdir())
     for index, path in enumerate(sorted((dtu / "images").iterdir())):
         with Image.open(path) as image:
             color, alpha = image.convert("RGB"), np.asarray(image.getchannel("A"))
-        Image.fromarray(alpha).save(masks[index])  # grey, where the stub's are RGB
+        Image.fromarray(alpha).save(masks[index])  # grey, while the masks of the stub are RGB
         color.save(path)
     scene = read_scene(dtu, resolution=1)
     assert (scene.mask_source, len(scene.masks)) == ("mask_folder", 2)
@@ -155,7 +155,7 @@ def test_masks_of_a_folder_do_as_alpha_does(dtu: Path) -> None:
         assert np.array_equal(ground_truth(scene, camera), image)
 
 
-def test_the_familys_rules_ignore_the_mask_of_dtu() -> None:
+def test_rules_of_the_3dgs_family_ignore_dtu_masks() -> None:
     scene = read_scene(STUBS / "dtu/scan1", rules="triangle_splatting", resolution=1)
     assert scene.mask_source is None
     camera = scene.test[0]
@@ -174,7 +174,7 @@ def test_2dts_resizes_bilinearly_and_does_not_round() -> None:
     assert 0 < np.abs(image - ours).mean() < 0.05
 
 
-def test_a_photograph_that_cannot_be_read(tmp_path: Path) -> None:
+def test_unreadable_photograph_is_an_error(tmp_path: Path) -> None:
     scene = read_scene(STUBS / "mipnerf360/pebble")
     missing = replace(scene.test[0], image_path=tmp_path / "a.png")
     with pytest.raises(InputError, match="FILE_NOT_FOUND"):

@@ -1,4 +1,4 @@
-"""Images as files: what is read as what, what is refused, and how two folders are paired."""
+"""Image files: supported formats, rejected files, and pairs of two folders."""
 
 import io
 from pathlib import Path
@@ -23,7 +23,7 @@ def encoded(form: str, pixels: Any = PIXELS, **options: Any) -> bytes:
     return stream.getvalue()
 
 
-def test_bytes_are_read_as_bytes(tmp_path: Path) -> None:
+def test_eight_bit_images_are_read_as_bytes(tmp_path: Path) -> None:
     for name in ("a.png", "A.PNG"):
         (tmp_path / name).write_bytes(encoded("PNG"))
         assert np.array_equal(metrics.read_image(tmp_path / name), PIXELS)
@@ -37,12 +37,12 @@ def test_bytes_are_read_as_bytes(tmp_path: Path) -> None:
 def test_floats_are_read_as_msb_render_writes_them(tmp_path: Path, form: Any) -> None:
     frame = np.random.default_rng(1).normal(0.5, 1, (6, 9, 3)).astype(np.float32)
     write_image(tmp_path / f"a.{form}", frame, form)
-    found = metrics.read_image(tmp_path / f"a.{form}")
-    assert found.dtype == np.float32
-    assert np.array_equal(found, frame)
+    result = metrics.read_image(tmp_path / f"a.{form}")
+    assert result.dtype == np.float32
+    assert np.array_equal(result, frame)
 
 
-def test_alpha_is_laid_over_the_background_in_floats(tmp_path: Path) -> None:
+def test_alpha_is_composited_over_the_background_in_floats(tmp_path: Path) -> None:
     alpha = np.full((6, 9, 1), 255, np.uint8)
     path = tmp_path / "a.png"
     path.write_bytes(encoded("PNG", np.concatenate([PIXELS, alpha], 2)))
@@ -51,9 +51,9 @@ def test_alpha_is_laid_over_the_background_in_floats(tmp_path: Path) -> None:
     path.write_bytes(encoded("PNG", np.concatenate([PIXELS, alpha], 2)))
     with pytest.raises(MetricError, match=r"METRIC_IMAGE_ALPHA: .*30%"):
         metrics.read_image(path)
-    found = metrics.read_image(path, background=(1, 0.5, 0))
+    result = metrics.read_image(path, background=(1, 0.5, 0))
     expected = PIXELS / 255 * (alpha / 255) + np.array([1, 0.5, 0]) * (1 - alpha / 255)
-    assert np.allclose(found, expected, atol=1e-15)
+    assert np.allclose(result, expected, atol=1e-15)
 
 
 def npy(array: Any) -> bytes:
@@ -67,7 +67,7 @@ def plane_exr(folder: Path) -> bytes:
     return (folder / "plane.exr").read_bytes()
 
 
-# tests/fuzz/bad_binaries.py has more.
+# tests/fuzz/bad_binaries.py has further cases.
 BAD: dict[str, tuple[str, Any]] = {
     "grey jpeg": ("jpg", encoded("JPEG", PIXELS[..., 0])),
     "truncated": ("png", encoded("PNG")[:-40]),
@@ -80,7 +80,7 @@ BAD: dict[str, tuple[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_bad_files_are_one_clear_error(tmp_path: Path, name: str) -> None:
+def test_invalid_image_files_give_a_one_line_error(tmp_path: Path, name: str) -> None:
     suffix, content = BAD[name]
     path = tmp_path / f"image.{suffix}"
     path.write_bytes(content(tmp_path) if callable(content) else content)
@@ -97,7 +97,7 @@ def folder(root: Path, *names: str) -> Path:
     return root
 
 
-def test_pairs_are_by_full_name_without_suffix(tmp_path: Path) -> None:
+def test_images_are_paired_by_relative_name_without_suffix(tmp_path: Path) -> None:
     names = ("a.b.png", "a.c.exr", "sub/x.npy", "x.JPG", "x_depth.npy", ".hidden.png", "notes.txt")
     pred = folder(tmp_path / "pred", *names)
     gt = folder(tmp_path / "gt", "x.png", "sub/x.png", "a.c.png", "a.b.jpeg", ".git/y.png")
@@ -113,7 +113,7 @@ def test_pairs_are_by_full_name_without_suffix(tmp_path: Path) -> None:
         pair_images(pred, gt, subset=True)
 
 
-def test_pairs_that_are_none(tmp_path: Path) -> None:
+def test_unpairable_images_are_rejected(tmp_path: Path) -> None:
     full, empty = folder(tmp_path / "full", "a.png"), folder(tmp_path / "empty", "a.txt")
     twice = folder(tmp_path / "twice", "a.png", "a.jpg")
     with pytest.raises(MetricError, match="METRIC_IMAGE_NAMES"):

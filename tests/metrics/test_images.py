@@ -1,4 +1,4 @@
-"""PSNR and SSIM against golden values and their formulas, what they refuse, and the helper of such tests."""
+"""PSNR and SSIM compared with golden values and formulas, rejected inputs, and the test helper."""
 
 import math
 from typing import Any
@@ -33,7 +33,7 @@ def test_golden(case: dict[str, Any]) -> None:
     assert metrics.ssim(pred, gt) == pytest.approx(case["ssim_f32"], abs=5e-5)
 
 
-def test_golden_tells_the_metric_from_what_is_taken_for_it() -> None:
+def test_golden_values_differ_from_similar_definitions() -> None:
     case = next(case for case in CASES if case["id"] == "blurred_97x131")
     pred, gt = pair(case)
     assert abs(metrics.ssim(pred, gt) - case["ssim_interior"]) > 0.03
@@ -56,26 +56,26 @@ def ssim_by_the_formula(a: NDArray[np.float64], b: NDArray[np.float64]) -> float
 
 
 def psnr_by_another(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    with np.errstate(divide="ignore"):  # of equal images
+    with np.errstate(divide="ignore"):  # for equal images
         return float(peak_signal_noise_ratio(a, b, data_range=1))
 
 
 @pytest.mark.parametrize(
     ("metric", "expected"), [(PSNR, psnr_by_another), (SSIM, ssim_by_the_formula)], ids=["psnr", "ssim"]
 )
-def test_both_are_their_formulas(metric: metrics.ImageMetric, expected: Any) -> None:
+def test_psnr_and_ssim_equal_their_formulas(metric: metrics.ImageMetric, expected: Any) -> None:
     check_metric(metric, expected)
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
-def test_floats_are_rounded_as_a_written_png_is(kind: Any) -> None:
+def test_floats_are_rounded_like_a_png(kind: Any) -> None:
     frame = np.random.default_rng(1).normal(0.5, 0.4, (32, 40, 3)).astype(kind)
     gt = np.random.default_rng(2).integers(0, 256, (32, 40, 3), dtype=np.uint8)
     assert metrics.psnr(frame, gt) == metrics.psnr(to_bytes(frame), gt)
     assert metrics.ssim(frame, gt) == metrics.ssim(to_bytes(frame), gt)
 
 
-def test_half_a_level_rounds_up_and_can_be_kept() -> None:
+def test_half_a_level_rounds_up_unless_quantize_is_false() -> None:
     zero, half = np.zeros((4, 4, 3)), np.full((4, 4, 3), 0.5 / 255)
     assert metrics.psnr(half, zero) == pytest.approx(20 * math.log10(255))
     assert metrics.psnr(half * 0.99, zero) == math.inf
@@ -83,7 +83,7 @@ def test_half_a_level_rounds_up_and_can_be_kept() -> None:
     assert metrics.ssim(half, zero, quantize=False) < 1
 
 
-def test_values_outside_are_clamped() -> None:
+def test_values_outside_0_to_1_are_clamped() -> None:
     gt = np.ones((4, 4, 3))
     assert metrics.psnr(gt * 1.7, gt) == math.inf
     assert metrics.psnr(-gt, gt) == 0
@@ -105,14 +105,14 @@ BAD: dict[str, tuple[Any, str]] = {
 
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.parametrize("metric", [metrics.psnr, metrics.ssim])
-def test_what_is_no_image_is_refused(metric: Any, name: str) -> None:
+def test_invalid_images_are_rejected(metric: Any, name: str) -> None:
     image, code = BAD[name]
     for arguments in ((image, GOOD), (GOOD, image)):
         with pytest.raises(MetricError, match=code):
             metric(*arguments)
 
 
-def test_identity_says_what_was_computed() -> None:
+def test_identity_records_name_libraries_and_parameters() -> None:
     for name in ("psnr", "ssim", "chamfer_dtu"):
         record = metrics.identity(name).to_dict()
         assert record["name"] == name

@@ -3,6 +3,6 @@
 from msb.metrics.likeness import decibels
 
 
-def test_decibels_never_seem_to_reach_a_limit_that_they_do_not() -> None:
+def test_decibels_are_rounded_down() -> None:
     values = {34.998: "34.9 dB", 35.0: "35.0 dB", 25.1: "25.1 dB", 32.3: "32.3 dB", 100.0: "100.0 dB"}
     assert [decibels(value) for value in values] == list(values.values())

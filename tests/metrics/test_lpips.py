@@ -1,4 +1,4 @@
-"""LPIPS with synthetic weights against golden values and the lpips package, and the reading of weights."""
+"""LPIPS with synthetic weights compared with golden values and the lpips package, and weight files."""
 
 import warnings
 from pathlib import Path
@@ -20,7 +20,7 @@ IMAGES = np.load(GOLDEN / "lpips_synthetic_vgg.npz")
 def network(vgg_file: Path) -> metrics.LpipsVgg:
     import torch
 
-    # Threads of several test processes on few cores wait for each other ten times as long as they compute.
+    # With few cores, threads of several test processes wait for each other ten times as long as they compute.
     torch.set_num_threads(1)
     return metrics.LpipsVgg(vgg_file)
 
@@ -40,7 +40,7 @@ def test_golden(case: dict[str, Any], network: metrics.LpipsVgg) -> None:
 
 
 @needs_torch
-def test_is_the_package_s_number(network: metrics.LpipsVgg) -> None:
+def test_lpips_equals_the_package(network: metrics.LpipsVgg) -> None:
     import torch
 
     try:
@@ -64,7 +64,7 @@ def test_is_the_package_s_number(network: metrics.LpipsVgg) -> None:
 
 
 @needs_torch
-def test_unknown_weights_are_used_recorded_and_warned_about(vgg_file: Path) -> None:
+def test_unknown_weights_give_a_warning_and_are_recorded(vgg_file: Path) -> None:
     image = np.zeros((16, 16, 3))
     with pytest.warns(metrics.MetricWarning, match="METRIC_VGG_UNKNOWN: .*synthetic"):
         assert metrics.lpips_vgg(image, image, vgg_weights=vgg_file) == 0
@@ -77,7 +77,7 @@ def test_unknown_weights_are_used_recorded_and_warned_about(vgg_file: Path) -> N
 
 
 @needs_torch
-def test_small_and_unequal_images_are_refused(network: metrics.LpipsVgg) -> None:
+def test_small_and_unequal_images_are_rejected(network: metrics.LpipsVgg) -> None:
     with pytest.raises(MetricError, match="METRIC_IMAGE"):
         network(np.zeros((15, 20, 3)), np.zeros((15, 20, 3)))
     with pytest.raises(MetricError, match="METRIC_SIZES_DIFFER"):
@@ -97,7 +97,7 @@ def test_torch_files_hold_the_same_tensors(vgg_file: Path, tmp_path: Path, moder
 
 
 @needs_torch
-def test_a_torch_file_is_never_executed(tmp_path: Path) -> None:
+def test_torch_file_is_never_executed(tmp_path: Path) -> None:
     path = tmp_path / "vgg.pth"
     marker = tmp_path / "executed"
     path.write_bytes(b"cos\nsystem\n(V" + f"touch {marker}".encode() + b"\ntR.")
@@ -107,14 +107,14 @@ def test_a_torch_file_is_never_executed(tmp_path: Path) -> None:
 
 
 @needs_torch
-def test_the_package_s_linear_layers_are_version_0_1() -> None:
+def test_linear_layers_of_the_package_are_version_0_1() -> None:
     heads, sha256 = read_heads()
     assert [len(head) for head in heads] == [64, 128, 256, 512, 512]
     assert all((head >= 0).all() for head in heads)
     assert sha256 == HEADS_SHA256
 
 
-def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
+def test_synthetic_weights_equal_the_golden_ones(vgg_file: Path) -> None:
     import hashlib
 
     weights, record = read_vgg(vgg_file)
@@ -124,7 +124,7 @@ def test_synthetic_weights_are_the_golden_ones(vgg_file: Path) -> None:
     assert record["known"] is None
 
 
-def test_a_line_says_whether_the_weights_are_the_published_ones() -> None:
+def test_weights_source_distinguishes_published_weights() -> None:
     vgg = {"file": "v.pth", "sha256": VGG_SHA256, "known": "torchvision vgg16-397923af.pth"}
     heads = {"known": "lpips 0.1.4"}
     both = weights_source({"vgg": vgg, "heads": heads})
@@ -132,11 +132,11 @@ def test_a_line_says_whether_the_weights_are_the_published_ones() -> None:
     other_vgg = weights_source({"vgg": {**vgg, "sha256": "0" * 64, "known": None}, "heads": heads})
     assert len({both, other_heads, other_vgg}) == 3
     assert VGG_SHA256[:16] in both
-    # torch's own rule: the name of a published file ends in the first eight digits of its hash.
+    # The rule of torch: the name of a published file ends in the first eight digits of its hash.
     assert f"vgg16-{VGG_SHA256[:8]}.pth" == VGG_FILE
 
 
-def test_a_missing_file_is_an_input_error(tmp_path: Path) -> None:
+def test_missing_weight_file_is_an_input_error(tmp_path: Path) -> None:
     for path in (tmp_path / "none.pth", tmp_path):
         with pytest.raises(InputError):
             read_vgg(path)

@@ -1,4 +1,4 @@
-"""An image metric in another package: that of docs/extending.md, failing, broken, and not installed."""
+"""An image metric in another package: the one of docs/extending.md, failing, invalid, and absent."""
 
 import re
 import sys
@@ -30,7 +30,7 @@ def site(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def edit(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
-    """Install the metric with a part of its text, or of its entry point, replaced."""
+    """Install the metric with a replaced part of its text or of its entry point."""
     monkeypatch.syspath_prepend(site)
 
     def change(old: str = "", new: str = "", entry: str = "edges = msb_edges:EDGES") -> None:
@@ -46,7 +46,7 @@ def edit(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., 
     forget()
 
 
-def test_it_is_one_of_the_metrics(edit: Callable[..., None]) -> None:
+def test_package_metric_is_registered(edit: Callable[..., None]) -> None:
     edit()
     assert list(IMAGE_METRICS) == [*OURS, "edges"]
     assert METRICS["edges"] == "lower"
@@ -66,17 +66,15 @@ FAILING = {
 
 
 @pytest.mark.parametrize(("text", "why"), FAILING.items())
-def test_one_that_fails_has_no_value_and_says_whose_it_is(
-    edit: Callable[..., None], text: str, why: str
-) -> None:
+def test_failing_package_metric_is_none_and_named(edit: Callable[..., None], text: str, why: str) -> None:
     edit("    steps = [", f"    {text}\n    steps = [")
     measures = Measures()
-    found = measures(WHITE, BLACK)
-    assert (found["psnr"], found["edges"]) == (0, None)
+    values = measures(WHITE, BLACK)
+    assert (values["psnr"], values["edges"]) == (0, None)
     assert re.match(f"METRIC_FAILED: .*msb_edges .*{why}", measures.failed["edges"])
 
 
-def test_one_that_prints_and_changes_its_images_changes_nothing(
+def test_package_metric_cannot_print_or_change_images(
     edit: Callable[..., None], capfd: pytest.CaptureFixture[str]
 ) -> None:
     edit("    steps = [", "    print('hello')\n    rendering[:] = 1\n    steps = [")
@@ -97,7 +95,7 @@ def test_one_that_prints_and_changes_its_images_changes_nothing(
         ('better="lower"', 'better="less"', None, "'less'"),
     ],
 )
-def test_one_that_is_none_is_one_warning(
+def test_invalid_package_metric_gives_one_warning(
     edit: Callable[..., None], old: str, new: str, entry: str | None, why: str
 ) -> None:
     edit(old, new, **({} if entry is None else {"entry": entry}))

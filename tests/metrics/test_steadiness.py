@@ -1,4 +1,4 @@
-"""Flicker and holes of made frames, for which both are known."""
+"""Flicker and holes of synthetic frames with known results."""
 
 from collections.abc import Callable
 from itertools import pairwise
@@ -11,8 +11,8 @@ from msb.metrics.steadiness import Still, holes, still, surface_points, unexplai
 from msb.scenes import Camera
 
 WIDTH, HEIGHT = 96, 72
+# Camera positions in three frames; at the depth of the far board a pixel is about 0.05.
 PLACES = (0.0, 0.05, 0.1)
-"""Of the camera in three frames; at the depth of the far board a pixel is about 0.05."""
 
 
 def camera(place: float) -> Camera:
@@ -22,7 +22,7 @@ def camera(place: float) -> Camera:
 
 
 def boards(at: Camera, samples: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
-    """Return image, alpha and depth of a small board before a large one, drawn with `samples`^2 a pixel."""
+    """Return image, alpha and depth of a small board in front of a large one, with `samples`^2 per pixel."""
     big = at.resized(WIDTH * samples, HEIGHT * samples)
     y, x = np.mgrid[: big.height, : big.width] + 0.5
     rays = np.stack([(x - big.cx) / big.fx, (y - big.cy) / big.fy, np.ones_like(x)], axis=-1)
@@ -60,18 +60,18 @@ def rms(change: NDArray[np.float32]) -> float:
 
 
 @pytest.mark.slow
-def test_motion_and_even_change_are_no_flicker() -> None:
+def test_motion_and_steady_change_are_not_flicker() -> None:
     assert rms(changed(8)) < 0.15
     brighter = changed(8, lambda number, image: np.multiply(image, 0.8 + 0.02 * number, out=image))
     assert rms(brighter) < 0.15
 
 
 def test_fewer_samples_flicker_more() -> None:
-    one, sixteen, sixtyfour = (rms(changed(samples)) for samples in (1, 4, 8))
-    assert one > 4 * sixteen > 5 * sixtyfour
+    single, sixteen, sixtyfour = (rms(changed(samples)) for samples in (1, 4, 8))
+    assert single > 4 * sixteen > 5 * sixtyfour
 
 
-def test_what_pops_up_in_one_frame_flickers_by_as_much() -> None:
+def test_change_in_one_frame_flickers_by_the_same_amount() -> None:
     def pop(number: int, image: NDArray[np.float32]) -> None:
         if number == 1:
             image[26:46, 20:32] += np.float32(20 / 255)
@@ -81,7 +81,7 @@ def test_what_pops_up_in_one_frame_flickers_by_as_much() -> None:
     assert np.nanmax(np.delete(change, slice(20, 52), axis=0)) < 5
 
 
-def test_what_was_hidden_or_outside_does_not_count() -> None:
+def test_hidden_or_outside_pixels_do_not_count() -> None:
     (_, before), (_, here), (_, after) = (
         (p, still(camera(p), *boards(camera(p), 2))) for p in (0.0, 0.5, 1.0)
     )
@@ -99,30 +99,32 @@ def seen(place: float, *cut: tuple[slice, slice]) -> Still:
     return still(camera(place), image, alpha, depth)
 
 
-def test_holes_are_where_others_see_the_model_and_specks() -> None:
+def test_holes_are_gaps_and_specks() -> None:
     whole = [seen(place) for place in PLACES]
-    points = np.concatenate([surface_points(one) for one in whole])
-    for one in whole:
-        assert not holes(one, points).any(), "nought for what is whole, borders included"
+    points = np.concatenate([surface_points(frame) for frame in whole])
+    for frame in whole:
+        assert not holes(frame, points).any(), "a complete model has no holes, including its borders"
     large, speck = (slice(30, 42), slice(20, 31)), (slice(56, 59), slice(50, 52))
-    found = holes(seen(PLACES[1], large, speck), points)
-    assert found[speck].all()
-    inner = np.zeros_like(found)
+    result = holes(seen(PLACES[1], large, speck), points)
+    assert result[speck].all()
+    inner = np.zeros_like(result)
     inner[31:41, 21:30] = True
-    assert found[inner].all()
-    found[large] = found[speck] = False
-    assert not found.any()
-    assert not holes(seen(PLACES[1], large), points[:0]).any(), "no frame shows that it should be closed"
+    assert result[inner].all()
+    result[large] = result[speck] = False
+    assert not result.any()
+    assert not holes(seen(PLACES[1], large), points[:0]).any(), (
+        "without surface points of other frames a large gap is not a hole"
+    )
 
 
 @pytest.mark.parametrize("behind", [True, False])
-def test_a_model_that_is_not_in_the_picture_gives_nothing(behind: bool) -> None:
+def test_model_outside_the_image_has_no_flicker_and_no_holes(behind: bool) -> None:
     frames = [
         Camera.look_at((0, 0, 9 if behind else 0), (place, 0, 20), width=32, height=24, fov_y=0.9)
         for place in PLACES
     ]
     empty = [
-        still(one, np.ones((24, 32, 3), np.float32), *np.zeros((2, 24, 32), np.float32)) for one in frames
+        still(view, np.ones((24, 32, 3), np.float32), *np.zeros((2, 24, 32), np.float32)) for view in frames
     ]
     assert np.isnan(unexplained_change(*empty)).all()
     for before, here in pairwise(empty):

@@ -1,8 +1,9 @@
-"""The audit once more: dictionaries, loops and no NumPy, written from the definitions alone.
+"""A second implementation of the audit, with dictionaries and loops instead of NumPy, written from the
+definitions.
 
-Slow and obvious on purpose. It shares no code and no idea with msb/topology: the strict count tests each
-vertex link for being one path or one cycle, components are found by flooding, boundary loops by walking fan
-after fan.
+It is slow and simple on purpose, and shares neither code nor methods with msb/topology: the strict count
+tests whether each vertex link is one path or one cycle, components are found by flooding, boundary loops by
+walking from fan to fan.
 """
 
 import math
@@ -15,7 +16,7 @@ Point = tuple[float, float, float]
 
 
 def audit(points: list[Point], faces: list[Face]) -> dict[str, Any]:
-    """Return every field of Counts and Metrics, and the audit's other findings, by their JSON names."""
+    """Return every field of Counts and Metrics, and further findings of the audit, by JSON name."""
     proper = [f for f, row in enumerate(faces) if len(set(row)) == 3]
     faces_at_edge = edge_faces(faces, proper)
     corners: dict[int, list[int]] = {}
@@ -58,7 +59,7 @@ def audit(points: list[Point], faces: list[Face]) -> dict[str, Any]:
         "components": len(set(component.values())),
         "components_manifold_edges": len(set(two_face.values())),
         "largest_component_faces": len(largest),
-        "seam_vertices": 0,  # places are all it knows
+        "seam_vertices": 0,  # seams need UVs or colours
         "vf_ratio": ratio(n_v, n_f),
         "mean_valence": ratio(2 * n_e, n_v),
         "boundary_edge_ratio": ratio(sizes.count(1), n_e),
@@ -76,7 +77,7 @@ def audit(points: list[Point], faces: list[Face]) -> dict[str, Any]:
 
 
 def assert_agrees(report: Any, points: Any, faces: Any) -> dict[str, Any]:
-    """Assert that an audit of arrays is this module's, reals to 1e-9; return this module's."""
+    """Assert that an audit equals this module's result, real numbers to 1e-9; return the result."""
     expected = audit([tuple(p) for p in points.tolist()], [tuple(f) for f in faces.tolist()])
     got = {**vars(report.counts), **vars(report.metrics)}
     got |= {key: getattr(report, key) for key in ("valence_histogram", "is_soup", "topology")}
@@ -89,12 +90,12 @@ def assert_agrees(report: Any, points: Any, faces: Any) -> dict[str, Any]:
 
 def edge_faces(faces: list[Face], proper: list[int]) -> dict[tuple[int, int], list[int]]:
     """Return the faces at each edge."""
-    found: dict[tuple[int, int], list[int]] = {}
+    faces_of: dict[tuple[int, int], list[int]] = {}
     for f in proper:
         a, b, c = faces[f]
         for u, w in ((a, b), (b, c), (c, a)):
-            found.setdefault((min(u, w), max(u, w)), []).append(f)
-    return found
+            faces_of.setdefault((min(u, w), max(u, w)), []).append(f)
+    return faces_of
 
 
 def area(points: list[Point], row: Face) -> float:
@@ -107,7 +108,7 @@ def area(points: list[Point], row: Face) -> float:
 
 
 def flood(proper: list[int], faces: list[Face], faces_at_edge: Any, joins: Any) -> dict[int, int]:
-    """Return for each proper face the smallest face it is connected to across edges that join."""
+    """Return for each proper face the lowest face connected to it across edges accepted by `joins`."""
     label: dict[int, int] = {}
     for start in proper:
         if start in label:
@@ -127,7 +128,7 @@ def flood(proper: list[int], faces: list[Face], faces_at_edge: Any, joins: Any) 
 
 
 def largest_component(component: dict[int, int], areas: list[float]) -> list[int]:
-    """Return the faces of the component with most faces; ties: more area, then the smallest face."""
+    """Return the faces of the component with most faces; ties go to the larger area, then the lowest face."""
     groups: dict[int, list[int]] = {}
     for face, label in component.items():
         groups.setdefault(label, []).append(face)
@@ -140,7 +141,7 @@ def largest_component(component: dict[int, int], areas: list[float]) -> list[int
 
 
 def link(vertex: int, around: list[int], faces: list[Face]) -> list[tuple[int, int]]:
-    """Return the arcs of the vertex's link: for each face the two other vertices."""
+    """Return the arcs of the link of a vertex: the two other vertices of each face."""
     arcs = []
     for f in around:
         a, b = (v for v in faces[f] if v != vertex)
@@ -150,21 +151,21 @@ def link(vertex: int, around: list[int], faces: list[Face]) -> list[tuple[int, i
 
 def pieces(arcs: list[tuple[int, int]]) -> list[set[int]]:
     """Return the connected pieces of a graph as sets of nodes."""
-    found: list[set[int]] = []
+    groups: list[set[int]] = []
     for arc in arcs:
         joined = set(arc)
         apart = []
-        for piece in found:
+        for piece in groups:
             if piece & joined:
                 joined |= piece
             else:
                 apart.append(piece)
-        found = [*apart, joined]
-    return found
+        groups = [*apart, joined]
+    return groups
 
 
 def link_is_path_or_cycle(arcs: list[tuple[int, int]]) -> bool:
-    """Say whether walking from an end (or from anywhere, on a cycle) uses every arc exactly once."""
+    """Return whether a walk from an end (or from any node of a cycle) uses every arc exactly once."""
     degree: dict[int, int] = {}
     for arc in arcs:
         for node in arc:
@@ -182,24 +183,26 @@ def link_is_path_or_cycle(arcs: list[tuple[int, int]]) -> bool:
 
 
 def ratio(part: float, whole: float) -> float | None:
-    """Return the quotient, or None where there is nothing to divide by."""
+    """Return the quotient, or None for a zero denominator."""
     return part / whole if whole else None
 
 
 def winding_flips(faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]]) -> int:
-    """Return how many two-face edges both faces run along in the same direction."""
+    """Return the number of two-face edges along which both faces run in the same direction."""
     pairs = [(edge, group) for edge, group in faces_at_edge.items() if len(group) == 2]
-    return sum(runs_along(faces[one], edge) == runs_along(faces[two], edge) for edge, (one, two) in pairs)
+    return sum(
+        runs_along(faces[first], edge) == runs_along(faces[second], edge) for edge, (first, second) in pairs
+    )
 
 
 def runs_along(row: Face, edge: tuple[int, int]) -> bool:
-    """Say whether the face runs along the edge from its low to its high vertex."""
+    """Return whether the face runs along the edge from its low to its high vertex."""
     a, b, c = row
     return edge in ((a, b), (b, c), (c, a))
 
 
 def boundary(faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]]) -> tuple[int, int]:
-    """Return how many closed loops and open chains the boundary edges form, walking around fans."""
+    """Return the numbers of closed loops and open chains of boundary edges, walking around fans."""
     rims = [edge for edge, group in faces_at_edge.items() if len(group) == 1]
     seen: set[tuple[int, int]] = set()
     loops = chains = 0
@@ -207,7 +210,7 @@ def boundary(faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]])
         if start in seen:
             continue
         closed = False
-        for first in start:  # both ways, unless the first way comes back
+        for first in start:  # in both directions, unless the first one returns to the start
             edge, vertex = start, first
             while not closed:
                 seen.add(edge)
@@ -223,7 +226,7 @@ def boundary(faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]])
 def follower(
     edge: tuple[int, int], vertex: int, faces: list[Face], faces_at_edge: dict[tuple[int, int], list[int]]
 ) -> tuple[int, int] | None:
-    """Return the boundary edge at the other side of the fan at `vertex` that begins with a boundary edge."""
+    """Return the boundary edge at the other end of the fan at `vertex` that begins with a boundary edge."""
     (face,) = faces_at_edge[edge]
     while True:
         apex = next(v for v in faces[face] if v not in edge)
@@ -237,7 +240,7 @@ def follower(
 
 
 def vertex_is_shared(faces: list[Face]) -> bool:
-    """Say whether some vertex is used by two faces."""
+    """Return whether two faces use a common vertex."""
     use: dict[int, int] = {}
     for row in faces:
         for v in set(row):

@@ -1,4 +1,4 @@
-"""Meshes the topology tests share: the golden cases, and random ones rich in everything that goes wrong."""
+"""Meshes that the topology tests share: golden cases, and random meshes with many kinds of faults."""
 
 import json
 from dataclasses import dataclass
@@ -41,6 +41,7 @@ CASES = [
 ]
 CASE = {case.name: case for case in CASES}
 
+# Symbol in formulas -> key of the JSON; together with E_max_faces these are all expected fields.
 COUNT_OF = {
     "V": "vertices",
     "F": "faces",
@@ -73,7 +74,6 @@ METRIC_OF = {
     "lcc_area": "lcc_area_ratio",
     "euler": "euler_characteristic",
 }
-"""Symbol in formulas -> key of the JSON; with E_max_faces these are all expected fields."""
 
 
 def assert_as_expected(audit: Any, expected: dict[str, Any]) -> None:
@@ -90,21 +90,21 @@ def assert_as_expected(audit: Any, expected: dict[str, Any]) -> None:
 
 
 def random_mesh(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a small mesh with few vertices and many faces: most things that can go wrong do, often."""
+    """Return a small mesh with few vertices and many faces, so that most kinds of faults occur often."""
     v = int(rng.integers(1, 11))
     f = int(rng.integers(0, 15))
     faces = rng.integers(0, v, (f, 3))
-    if v >= 3 and rng.random() < 0.7:  # without repeated indices, but for a few
+    if v >= 3 and rng.random() < 0.7:  # mostly without repeated indices
         faces = np.array([rng.permutation(v)[:3] for _ in range(f)], np.int64).reshape(-1, 3)
         strange = rng.random(f) < 0.1
         faces[strange, 1] = faces[strange, 0]
-    if f and rng.random() < 0.3:  # duplicates, some turned over
+    if f and rng.random() < 0.3:  # duplicates, some with reversed winding
         again = faces[rng.integers(0, f, 2)]
         faces = np.concatenate([faces, again[:1], again[1:, ::-1]])
-    if v >= 4 and rng.random() < 0.5:  # a closed body among the rest
+    if v >= 4 and rng.random() < 0.5:  # a closed tetrahedron among other faces
         a, b, c, d = rng.permutation(v)[:4]
         faces = np.concatenate([faces, [[b, c, d], [a, d, c], [a, b, d], [a, c, b]]])
-    # Whole numbers: areas are often exactly zero, and often equal.
+    # Integer coordinates: areas are often exactly zero, and often equal.
     points = rng.integers(-2, 3, (v + int(rng.integers(0, 3)), 3)).astype(float)
     points[rng.random(points.shape) < 0.01] = np.nan
     points[rng.random(points.shape) < 0.01] = np.inf
@@ -112,7 +112,7 @@ def random_mesh(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def finite_mesh(seed: int) -> Mesh:
-    """Return a random mesh without NaN, every other one at places in general position."""
+    """Return a random mesh without NaN; odd seeds give positions in general position."""
     rng = np.random.default_rng(seed)
     points, faces = random_mesh(rng)
     points = rng.normal(size=points.shape) if seed % 2 else np.nan_to_num(points, posinf=1, neginf=-1)
@@ -124,14 +124,14 @@ def counts(points: np.ndarray, faces: np.ndarray) -> Counts:
 
 
 def places(points: np.ndarray, change: Change) -> np.ndarray:
-    """Return the positions after a change: old ones, and the middle of each rim."""
+    """Return the positions after a change: the old ones, and the average of each rim."""
     kept = points[change.vertex_map[change.vertex_map != NONE]]
     rims = np.split(change.rims.vertices, change.rims.offsets[1:-1]) if change.rims.count else []
     return np.concatenate([kept, np.array([points[rim].mean(axis=0) for rim in rims]).reshape(-1, 3)])
 
 
 def sphere(sides: int) -> Mesh:
-    """Return a double cone over a polygon: closed, with two poles that all faces meet at."""
+    """Return a closed double cone over a polygon with `sides` sides."""
     ring = np.arange(sides)
     angle = 2 * np.pi * ring / sides
     points = np.concatenate([np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1), [[0, 0, 1], [0, 0, -1]]])
@@ -141,7 +141,7 @@ def sphere(sides: int) -> Mesh:
 
 
 def sheet(side: int, holes: tuple[tuple[int, int], ...] = ()) -> Mesh:
-    """Return a flat grid of quads cut into triangles, without the quads in `holes`."""
+    """Return a flat grid of quads split into triangles, without the quads in `holes`."""
     points = np.array([[x, y, 0] for x in range(side + 1) for y in range(side + 1)], float)
     quads = [(x, y) for x in range(side) for y in range(side) if (x, y) not in holes]
     first, step = [x * (side + 1) + y for x, y in quads], side + 1

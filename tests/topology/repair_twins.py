@@ -1,31 +1,26 @@
-"""Steps of a repair once more: dictionaries and loops, written from docs/repair.md alone."""
+"""A second implementation of the repair steps, with dictionaries and loops, written from docs/repair.md."""
 
 import math
 from itertools import combinations
 from typing import Any
 
-from tests.topology.brute_force import Face, Point, area, edge_faces, flood
+from tests.topology.brute_force import Face, Point, area, edge_faces, flood, runs_along
 
+# A face and one of its vertices.
 Corner = tuple[int, int]
-"""A face and one of its vertices."""
 
 
 def proper_faces(faces: list[Face]) -> list[int]:
     return [f for f, row in enumerate(faces) if len(set(row)) == 3]
 
 
-def winding_clashes(one: Face, other: Face, edge: tuple[int, int]) -> bool:
-    """Say whether both faces run along the edge in the same direction."""
-
-    def along(row: Face) -> bool:
-        a, b, c = row
-        return edge in ((a, b), (b, c), (c, a))
-
-    return along(one) == along(other)
+def winding_clashes(first: Face, second: Face, edge: tuple[int, int]) -> bool:
+    """Return whether both faces run along the edge in the same direction."""
+    return runs_along(first, edge) == runs_along(second, edge)
 
 
 def orient(faces: list[Face]) -> tuple[list[bool], bool]:
-    """Return which faces are turned, and whether some component is one-sided (then the rest says nothing)."""
+    """Return which faces are turned, and whether some component is one-sided (then the rest is undefined)."""
     proper = proper_faces(faces)
     at_edge = edge_faces(faces, proper)
     turned, strange = [False] * len(faces), False
@@ -50,7 +45,7 @@ def orient(faces: list[Face]) -> tuple[list[bool], bool]:
 
 
 def glue(faces: list[Face], joined: list[tuple[tuple[int, int], int, int]]) -> dict[Corner, int]:
-    """Return the new vertex of each corner, if faces keep together at the joined (edge, face, face) only."""
+    """Return the new vertex of each corner if faces stay together only at the joined (edge, face, face)."""
     proper = proper_faces(faces)
     leader: dict[Corner, Corner] = {(f, v): (f, v) for f in proper for v in faces[f]}
 
@@ -59,9 +54,9 @@ def glue(faces: list[Face], joined: list[tuple[tuple[int, int], int, int]]) -> d
             corner = leader[corner]
         return corner
 
-    for edge, one, other in joined:
+    for edge, near, far in joined:
         for v in edge:
-            leader[find((one, v))] = find((other, v))
+            leader[find((near, v))] = find((far, v))
     number: dict[Corner, int] = {}
     taken: set[int] = set()
     copies = 1 + max((v for row in faces for v in row), default=-1)
@@ -87,20 +82,20 @@ def cut(faces: list[Face]) -> dict[Corner, int]:
 
 
 def pair(points: list[Point], faces: list[Face], colors: list[Point], weight: float) -> dict[Corner, int]:
-    """Return the new vertex of each corner after pairing; no two costs may be equal."""
+    """Return the new vertex of each corner after pairing; all costs must be different."""
     at_edge = edge_faces(faces, proper_faces(faces))
     chosen: list[tuple[float, tuple[int, int], int, int]] = []
     for edge, group in at_edge.items():
         if len(group) > 2:
             costs = sorted(
-                (fold(points, faces, edge, one, other, colors, weight), one, other)
-                for one, other in combinations(group, 2)
+                (fold(points, faces, edge, near, far, colors, weight), near, far)
+                for near, far in combinations(group, 2)
             )
             free = set(group)
-            for cost, one, other in costs:
-                if {one, other} <= free:
-                    free -= {one, other}
-                    chosen.append((cost, edge, one, other))
+            for cost, near, far in costs:
+                if {near, far} <= free:
+                    free -= {near, far}
+                    chosen.append((cost, edge, near, far))
     joints = two_face_joints(faces)
     # Kruskal's algorithm, with the side of each face relative to its leader.
     leader = {f: (f, False) for f in range(len(faces))}
@@ -112,25 +107,25 @@ def pair(points: list[Point], faces: list[Face], colors: list[Point], weight: fl
             side ^= flip
         return face, side
 
-    for edge, one, other in joints:
-        (a, side_a), (b, side_b) = find(one), find(other)
+    for edge, near, far in joints:
+        (a, side_a), (b, side_b) = find(near), find(far)
         if a != b:
-            leader[a] = (b, side_a ^ side_b ^ winding_clashes(faces[one], faces[other], edge))
+            leader[a] = (b, side_a ^ side_b ^ winding_clashes(faces[near], faces[far], edge))
     kept = []
-    for _, edge, one, other in sorted(chosen):
-        (a, side_a), (b, side_b) = find(one), find(other)
-        clash = winding_clashes(faces[one], faces[other], edge)
+    for _, edge, near, far in sorted(chosen):
+        (a, side_a), (b, side_b) = find(near), find(far)
+        clash = winding_clashes(faces[near], faces[far], edge)
         if a != b:
             leader[a] = (b, side_a ^ side_b ^ clash)
         if a != b or side_a ^ side_b == clash:
-            kept.append((edge, one, other))
+            kept.append((edge, near, far))
     new = glue(faces, joints + kept)
     crowd: dict[Any, int] = {}
     for (u, w), group in at_edge.items():
         for f in group:
             ends = new[f, u], new[f, w]
             crowd[ends] = crowd.get(ends, 0) + 1
-    alone = [(e, one, other) for e, one, other in kept if crowd[new[one, e[0]], new[one, e[1]]] == 2]
+    alone = [(e, near, far) for e, near, far in kept if crowd[new[near, e[0]], new[near, e[1]]] == 2]
     return glue(faces, joints + alone)
 
 
@@ -138,16 +133,16 @@ def fold(
     points: list[Point],
     faces: list[Face],
     edge: tuple[int, int],
-    one: int,
-    other: int,
+    near: int,
+    far: int,
     colors: list[Point],
     weight: float,
 ) -> float:
-    """Return what joining two faces costs: 0 if flat and of one colour, 1 if folded."""
+    """Return the cost of joining two faces: 0 if flat and of equal colour, 1 if folded."""
     low, high = (points[v] for v in edge)
     along = unit([h - g for h, g in zip(high, low, strict=True)])
     sides, apexes = [], []
-    for face in (one, other):
+    for face in (near, far):
         apex = next(v for v in faces[face] if v not in edge)
         apexes.append(apex)
         out = [x - y for x, y in zip(points[apex], low, strict=True)]
@@ -163,7 +158,7 @@ def unit(vector: list[float]) -> list[float]:
 
 
 def fewest_dropped(faces: list[Face]) -> int:
-    """Return the least number of faces without which no edge has more than two, by trying all sets."""
+    """Return the minimum number of faces to remove so that no edge has more than two, by trying all sets."""
     proper = proper_faces(faces)
     crowded = {f for group in edge_faces(faces, proper).values() if len(group) > 2 for f in group}
     for count in range(len(crowded) + 1):
@@ -175,7 +170,7 @@ def fewest_dropped(faces: list[Face]) -> int:
 
 
 def weld(points: list[Point], faces: list[Face]) -> tuple[list[int], list[Face]]:
-    """Return the faces that stay, and their corners as old vertices, the first in each place."""
+    """Return the faces that stay, and their corners as old vertices, the first in each position."""
     first: dict[Point, int] = {}
     leader = [first.setdefault((p[0] + 0.0, p[1] + 0.0, p[2] + 0.0), v) for v, p in enumerate(points)]
     new = [(leader[a], leader[b], leader[c]) for a, b, c in faces]
@@ -193,12 +188,12 @@ def debris(points: list[Point], faces: list[Face], least_faces: int, least_share
         size[component[f]] += 1
         weight[component[f]] += areas[f]
     bar = least_share * sum(areas.values())
-    gone = {one for one in size if size[one] < least_faces or weight[one] < bar}
+    gone = {label for label in size if size[label] < least_faces or weight[label] < bar}
     return [f for f in range(len(faces)) if component.get(f) not in gone]
 
 
 def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> list[list[tuple[int, int]]]:
-    """Return the rims that are closed: the edges of each, as the faces beside them run along them."""
+    """Return the rims that are closed: the edges of each, in the direction of the adjacent faces."""
     proper = proper_faces(faces)
     at_edge = edge_faces(faces, proper)
     component = flood(proper, faces, at_edge, lambda count: count >= 2)
@@ -208,7 +203,7 @@ def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> l
         return [(a, b), (b, c), (c, a)]
 
     def after(f: int, rim: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
-        """Turn around the end of a rim's edge to the next one; None where there is none to go on with."""
+        """Turn around the end of a rim edge to the next rim edge; return None if the rim ends there."""
         pivot, come = rim[1], rim
         while True:
             leave = next(side for side in sides(f) if pivot in side and {*side} != {*come})
@@ -219,7 +214,7 @@ def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> l
                 return None
             f, come = group[0] if group[1] == f else group[1], leave
 
-    found, seen = [], set()
+    rims, seen = [], set()
     for f in proper:
         for side in sides(f):
             if side in seen or len(at_edge[(min(side), max(side))]) > 1:
@@ -228,14 +223,14 @@ def holes(points: list[Point], faces: list[Face], edges: int, share: float) -> l
             while here is not None and here != walk[0]:
                 walk.append(here)
                 here = after(*here)
-            rim = [one for _, one in walk]
+            rim = [edge for _, edge in walk]
             seen.update(rim)
             if here is None or len(rim) > edges or len({a for a, _ in rim}) < len(rim):
                 continue
             middle = [sum(points[a][i] for a, _ in rim) / len(rim) for i in range(3)]
             corners = [*points, (middle[0], middle[1], middle[2])]
             cap = sum(area(corners, (a, b, len(points))) for a, b in rim)
-            whole = {component[one] for one, _ in walk}
-            if cap <= share * sum(area(points, faces[one]) for one in proper if component[one] in whole):
-                found.append(rim)
-    return found
+            whole = {component[face] for face, _ in walk}
+            if cap <= share * sum(area(points, faces[face]) for face in proper if component[face] in whole):
+                rims.append(rim)
+    return rims

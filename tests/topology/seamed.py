@@ -1,4 +1,4 @@
-"""Closed meshes with UVs by corner, and as a file holds them that has one UV for each vertex."""
+"""Closed meshes with UVs by corner, and the same as stored in files with one UV per vertex."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,19 +7,19 @@ from msb.asset.texture import Sampler
 from msb.meshes import Mesh
 
 _QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+# V = 8, F = 12, wound outwards.
 CUBE = (
     np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32),
     np.array([(quad[0], *quad[k : k + 2]) for quad in _QUADS for k in (1, 2)], np.int64),
 )
-"""V = 8, F = 12, wound outwards."""
 _SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]], np.float32)
+# (3F, 2): one chart per side, so that each corner of the cube is in three charts.
 CUBE_UVS = np.concatenate([(_SQUARE * 0.9 + [side, 0]) / [6, 1] for side in range(6)]).astype(np.float32)
-"""(3F, 2): a chart for each side, so that each corner of the cube is in three."""
 TEXTURE = np.random.default_rng(1).integers(0, 256, (8, 48, 3), np.uint8)
 
 
 def torus(around: int = 8, along: int = 12) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Return a closed mesh of 2 x around x along faces."""
+    """Return a closed mesh with 2 x around x along faces."""
     i, j = (axis.reshape(-1) for axis in np.mgrid[:around, :along])
     turn, way = 2 * np.pi * i / around, 2 * np.pi * j / along
     out = 2 + np.cos(turn)
@@ -32,7 +32,7 @@ def torus(around: int = 8, along: int = 12) -> tuple[NDArray[np.float32], NDArra
 def doubled(
     points: NDArray[np.float32], faces: NDArray[np.int64], values: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.float32]]:
-    """Return the mesh with `values` (3F, n) by vertex: no row is there twice."""
+    """Return the mesh with `values` (3F, n) stored by vertex, without repeated rows."""
     corners = faces.reshape(-1)
     rows = np.concatenate([corners[:, None], values.astype(np.float64)], axis=1)
     rows, number = np.unique(rows, axis=0, return_inverse=True)
@@ -40,7 +40,7 @@ def doubled(
 
 
 def textured_cube(by: str, faces: slice = slice(None)) -> Mesh:
-    """Return the cube, or some of its faces, with a texture and its UVs by "corner" or by "vertex"."""
+    """Return the cube, or some of its faces, with a texture and UVs by "corner" or by "vertex"."""
     points, triangles = CUBE[0], CUBE[1][faces]
     uvs = CUBE_UVS.reshape(-1, 3, 2)[faces].reshape(-1, 2)
     more = {"textures": (TEXTURE,), "sampler": Sampler(wrap_u="clamp")}

@@ -1,4 +1,4 @@
-"""What `audit` accepts, what it refuses, and what its report looks like."""
+"""Inputs that `audit` accepts and rejects, and the format of its report."""
 
 import json
 import math
@@ -20,21 +20,19 @@ POINTS, FACES = TETRAHEDRON
 BOTH = audit(POINTS, FACES)
 
 
-def same(one: Audit, other: Audit) -> bool:
-    return one.counts == other.counts and one.metrics == other.metrics and one.samples == other.samples
+def same(first: Audit, second: Audit) -> bool:
+    return (
+        first.counts == second.counts and first.metrics == second.metrics and first.samples == second.samples
+    )
 
 
 # --- accepted
 
 
-@pytest.mark.parametrize("dtype", ["i1", "u1", "<i2", ">i4", "i4", "u4", "i8", "u8"])
-def test_faces_of_any_integer_type_give_the_same_audit(dtype: str) -> None:
-    assert same(audit(POINTS, FACES.astype(dtype)), BOTH)
-
-
-@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8", ">f8", "longdouble", "i2", "u8"])
-def test_vertices_of_any_real_type_give_the_same_audit(dtype: str) -> None:
-    assert same(audit(POINTS.astype(dtype), FACES), BOTH)
+@pytest.mark.parametrize("integers", ["i1", "u1", "<i2", ">i4", "i4", "u4", "i8", "u8"])
+@pytest.mark.parametrize("reals", ["f2", "<f4", ">f4", "f8", ">f8", "longdouble", "i2", "u8"])
+def test_arrays_of_any_number_type_give_the_same_audit(reals: str, integers: str) -> None:
+    assert same(audit(POINTS.astype(reals), FACES.astype(integers)), BOTH)
 
 
 def test_lists_tuples_views_and_fortran_order_give_the_same_audit() -> None:
@@ -45,12 +43,12 @@ def test_lists_tuples_views_and_fortran_order_give_the_same_audit() -> None:
         (tuple(map(tuple, POINTS.tolist())), tuple(map(tuple, FACES.tolist()))),
         (wide[::2, ::2], np.repeat(FACES, 2, axis=0)[::2]),
         (np.asfortranarray(POINTS), np.asfortranarray(FACES)),
-        (np.ma.array(POINTS), np.ma.array(FACES)),  # nothing is masked
+        (np.ma.array(POINTS), np.ma.array(FACES)),  # no element is masked
     ]:
         assert same(audit(points, faces), BOTH)
 
 
-def test_read_only_arrays_are_accepted_and_left_alone() -> None:
+def test_read_only_arrays_are_accepted() -> None:
     points, faces = POINTS.copy(), FACES.astype(np.int32)
     points.flags.writeable = faces.flags.writeable = False
     assert same(audit(points, faces, weld="exact"), BOTH)
@@ -66,24 +64,24 @@ def test_empty_input_is_a_mesh_without_elements(none: object) -> None:
     assert report.valence_histogram == {}
 
 
-def test_an_audit_prints_its_verdict_and_names_are_escaped() -> None:
+def test_printed_audit_has_its_verdict_and_escapes_names() -> None:
     report = replace(audit(*BOOK), path="<script>\n.ply", method="two_dts")
     assert report.sentence in str(report)
     assert "<script>\\n.ply" in str(report).splitlines()[0]
-    shown = report._repr_html_()
-    assert "<script>" not in shown
-    assert "&lt;script&gt;" in shown
+    page = report._repr_html_()
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
 
 
 def test_asset_is_audited_with_its_path_and_method() -> None:
-    made = build_asset({"positions": np.float32(POINTS), "indices": FACES.astype(np.uint32)}, {})
-    asset = replace(made, path=Path("a/b.triasset"))
+    built = build_asset({"positions": np.float32(POINTS), "indices": FACES.astype(np.uint32)}, {})
+    asset = replace(built, path=Path("a/b.triasset"))
     report = audit(asset)
     assert (report.path, report.method) == ("a/b.triasset", "mesh")
     assert report.counts == BOTH.counts
 
 
-# --- refused
+# --- rejected
 
 
 class _NoArray:
@@ -91,41 +89,35 @@ class _NoArray:
         raise ValueError("it lies on another device")
 
 
-@pytest.mark.parametrize(
-    "faces",
-    [
-        None,
-        np.zeros((2, 4), int),
-        "text",
-        [[0, 1, 2.0]],
-        [[True, False, True]],
-        [[0, 1, 2**70]],
-        [[0, 1, 2], [0, 1]],
-        _NoArray(),
-        np.zeros((1, 3), [("x", "i4")]),
-        np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),
-    ],
-)
-def test_faces_that_are_no_triangles_are_refused(faces: object) -> None:
-    with pytest.raises(MeshError, match="MESH_ARRAY"):
-        audit(POINTS, faces)
+INVALID_FACES = [
+    None,
+    np.zeros((2, 4), int),
+    "text",
+    [[0, 1, 2.0]],
+    [[True, False, True]],
+    [[0, 1, 2**70]],
+    [[0, 1, 2], [0, 1]],
+    _NoArray(),
+    np.zeros((1, 3), [("x", "i4")]),
+    np.ma.array([[0, 1, 2]], mask=[[0, 0, 1]]),
+]
+INVALID_POINTS = [
+    np.zeros((4, 2)),
+    POINTS + 0j,
+    np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4")]),
+    np.ma.masked_greater(POINTS, 0.5),
+    POINTS.astype(object),
+    [[0, 0, 0], [1, 2]],
+]
 
 
 @pytest.mark.parametrize(
-    "points",
-    [
-        np.zeros((4, 2)),
-        POINTS + 0j,
-        np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4")]),
-        np.ma.masked_greater(POINTS, 0.5),
-        POINTS.astype(object),
-        [[0, 0, 0], [1, 2]],
-    ],
-    ids=repr,
+    ("points", "faces"),
+    [*((POINTS, faces) for faces in INVALID_FACES), *((points, FACES) for points in INVALID_POINTS)],
 )
-def test_vertices_that_are_no_points_are_refused(points: object) -> None:
+def test_arrays_that_are_not_a_mesh_are_rejected(points: object, faces: object) -> None:
     with pytest.raises(MeshError, match="MESH_ARRAY"):
-        audit(points, FACES)
+        audit(points, faces)
 
 
 @pytest.mark.parametrize(
@@ -135,7 +127,7 @@ def test_vertices_that_are_no_points_are_refused(points: object) -> None:
         (-1, "i4"),
         (2**63 - 1, "i8"),
         (2**64 - 1, "u8"),
-        (2**32, "i8"),  # would be vertex 0 in 32 bits
+        (2**32, "i8"),  # vertex 0 after wrapping to 32 bits
     ],
 )
 def test_index_out_of_range_names_the_first_face_and_is_never_wrapped(bad: int, dtype: str) -> None:
@@ -145,7 +137,7 @@ def test_index_out_of_range_names_the_first_face_and_is_never_wrapped(bad: int, 
     assert caught.value.pointer == "faces[2]"
 
 
-def test_more_faces_or_vertices_than_numbers_can_name_are_refused_before_memory_is_taken() -> None:
+def test_too_many_faces_or_vertices_are_rejected_before_allocation() -> None:
     row = np.zeros((1, 3), np.int32)
     with pytest.raises(MeshError, match=r"MESH_ARRAY: .*715827882"):
         audit(POINTS, np.broadcast_to(row, (715_827_883, 3)))
@@ -189,7 +181,7 @@ def test_samples_name_elements_vertices_and_coordinates() -> None:
     assert edge.vertices == (0, 1)
     assert edge.coordinates == ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     assert [s.element for s in samples["nonmanifold_vertices"]] == [0, 1]
-    assert len(samples["boundary_edges"]) == 3  # of six
+    assert len(samples["boundary_edges"]) == 3  # of six edges
     assert samples["zero_area_faces"] == ()
 
 

@@ -1,4 +1,4 @@
-"""Golden meshes: every expected field of those made by hand, and of real ones where they are there."""
+"""Golden meshes: all expected fields of hand-made and real meshes."""
 
 import hashlib
 import json
@@ -22,7 +22,8 @@ SYNTHETIC = json.loads((GOLDEN / "expected_synthetic.json").read_text())["meshes
 def test_case_has_the_counts_derived_by_hand(case: Case) -> None:
     report = audit(case.vertices, case.faces)
     assert_as_expected(report, case.expected)
-    brute_force.assert_agrees(report, case.vertices, case.faces)  # which has loops, valences and the kind
+    # also compares loops, valences and the kind of mesh
+    brute_force.assert_agrees(report, case.vertices, case.faces)
 
 
 @pytest.mark.parametrize("case", [c for c in CASES if not c.valid], ids=lambda c: c.name)
@@ -56,7 +57,7 @@ def test_file_has_its_expected_counts(mesh: dict) -> None:
     assert_as_expected(report, variants["raw"])
     if "welded_exact" in variants:
         assert_as_expected(report.welded, variants["welded_exact"])
-    else:  # then welding is somebody else's question, but must keep the faces
+    else:  # no expected counts, but welding must keep the faces
         assert report.welded.counts.faces == report.counts.faces
 
 

@@ -1,4 +1,4 @@
-"""The peers agree or differ by definition, on every mesh; a wrong audit, a crash and a hang are noticed."""
+"""Peers agree or differ by definition on every mesh; a wrong audit, a crash and a hang are detected."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +17,7 @@ from msb.base import extras
 from msb.errors import MeshError, UsageError
 from msb.meshes import read_mesh
 from msb.topology import audit_arrays
-from msb.topology.crosscheck import PEERS, CrossCheck, Row, compare, cross_check
+from msb.topology.crosscheck import PEERS, Comparison, CrossCheck, compare, cross_check
 from msb.topology.crosscheck.expected import Facts
 from msb.topology.crosscheck.peers import Answers, ask, ask_peers
 from msb.topology.explain import explain
@@ -26,8 +26,8 @@ from tests.topology.meshes import CASE, CASES, GOLDEN, random_mesh
 
 WITH_FACES = [c for c in CASES if c.valid and len(c.faces)]
 Forked = Callable[..., dict[str, Answers | str]]
+# Without PyMeshLab, which is correct in a fresh process only, and manifold3d, which may crash.
 IN_PROCESS = ("libigl", "trimesh", "NetworkX", "NVIDIA")
-"""PyMeshLab is right in a fresh process only, and manifold3d may crash."""
 
 
 def need(*names: str) -> None:
@@ -36,9 +36,9 @@ def need(*names: str) -> None:
             pytest.skip(f"{name} is not installed (extra crosscheck)")
 
 
-def check_in_process(peer: str, points: np.ndarray, faces: np.ndarray) -> list[Row]:
+def check_in_process(peer: str, points: np.ndarray, faces: np.ndarray) -> list[Comparison]:
     report, analysis = audit_arrays(points, faces)
-    with np.errstate(all="ignore"):  # trimesh computes with infinite coordinates
+    with np.errstate(all="ignore"):  # trimesh calculates with infinite coordinates
         answers = PEERS[peer].ask(np.asarray(points, np.float64), faces.astype(np.int64))
     return compare(peer, answers, Facts(report, analysis))[0]
 
@@ -47,13 +47,13 @@ def check(points: Any, faces: Any, **options: Any) -> CrossCheck:
     return cross_check(points, faces, *audit_arrays(points, faces), **options)
 
 
-def row_of(result: CrossCheck | list[Row], peer: str, quantity: str) -> Row:
+def row_of(result: CrossCheck | list[Comparison], peer: str, quantity: str) -> Comparison:
     rows = result.rows if isinstance(result, CrossCheck) else result
     return next(r for r in rows if (r.peer, r.quantity) == (peer, quantity))
 
 
 def assert_explained(rows: Any) -> None:
-    """Assert that nothing disagrees and every difference has its reason."""
+    """Assert that no row disagrees and every difference has a reason."""
     assert [r for r in rows if r.verdict == "disagrees"] == []
     for row in rows:
         assert (row.verdict == "agrees") == (row.why == "")
@@ -61,7 +61,7 @@ def assert_explained(rows: Any) -> None:
 
 @pytest.fixture(scope="module")
 def forked() -> Iterator[Forked]:
-    """Stand in for `ask_peers`: processes are forked from one that has imported the peers."""
+    """Replace `ask_peers` by processes forked from one that has imported the peers."""
     context = get_context("forkserver")
     modules = [peer.module for peer in PEERS.values() if find_spec(peer.module)]
     context.set_forkserver_preload(["msb.topology.crosscheck", *modules])
@@ -82,21 +82,14 @@ def forked() -> Iterator[Forked]:
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("peer", IN_PROCESS)
-def test_peer_explains_every_hand_made_case(peer: str) -> None:
-    need(peer)
-    for case in WITH_FACES:
-        assert_explained(check_in_process(peer, case.vertices, case.faces))
-
-
-@pytest.mark.slow
-@pytest.mark.oracle
-@pytest.mark.parametrize("peer", IN_PROCESS)
-def test_peer_explains_every_random_mesh(peer: str) -> None:
+def test_peer_is_explained_on_hand_made_and_random_meshes(peer: str) -> None:
     need(peer)
     random = np.random.default_rng(31)
     verdicts = set()
-    for _ in range(150):
-        points, faces = random_mesh(random)
+    for points, faces in [
+        *((c.vertices, c.faces) for c in WITH_FACES),
+        *(random_mesh(random) for _ in range(150)),
+    ]:
         if len(faces):
             rows = check_in_process(peer, points, faces)
             assert_explained(rows)
@@ -104,6 +97,7 @@ def test_peer_explains_every_random_mesh(peer: str) -> None:
     assert verdicts == ({"agrees"} if peer == "NetworkX" else {"agrees", "differs_by_definition"})
 
 
+# Cases with differences between the peers; each runs in a separate process.
 CHILD_CASES = [
     "single_triangle", "closed_tetrahedron", "two_triangles_sharing_vertex",
     "tetrahedra_sharing_vertex", "tetrahedra_sharing_edge", "tetrahedra_sharing_face",
@@ -112,13 +106,12 @@ CHILD_CASES = [
     "repeated_index_beside_triangle", "unreferenced_vertex", "cone_over_theta",
     "book_with_detached_triangle_at_spine", "nan_vertex",
 ]  # fmt: skip
-"""Those where the peers differ; a process each."""
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("name", CHILD_CASES)
-def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str, forked: Forked) -> None:
+def test_pymeshlab_and_manifold3d_are_explained_in_child_processes(name: str, forked: Forked) -> None:
     need("PyMeshLab", "manifold3d")
     case = CASE[name]
     replies = forked(["PyMeshLab", "manifold3d"], case.vertices, case.faces)
@@ -131,7 +124,7 @@ def test_pymeshlab_and_manifold3d_explain_case_in_their_own_process(name: str, f
 @pytest.mark.slow
 @pytest.mark.oracle
 @pytest.mark.parametrize("file", ["synthetic_splat_small.ply", "synthetic_splat_medium.ply"])
-def test_all_peers_explain_a_synthetic_splat_mesh(
+def test_all_peers_are_explained_on_a_synthetic_splat_mesh(
     file: str, forked: Forked, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     need(*PEERS)
@@ -147,7 +140,7 @@ def test_all_peers_explain_a_synthetic_splat_mesh(
 
 
 @pytest.mark.oracle
-def test_large_coordinates_slivers_and_offsets_do_not_upset_areas() -> None:
+def test_areas_agree_for_large_coordinates_slivers_and_offsets() -> None:
     need("libigl", "trimesh")
     points, faces = splat_like(10)
     for moved in (points * 1e6 + 1e9, points * [1, 1e-9, 1e-9], points.astype(float) * 1e-20):
@@ -157,7 +150,7 @@ def test_large_coordinates_slivers_and_offsets_do_not_upset_areas() -> None:
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_all_peers_on_a_closed_mesh_agree_on_everything() -> None:
+def test_all_peers_agree_on_a_closed_mesh() -> None:
     need(*PEERS)
     result = check(*TETRAHEDRON)
     assert {r.peer for r in result.rows} == set(PEERS)
@@ -171,10 +164,10 @@ def test_all_peers_on_a_closed_mesh_agree_on_everything() -> None:
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_book_differs_only_where_pymeshlab_skips_edge_endpoints(capfd: pytest.CaptureFixture[str]) -> None:
+def test_book_differs_only_in_the_edge_endpoints_of_pymeshlab(capfd: pytest.CaptureFixture[str]) -> None:
     need(*PEERS)
     result = check(*BOOK)
-    assert capfd.readouterr() == ("", "")  # nothing of the peers leaks to our streams
+    assert capfd.readouterr() == ("", "")  # peers do not write to our streams
     differing = [r for r in result.rows if r.verdict != "agrees"]
     assert [(r.peer, r.quantity, r.ours, r.theirs) for r in differing] == [
         ("PyMeshLab", "nonmanifold_vertices", 2, 0)
@@ -187,10 +180,10 @@ def test_book_differs_only_where_pymeshlab_skips_edge_endpoints(capfd: pytest.Ca
 
 
 NOT_COMPARED = {
-    # Bound to other numbers by the identities, or without a peer on a non-manifold mesh.
+    # Determined by other numbers through identities, or without a peer for non-manifold meshes.
     "repeated_index_faces", "zero_area_faces", "nonfinite_faces", "duplicate_faces",
     "inconsistent_winding_edges", "boundary_loops", "open_boundary_chains",
-    "seam_vertices",  # peers know positions alone
+    "seam_vertices",  # peers compare only positions
 }  # fmt: skip
 
 
@@ -198,7 +191,7 @@ NOT_COMPARED = {
 @pytest.mark.oracle
 @pytest.mark.parametrize(
     ("more", "off"),
-    # With repeated-index rows the definitions part by a few, and a mistake of just as much could hide.
+    # With repeated-index rows, definitions differ by a few, so a mistake of the same size could hide.
     [([], 1), ([], -1), ([[0, 1, 1], [5, 5, 5]], 100)],
     ids=["one too many", "one too few", "definitions differ too"],
 )
@@ -212,11 +205,11 @@ def test_wrong_count_disagrees_with_some_peer(more: list[list[int]], off: int, f
         replies[peer] = PEERS[peer].ask(points.astype(float), faces.astype(np.int64))
     for key, right in vars(report.counts).items():
         wrong = replace(report, counts=replace(report.counts, **{key: right + off}))
-        rows: list[Row] = []
+        rows: list[Comparison] = []
         for peer, answers in replies.items():
             rows += compare(peer, answers, Facts(wrong, analysis))[0]
-        found = {r.quantity for r in rows if r.verdict == "disagrees"}
-        assert (key in found) == (key not in NOT_COMPARED), key
+        disagreeing = {r.quantity for r in rows if r.verdict == "disagrees"}
+        assert (key in disagreeing) == (key not in NOT_COMPARED), key
 
 
 @pytest.mark.oracle
@@ -229,19 +222,19 @@ def test_wrong_loops_winding_and_areas_disagree_on_a_manifold_mesh() -> None:
         counts=replace(report.counts, boundary_loops=2, inconsistent_winding_edges=1),
         metrics=replace(report.metrics, total_area=report.metrics.total_area * (1 + 1e-6)),
     )
-    found = set()
+    disagreeing = set()
     for peer in ("libigl", "trimesh"):
         answers = PEERS[peer].ask(case.vertices, case.faces)
         rows, _ = compare(peer, answers, Facts(wrong, analysis))
-        found |= {r.quantity for r in rows if r.verdict == "disagrees"}
-    assert found == {"boundary_loops", "winding_consistent", "total_area"}
+        disagreeing |= {r.quantity for r in rows if r.verdict == "disagrees"}
+    assert disagreeing == {"boundary_loops", "winding_consistent", "total_area"}
 
 
-# --- who is asked
+# --- choice of peers
 
 
 @pytest.mark.slow
-def test_missing_peer_is_skipped_with_the_way_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_peer_is_skipped_with_an_installation_hint(monkeypatch: pytest.MonkeyPatch) -> None:
     present, here = find_spec, {"trimesh", "networkx", "manifold3d"}
     monkeypatch.setattr(extras, "find_spec", lambda name: present(name) if name in here else None)
     result = check(*TETRAHEDRON)
@@ -259,14 +252,14 @@ def test_missing_extra_is_a_usage_error(monkeypatch: pytest.MonkeyPatch, here: s
 
 
 @pytest.mark.parametrize("name", ["empty", "points_only"])
-def test_mesh_without_faces_is_shown_to_no_peer(name: str) -> None:
+def test_mesh_without_faces_is_given_to_no_peer(name: str) -> None:
     result = check(CASE[name].vertices, CASE[name].faces)
     assert result.rows == ()
     assert set(result.skipped) == set(PEERS)
 
 
 @pytest.mark.slow
-def test_a_peer_that_fails_or_hangs_is_skipped_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failing_or_hanging_peer_is_skipped_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     need("trimesh", "NetworkX")
     monkeypatch.setattr(package, "PATIENCE", 0.001)
     skipped = check(*BOOK).skipped
@@ -276,7 +269,7 @@ def test_a_peer_that_fails_or_hangs_is_skipped_with_the_reason(monkeypatch: pyte
     assert isinstance(result["NetworkX"], dict)
 
 
-def test_bad_index_is_an_error_before_any_peer_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invalid_index_is_an_error_before_any_peer_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(package, "ask_peers", None)
     report, analysis = audit_arrays(*BOOK)
     with pytest.raises(MeshError, match="INDEX_OUT_OF_RANGE"):

@@ -1,4 +1,4 @@
-"""Faces that cross, against exact arithmetic on every pair, and against CGAL."""
+"""Crossing faces compared with exact arithmetic on every pair, and with CGAL."""
 
 from itertools import combinations
 from typing import Any
@@ -12,7 +12,7 @@ from msb.topology.crossings import crossing_pairs
 
 
 def side(a: Any, b: Any, c: Any, d: Any) -> int:
-    """Return the sign of a determinant of whole numbers, exactly."""
+    """Return the sign of a determinant of integers, exactly."""
     (x, y, z), (u, v, w), (p, q, r) = (
         [int(s) - int(t) for s, t in zip(e, d, strict=True)] for e in (a, b, c)
     )
@@ -20,9 +20,9 @@ def side(a: Any, b: Any, c: Any, d: Any) -> int:
     return (value > 0) - (value < 0)
 
 
-def crosses(one: Any, two: Any) -> bool:
-    """Return whether an edge of one triangle goes through the other, its border included."""
-    for edges, face in ((one, two), (two, one)):
+def crosses(first: Any, second: Any) -> bool:
+    """Return whether an edge of one triangle passes through the other one or its border."""
+    for edges, face in ((first, second), (second, first)):
         for k in range(3):
             p, q = edges[k], edges[(k + 1) % 3]
             if side(*face, p) * side(*face, q) >= 0:
@@ -40,8 +40,8 @@ def every_pair(corners: Any) -> list[list[int]]:
 
 @settings(max_examples=60)
 @given(st.integers(0, 10_000), st.sampled_from([2, 3, 6, 50]), st.integers(2, 16))
-def test_pairs_are_those_of_exact_arithmetic(seed: int, size: int, count: int) -> None:
-    # Few whole numbers: touching, coplanar and degenerate triangles are common.
+def test_crossings_equal_exact_arithmetic(seed: int, size: int, count: int) -> None:
+    # Few integers, so that touching, coplanar and degenerate triangles are common.
     rng = np.random.default_rng(seed)
     corners = rng.integers(0, size, (count, 3, 3)).astype(np.float64)
     pairs = every_pair(corners)
@@ -51,30 +51,30 @@ def test_pairs_are_those_of_exact_arithmetic(seed: int, size: int, count: int) -
 
 
 @pytest.mark.slow
-def test_pairs_of_small_and_large_faces_are_all_found() -> None:
+def test_crossings_of_small_and_large_faces_are_found() -> None:
     rng = np.random.default_rng(4)
     sizes = 10.0 ** rng.uniform(0, 3, (300, 1, 1))
     corners = np.round(rng.uniform(0, 2000, (300, 1, 3)) + sizes * rng.normal(size=(300, 3, 3)))
-    found = crossing_pairs(corners).tolist()
-    assert found == every_pair(corners)
-    assert len(found) > 100
+    result = crossing_pairs(corners).tolist()
+    assert result == every_pair(corners)
+    assert len(result) > 100
 
 
 @pytest.mark.slow
 @pytest.mark.oracle
-def test_pairs_are_those_of_cgal() -> None:
+def test_crossings_equal_cgal() -> None:
     cgal = pytest.importorskip("igl.copyleft.cgal")
     rng = np.random.default_rng(0)
     corners = rng.random((5000, 3, 3)) * 0.05 + rng.random((5000, 1, 3))
-    found = crossing_pairs(corners)
+    result = crossing_pairs(corners)
     theirs = cgal.remesh_self_intersections(
         corners.reshape(-1, 3), np.arange(15000).reshape(-1, 3), detect_only=True
     )[2]
-    assert len(found) > 100
-    assert set(map(tuple, found.tolist())) == {tuple(sorted(map(int, row))) for row in theirs.tolist()}
+    assert len(result) > 100
+    assert set(map(tuple, result.tolist())) == {tuple(sorted(map(int, row))) for row in theirs.tolist()}
 
 
-def test_no_faces_and_one_face_cross_nothing() -> None:
+def test_empty_and_single_face_meshes_have_no_crossings() -> None:
     assert crossing_pairs(np.zeros((0, 3, 3))).shape == (0, 2)
     assert crossing_pairs(np.zeros((1, 3, 3))).shape == (0, 2)
     assert crossing_pairs(np.zeros((4, 3, 3))).shape == (0, 2)

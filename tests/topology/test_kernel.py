@@ -1,4 +1,4 @@
-"""The OpenCL kernels find what NumPy finds, to the last bit, whatever the mesh, the sizes and the threads."""
+"""The OpenCL kernels equal NumPy bit for bit, for every mesh, all sizes and any number of threads."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,6 +22,7 @@ from tests.topology.meshes import CASES
 from tests.topology.test_properties import QUICK, Mesh, meshes, seeds
 
 DEFAULT = Sizes()
+# So small that a dozen faces have large vertices and blocks, several rounds, and lists of many chunks.
 TINY = Sizes(
     block_corners=6,
     most_blocks=64,
@@ -31,7 +32,6 @@ TINY = Sizes(
     chunk_pairs=64,
     valences=4,
 )
-"""So small that a dozen faces have large vertices and blocks, several rounds, and lists of many chunks."""
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +41,8 @@ def device() -> Iterator[Device]:
         yield opened
 
 
-def found(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | None = None) -> Findings:
-    """Return what the kernels find, after asserting that NumPy finds the same."""
+def check(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | None = None) -> Findings:
+    """Return the findings of the kernels after asserting that NumPy gives the same."""
     points, faces = mesh_arrays(*mesh)
     kernels = find_by_kernels(points, faces, device, sizes=sizes, workers=workers)
     assert kernels == find_by_numpy(Analysis(points, faces))
@@ -53,31 +53,31 @@ def found(device: Device, mesh: Mesh, sizes: Sizes = DEFAULT, workers: int | Non
 
 
 def everywhere(device: Device, mesh: Mesh) -> Findings:
-    """Return the same of default and of tiny sizes, with one, two and many work-items."""
-    found(device, mesh, workers=1)
-    found(device, mesh, TINY, workers=1)
-    found(device, mesh, TINY, workers=5)
-    return found(device, mesh, TINY, workers=2)
+    """Return the findings after checking default and tiny sizes with one, two and more work-items."""
+    check(device, mesh, workers=1)
+    check(device, mesh, TINY, workers=1)
+    check(device, mesh, TINY, workers=5)
+    return check(device, mesh, TINY, workers=2)
 
 
 # --- any mesh
 
 
 @pytest.mark.parametrize("case", [c for c in CASES if c.valid and len(c.faces)], ids=lambda c: c.name)
-def test_cases(device: Device, case: object) -> None:
+def test_kernels_equal_numpy_on_hand_made_cases(device: Device, case: object) -> None:
     everywhere(device, (case.vertices, case.faces))
 
 
 @QUICK
 @given(mesh=meshes())
-def test_small_meshes(device: Device, mesh: Mesh) -> None:
+def test_kernels_equal_numpy_on_small_meshes(device: Device, mesh: Mesh) -> None:
     if len(mesh[1]):
         everywhere(device, mesh)
 
 
 @st.composite
 def crowded(draw: st.DrawFn) -> Mesh:
-    """Draw hundreds of faces on few vertices, or fans and books of them, at places of full precision."""
+    """Draw hundreds of faces on few vertices, or fans and books of them, with full-precision positions."""
     random = draw(seeds)
     count = draw(st.integers(3, 80))
     faces = random.integers(0, count, (draw(st.integers(1, 300)), 3))
@@ -98,22 +98,22 @@ def crowded(draw: st.DrawFn) -> Mesh:
 
 @QUICK
 @given(mesh=crowded())
-def test_crowded_meshes(device: Device, mesh: Mesh) -> None:
+def test_kernels_equal_numpy_on_crowded_meshes(device: Device, mesh: Mesh) -> None:
     everywhere(device, mesh)
 
 
 @pytest.mark.parametrize("shuffle", [False, True])
-def test_splat_like_mesh(device: Device, shuffle: bool) -> None:
+def test_kernels_equal_numpy_on_splat_like_meshes(device: Device, shuffle: bool) -> None:
     mesh = splat_like(14, shuffle=shuffle)
     for sizes in (DEFAULT, replace(DEFAULT, block_corners=512), TINY):
         for workers in (1, 2, 7):
-            found(device, mesh, sizes, workers)
+            check(device, mesh, sizes, workers)
 
 
 # --- arrays
 
 
-def test_arrays_nobody_may_write_and_arrays_in_odd_places(device: Device) -> None:
+def test_read_only_and_unaligned_arrays(device: Device) -> None:
     vertices, faces = splat_like(8)
     raw = bytearray(faces.nbytes + 1)
     odd = np.frombuffer(raw, np.int32, faces.size, offset=1).reshape(-1, 3)
@@ -123,22 +123,22 @@ def test_arrays_nobody_may_write_and_arrays_in_odd_places(device: Device) -> Non
     wide = np.zeros((len(vertices), 5), np.float32)
     wide[:, 1:4] = vertices
     for points_, faces_ in ((vertices, odd), (vertices, frozen), (wide[:, 1:4], faces)):
-        found(device, (points_, faces_))
+        check(device, (points_, faces_))
     np.testing.assert_array_equal(odd, faces)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200, 1e-200])
-def test_areas_that_are_strange(device: Device, value: float) -> None:
+def test_nonfinite_and_tiny_areas(device: Device, value: float) -> None:
     vertices = np.array(BOOK[0], np.float64)
     vertices[2] = value
-    found(device, (vertices, BOOK[1]))
+    check(device, (vertices, BOOK[1]))
     brute_force.assert_agrees(audit(vertices, BOOK[1]), vertices, BOOK[1])
 
 
-def test_ties_for_the_largest_component_go_to_the_area_then_to_the_first(device: Device) -> None:
+def test_ties_of_the_largest_component_go_to_area_then_order(device: Device) -> None:
     faces = np.arange(12).reshape(-1, 3)
     flat = np.zeros((12, 3))
-    assert found(device, (flat, faces)).largest_component_area == 0
+    assert check(device, (flat, faces)).largest_component_area == 0
     flat[[4, 8], 0] = flat[[5, 9], 1] = 2.0
     flat[[7, 1], 0] = flat[[8, 2], 1] = 1.0
     assert everywhere(device, (flat, faces)).largest_component_area == 2
@@ -146,22 +146,20 @@ def test_ties_for_the_largest_component_go_to_the_area_then_to_the_first(device:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frequency", [1, 8, 24])
-def test_a_connected_mesh_has_all_of_its_area_in_its_largest_component(
-    device: Device, frequency: int
-) -> None:
+def test_connected_mesh_has_all_its_area_in_the_largest_component(device: Device, frequency: int) -> None:
     random = np.random.default_rng(frequency)
     directions, faces = icosphere(frequency)
     vertices = directions * random.uniform(0.9, 1.1, (len(directions), 1)) / 3
-    # `found` compares the two areas.
-    assert found(device, (vertices, random.permutation(faces))).counts.components == 1
+    # `check` compares the two areas.
+    assert check(device, (vertices, random.permutation(faces))).counts.components == 1
 
 
 # --- the device
 
 
-def test_everything_on_the_device_is_given_back(device: Device) -> None:
+def test_audit_releases_all_device_memory(device: Device) -> None:
     before = device.memory()
-    result = found(device, splat_like(8))
+    result = check(device, splat_like(8))
     assert device.memory() == before
     assert result.computed_by.startswith("OpenCL, ")
     assert sum(result.timings_ms.values()) > 0

@@ -1,4 +1,4 @@
-"""Half-edges, areas, loops and made meshes by themselves: what the twins of the audit do not reach."""
+"""Half-edges, areas, loops and synthetic meshes: details that the twins of the audit do not cover."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from data_stubs.splat_like import Shape, splat_like
 from msb import audit
 from msb.topology.faces import extra_duplicates, face_areas
 from msb.topology.halfedge import NONE, HalfEdgeMesh, build_half_edges, face_of, next_in_face
-from tests.topology.meshes import CASES, Mesh, random_mesh, sheet
+from tests.topology.meshes import CASES, random_mesh, sheet
 
 
 def build(faces: np.ndarray, vertex_count: int) -> HalfEdgeMesh:
@@ -15,18 +15,18 @@ def build(faces: np.ndarray, vertex_count: int) -> HalfEdgeMesh:
 
 
 def assert_consistent(mesh: HalfEdgeMesh) -> None:
-    """Assert what must hold between the arrays of any half-edge mesh."""
+    """Assert the relations between the arrays of any half-edge mesh."""
     h = np.arange(3 * mesh.face_count)
     proper = ~np.repeat(mesh.repeated_index, 3)
     np.testing.assert_array_equal(next_in_face(next_in_face(next_in_face(h))), h)
     np.testing.assert_array_equal(face_of(next_in_face(h)), face_of(h))
     np.testing.assert_array_equal(mesh.origin[next_in_face(h)], mesh.target)
-    # Every half-edge of a proper face is in exactly one group, and no other is.
+    # Every half-edge of a proper face is in exactly one group; others are in none.
     np.testing.assert_array_equal(np.sort(mesh.edge_halfedges), h[proper])
     assert mesh.edge_offsets[0] == 0
     assert mesh.edge_offsets[-1] == len(mesh.edge_halfedges)
     assert (mesh.multiplicity > 0).all()
-    # Groups are ordered by (low, high), all members run between these two, members ascend.
+    # Groups are sorted by (low, high), their members run between these vertices and ascend.
     low, high = mesh.edge_vertices.T
     assert (low < high).all()
     assert (np.diff(low.astype(np.int64) * mesh.vertex_count + high) > 0).all()
@@ -37,16 +37,16 @@ def assert_consistent(mesh: HalfEdgeMesh) -> None:
         assert (np.diff(group) > 0).all()
         assert (mesh.edge[group] == edge).all()
     assert (mesh.edge[~proper] == NONE).all()
-    # Edges of two faces, by both of their half-edges.
-    one, other = mesh.two_face_halfedges
-    np.testing.assert_array_equal(mesh.edge[one], np.flatnonzero(mesh.multiplicity == 2))
-    np.testing.assert_array_equal(mesh.edge[other], mesh.edge[one])
-    assert (one != other).all()
-    # Chains run through every group of three and more, from its first member to its last.
-    one, other = mesh.chained_halfedges
-    np.testing.assert_array_equal(mesh.edge[one], mesh.edge[other])
+    # Two-face edges, by both half-edges.
+    first, second = mesh.two_face_halfedges
+    np.testing.assert_array_equal(mesh.edge[first], np.flatnonzero(mesh.multiplicity == 2))
+    np.testing.assert_array_equal(mesh.edge[second], mesh.edge[first])
+    assert (first != second).all()
+    # Chains link all members of every group of three or more, from first to last.
+    first, second = mesh.chained_halfedges
+    np.testing.assert_array_equal(mesh.edge[first], mesh.edge[second])
     crowded = mesh.multiplicity[mesh.multiplicity > 2]
-    assert len(one) == (crowded - 1).sum()
+    assert len(first) == (crowded - 1).sum()
 
 
 def test_structures_are_consistent() -> None:
@@ -56,7 +56,7 @@ def test_structures_are_consistent() -> None:
         assert_consistent(build(faces, len(points)))
 
 
-def test_vertex_numbers_up_to_the_limit_stay_apart() -> None:
+def test_vertex_numbers_up_to_the_limit_are_distinct() -> None:
     top = 2**32 - 2
     faces = np.array([[0, top, top - 1], [1, top, top - 1], [0, 1, top]], np.int64)
     mesh = build_half_edges(faces, top + 1)
@@ -70,7 +70,7 @@ def test_vertex_numbers_up_to_the_limit_stay_apart() -> None:
 RIGHT = np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0], [6, 0, 0]])
 
 
-def test_area_is_the_same_whichever_way_the_faces_are_cut_into_chunks(
+def test_areas_do_not_depend_on_the_batch_size(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     random = np.random.default_rng(0)
@@ -82,35 +82,24 @@ def test_area_is_the_same_whichever_way_the_faces_are_cut_into_chunks(
 
 
 def test_double_precision_matters_far_from_the_origin() -> None:
-    points = (RIGHT + 1e6).astype(np.float32)  # whole numbers below 2^24: exact in float32
+    points = (RIGHT + 1e6).astype(np.float32)  # integers below 2^24 are exact in float32
     area, _ = face_areas(points, np.array([[0, 1, 2]]))
     assert area.tolist() == [6.0]
 
 
-def test_duplicates_are_found_at_the_top_of_the_integer_range() -> None:
+def test_duplicates_are_found_despite_integer_overflow() -> None:
     top = 2**31 - 1  # the sum of a row wraps around
     faces = np.array([[top, top - 1, top - 2], [top - 2, top, top - 1], [top, top - 1, top - 3]], np.int32)
     assert extra_duplicates(faces).tolist() == [False, True, False]
 
 
-def torn_sheets() -> list[Mesh]:
-    """Return manifold sheets with holes that do not touch each other."""
-    random = np.random.default_rng(3)
-    found = []
-    for _ in range(12):
-        spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
-        chosen = random.permutation(len(spots))[: random.integers(0, 20)]
-        found.append(sheet(13, tuple(spots[i] for i in chosen)))
-    return found
-
-
-def test_sheet_has_one_loop_and_one_more_for_each_hole() -> None:
+def test_sheet_has_one_loop_plus_one_per_hole() -> None:
     counts = audit(*sheet(7, holes=((1, 1), (3, 4), (5, 1)))).counts
     assert (counts.boundary_loops, counts.open_boundary_chains) == (4, 0)
     assert counts.boundary_edges == 28 + 3 * 4
 
 
-def test_loops_that_touch_in_a_vertex_stay_apart() -> None:
+def test_loops_that_touch_in_a_vertex_stay_separate() -> None:
     counts = audit(*sheet(4, holes=((1, 1), (2, 2)))).counts
     assert counts.nonmanifold_vertices == counts.multifan_vertices == 1
     assert (counts.boundary_loops, counts.open_boundary_chains) == (2, 0)
@@ -119,17 +108,21 @@ def test_loops_that_touch_in_a_vertex_stay_apart() -> None:
 @pytest.mark.oracle
 def test_loops_of_manifold_sheets_agree_with_libigl() -> None:
     igl = pytest.importorskip("igl", reason="extra crosscheck is not installed")
-    for points, faces in torn_sheets():
+    random = np.random.default_rng(3)
+    spots = [(r, c) for r in range(1, 12, 2) for c in range(1, 12, 2)]
+    for _ in range(12):  # holes that do not touch
+        chosen = random.permutation(len(spots))[: random.integers(0, 20)]
+        points, faces = sheet(13, tuple(spots[i] for i in chosen))
         counts = audit(points, faces).counts
         assert counts.nonmanifold_vertices == 0
         assert counts.boundary_loops == len(igl.boundary_loop_all(faces))
 
 
-def test_default_has_the_structure_it_was_made_for() -> None:
+def test_splat_like_default_has_the_intended_structure() -> None:
     report = audit(*splat_like(36))
     c, m = report.counts, report.metrics
     assert c.repeated_index_faces == c.duplicate_faces == c.zero_area_faces == 0
-    # Seeds differ by about 1 % in F and 0.005 in the ratios.
+    # Seeds change F by about 1 % and the ratios by 0.005.
     assert c.faces == pytest.approx(35_231, rel=0.02)
     assert c.components == pytest.approx(5_767, rel=0.04)
     expected = {
@@ -145,7 +138,7 @@ def test_default_has_the_structure_it_was_made_for() -> None:
     assert c.multifan_vertices / c.vertices == pytest.approx(0.511, abs=0.02)
 
 
-def test_without_noise_drops_and_strays_it_is_a_closed_manifold_sphere() -> None:
+def test_splat_like_without_noise_is_a_closed_sphere() -> None:
     report = audit(*splat_like(20, shape=Shape(noise=0.0, drop=0.0, stray=0.0)))
     c = report.counts
     assert (c.boundary_edges, c.components, report.metrics.euler_characteristic) == (0, 1, 2)

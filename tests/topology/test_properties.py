@@ -1,4 +1,4 @@
-"""What must hold for every mesh, whatever it is, tried on meshes Hypothesis makes up."""
+"""Properties of the audit for every mesh, tested on meshes from Hypothesis."""
 
 from dataclasses import asdict
 from typing import Any
@@ -19,7 +19,7 @@ QUICK = settings(max_examples=30, derandomize=True)
 
 @st.composite
 def meshes(draw: st.DrawFn, *, finite: bool = False) -> Mesh:
-    """Draw up to 9 vertices at whole numbers (or NaN) and up to 14 faces."""
+    """Draw up to 9 vertices with integer coordinates (or NaN) and up to 14 faces."""
     count = draw(st.integers(1, 9))
     index = st.integers(0, count - 1)
     faces = draw(st.lists(st.tuples(index, index, index), max_size=14))
@@ -34,7 +34,7 @@ seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
 def numbers(mesh: Mesh) -> dict[str, Any]:
-    """Return every field of an audit, areas rounded: the order of a sum may change their last digits."""
+    """Return every field of an audit, with rounded areas: the order of a sum may change their last digits."""
     report = audit(*mesh)
     fields = {**asdict(report.counts), **asdict(report.metrics)}
     rounded = {k: float(f"{x:.9g}") if isinstance(x, float) else x for k, x in fields.items()}
@@ -60,16 +60,16 @@ def test_reordering_and_rotating_faces_changes_nothing(mesh: Mesh, random: np.ra
 
 @QUICK
 @given(meshes(), seeds)
-def test_reversing_faces_changes_winding_alone(mesh: Mesh, random: np.random.Generator) -> None:
+def test_reversing_faces_changes_only_winding(mesh: Mesh, random: np.random.Generator) -> None:
     points, faces = mesh
     some = faces.copy()
     turned = random.random(len(faces)) < 0.5
     some[turned] = some[turned, ::-1]
-    one, other = numbers(mesh), numbers((points, some))
+    plain, reversed_ = numbers(mesh), numbers((points, some))
     every = numbers((points, faces[:, ::-1]))
-    assert every == one
-    del one["inconsistent_winding_edges"], other["inconsistent_winding_edges"]
-    assert other == one
+    assert every == plain
+    del plain["inconsistent_winding_edges"], reversed_["inconsistent_winding_edges"]
+    assert reversed_ == plain
 
 
 @QUICK
@@ -93,16 +93,18 @@ MAXIMA = {"largest_component_faces", "max_edge_faces"}
 
 @QUICK
 @given(meshes(), meshes())
-def test_disjoint_union_adds_counts_and_keeps_maxima(one: Mesh, other: Mesh) -> None:
-    union = audit(np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1] + len(one[0])]))
-    a, b = asdict(audit(*one).counts), asdict(audit(*other).counts)
+def test_disjoint_union_adds_counts_and_keeps_maxima(first: Mesh, second: Mesh) -> None:
+    union = audit(
+        np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1] + len(first[0])])
+    )
+    a, b = asdict(audit(*first).counts), asdict(audit(*second).counts)
     expected = {k: max(a[k], b[k]) if k in MAXIMA else a[k] + b[k] for k in a}
     assert asdict(union.counts) == expected
 
 
 @QUICK
 @given(meshes())
-def test_another_unreferenced_vertex_changes_only_what_counts_vertices(mesh: Mesh) -> None:
+def test_unreferenced_vertex_changes_only_vertex_counts(mesh: Mesh) -> None:
     points, faces = mesh
     before, after = numbers(mesh), numbers((np.concatenate([points, [[7, 7, 7]]]), faces))
     changed = {k for k in before if before[k] != after[k]}
@@ -120,7 +122,7 @@ def test_identities_hold(mesh: Mesh) -> None:
 
 
 def assert_identities(mesh: Mesh) -> None:
-    """Assert what follows from the definitions for any mesh."""
+    """Assert the identities that follow from the definitions."""
     report = audit(*mesh)
     c, m = report.counts, report.metrics
     crowded = 3 * (c.faces - c.repeated_index_faces) - c.boundary_edges - 2 * c.manifold_edges
@@ -154,7 +156,8 @@ def test_audit_agrees_with_the_brute_force_twin_on_random_meshes() -> None:
         expected = brute_force.assert_agrees(audit(points, faces), points, faces)
         for key in seen:
             seen[key] += expected[key] > 0
-    assert min(seen.values()) > 0.07 * count, seen  # the meshes are as rich as they claim
+    # the random meshes contain each kind of fault often enough
+    assert min(seen.values()) > 0.07 * count, seen
 
 
 @pytest.mark.slow

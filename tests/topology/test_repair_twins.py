@@ -1,4 +1,4 @@
-"""What the steps of a repair do against what their twins, dictionaries and loops, do on random meshes."""
+"""The repair steps compared with their twins, plain loops and dictionaries, on random meshes."""
 
 from typing import Any
 
@@ -27,7 +27,13 @@ def corner_numbers(faces: np.ndarray, change: Change) -> dict[tuple[int, int], i
     }
 
 
-def test_orient_turns_what_its_twin_turns() -> None:
+def twins_numbers(points: np.ndarray, faces: np.ndarray, number: dict[Any, int]) -> dict[Any, int]:
+    """Return the vertex numbers of a twin, shifted for the unreferenced vertices that it does not know."""
+    used = 1 + int(faces.max(initial=-1))
+    return {corner: new if new < used else new + len(points) - used for corner, new in number.items()}
+
+
+def test_orient_equals_its_twin() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
         change = orient(faces, len(points))
@@ -38,32 +44,27 @@ def test_orient_turns_what_its_twin_turns() -> None:
         assert bool(change.notes) == strange, seed
 
 
-def test_cut_splits_vertices_as_its_twin_does() -> None:
+def test_cut_equals_its_twin() -> None:
     for seed in range(150):
         points, faces = finite_mesh(seed)
         change = cut(faces, len(points))
-        number = twins.cut(rows(faces))
-        spare = len(points) - 1 - int(faces.max(initial=-1))  # the twin knows no unreferenced vertices
-        top = len(points) - spare
-        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        expected = twins_numbers(points, faces, twins.cut(rows(faces)))
         assert corner_numbers(faces, change) == expected, seed
 
 
-def test_pair_joins_what_its_twin_joins() -> None:
-    for seed in range(1, 241, 2):  # in general position, so that no two pairs cost the same
+def test_pair_equals_its_twin() -> None:
+    for seed in range(1, 241, 2):  # in general position, so that all costs differ
         points, faces = finite_mesh(seed)
         if counts(points, faces).duplicate_faces:
             continue
         colors = np.random.default_rng(seed).random(points.shape)
         change = pair(points, faces, vertex_colors=colors)
         number = twins.pair(points.tolist(), rows(faces), colors.tolist(), 0.25)
-        spare = len(points) - 1 - int(faces.max(initial=-1))
-        top = len(points) - spare
-        expected = {key: new if new < top else new + spare for key, new in number.items()}
+        expected = twins_numbers(points, faces, number)
         assert corner_numbers(faces, change) == expected, seed
 
 
-def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
+def test_drop_removes_few_faces_and_restores_all_that_fit() -> None:
     more = 0
     for seed in range(100):
         points, faces = finite_mesh(seed)
@@ -77,8 +78,8 @@ def test_drop_removes_few_faces_and_none_that_fits_again() -> None:
     assert more <= 5
 
 
-def test_weld_keeps_what_its_twin_keeps() -> None:
-    for seed in range(0, 300, 2):  # whole numbers, so that places coincide
+def test_weld_equals_its_twin() -> None:
+    for seed in range(0, 300, 2):  # integer coordinates, so that positions coincide
         points, faces = finite_mesh(seed)
         change = weld(points, faces)
         stay, corners = twins.weld(rows(points), rows(faces))
@@ -87,7 +88,7 @@ def test_weld_keeps_what_its_twin_keeps() -> None:
 
 
 @pytest.mark.parametrize(("least_faces", "least_share"), [(3, 0.0), (0, 0.2), (2, 0.1)])
-def test_debris_removes_what_its_twin_removes(least_faces: int, least_share: float) -> None:
+def test_debris_equals_its_twin(least_faces: int, least_share: float) -> None:
     for seed in range(1, 300, 2):  # in general position, so that no piece has exactly the share
         points, faces = finite_mesh(seed)
         change = debris(points, faces, least_faces=least_faces, least_share=least_share)
@@ -97,7 +98,7 @@ def test_debris_removes_what_its_twin_removes(least_faces: int, least_share: flo
 
 
 def torn_sphere(seed: int) -> Mesh:
-    """Return a sphere without some of its faces, some of them turned, beside a random mesh."""
+    """Return a sphere without some faces, with some faces reversed, beside a random mesh."""
     rng = np.random.default_rng(seed)
     points, faces = sphere(int(rng.integers(3, 12)))
     faces = faces[rng.random(len(faces)) < rng.uniform(0.5, 0.95)]
@@ -108,7 +109,7 @@ def torn_sphere(seed: int) -> Mesh:
     return mesh_arrays(np.concatenate([points, beside]), np.concatenate([faces, more + len(points)]))
 
 
-def test_close_closes_what_its_twin_closes() -> None:
+def test_close_equals_its_twin() -> None:
     closed = 0
     for seed in range(200):
         points, faces = torn_sphere(seed)

@@ -1,4 +1,4 @@
-"""The sentence for a technical artist, and the explanation that every number has."""
+"""The verdict for a technical artist, and the explanation of every number."""
 
 from dataclasses import fields
 
@@ -20,13 +20,13 @@ TWO_TETRAHEDRA = (
     np.concatenate([TETRAHEDRON[0], TETRAHEDRON[0] + 5]),
     np.concatenate([TETRAHEDRON[1], TETRAHEDRON[1] + 4]),
 )
+# Corners of the tetrahedron with one NaN, which affects three of the four faces.
 LOST = np.where(np.arange(4)[:, None] == 2, np.nan, TETRAHEDRON[0])
-"""Corners of the tetrahedron, one of them NaN: in three of the four faces."""
+# The tetrahedron with an edge split on one side only: a zero-area face closes the gap.
 FLAT_FACE = (
     np.vstack([TETRAHEDRON[0], [0.5, 0, 0]]),
     np.array([[0, 2, 4], [4, 2, 1], [0, 4, 1], *TETRAHEDRON[1][1:]]),
 )
-"""The tetrahedron, an edge of it divided on one side only: a face without area closes the slit."""
 
 
 def exploded(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +64,7 @@ def test_verdict(mesh: tuple[np.ndarray, np.ndarray], level: str, number: str) -
     assert bool(verdict.reason) is (level != "ok")
 
 
-def test_a_welded_soup_says_what_it_would_be() -> None:
+def test_verdict_of_a_soup_describes_the_welded_mesh() -> None:
     points, faces = TETRAHEDRON
     soup = exploded(points, faces)
     assert audit(*soup).closed_once_merged
@@ -78,7 +78,9 @@ def test_a_welded_soup_says_what_it_would_be() -> None:
 
 
 @pytest.mark.parametrize("fewest", [1, dispatch.FEWEST_FACES], ids=["OpenCL", "NumPy"])
-def test_a_degenerate_row_makes_no_surface_of_a_soup(monkeypatch: pytest.MonkeyPatch, fewest: int) -> None:
+def test_degenerate_rows_do_not_change_the_verdict_of_a_soup(
+    monkeypatch: pytest.MonkeyPatch, fewest: int
+) -> None:
     monkeypatch.setattr(dispatch, "FEWEST_FACES", fewest)
     points, faces = exploded(*sheet(3))
     apart = points + np.repeat(np.arange(len(faces)), 3)[:, None] * 10
@@ -86,7 +88,7 @@ def test_a_degenerate_row_makes_no_surface_of_a_soup(monkeypatch: pytest.MonkeyP
     for corners, coincide in ((apart, False), (points, True)):
         clean, with_rows = audit(corners, faces), audit(corners, rows)
         assert with_rows.computed_by.startswith("OpenCL" if fewest == 1 else "NumPy")
-        assert with_rows.topology == "indexed_mesh"  # the definition of the key
+        assert with_rows.topology == "indexed_mesh"  # by the definition of this key
         assert with_rows.corners_coincide is clean.corners_coincide is coincide
         assert judge(with_rows) == judge(clean)
 
@@ -102,7 +104,7 @@ def test_a_degenerate_row_makes_no_surface_of_a_soup(monkeypatch: pytest.MonkeyP
         (5, 5, "100 %"),
     ],
 )
-def test_a_share_never_rounds_to_nothing_or_all(part: int, whole: int, text: str) -> None:
+def test_percent_never_rounds_to_0_or_100(part: int, whole: int, text: str) -> None:
     assert percent(part, whole) == text
 
 
@@ -118,43 +120,37 @@ def test_every_count_and_metric_is_explained(key: str) -> None:
     assert "\n" not in entry.formula
 
 
-def test_every_variant_is_explained_by_its_path() -> None:
-    for term, readings in audit(*BOOK).variants().items():
-        for reading in readings:
-            explain(f"variants.{term}.{reading}")
-    assert explain("variants.components.manifold_edges_only").name == "components_manifold_edges"
-    assert explain("variants.nonmanifold_vertices.strict").name == "nonmanifold_vertices"
-
-
-@pytest.mark.parametrize(
-    ("symbol", "key"), [*COUNT_OF.items(), *METRIC_OF.items(), ("E_max_faces", "max_edge_faces")]
-)
-def test_symbol_finds_its_key(symbol: str, key: str) -> None:
-    assert explain(symbol).name == key
-
-
 @pytest.mark.parametrize(
     ("name", "key"),
     [
+        *COUNT_OF.items(),
+        *METRIC_OF.items(),
+        ("E_max_faces", "max_edge_faces"),
         ("vf-ratio", "vf_ratio"),
         ("counts.edges", "edges"),
         ("welded.metrics.vf_ratio", "vf_ratio"),
         ("e_GT2", "nonmanifold_edges"),
-        ("LCC_area", "largest_component_area"),
-        ("lcc_area", "lcc_area_ratio"),
-        ("Lcc_Area", "lcc_area_ratio"),  # neither symbol: the paper's column
+        ("Lcc_Area", "lcc_area_ratio"),  # neither symbol: the column of the paper
+        ("variants.components.manifold_edges_only", "components_manifold_edges"),
+        ("variants.nonmanifold_vertices.strict", "nonmanifold_vertices"),
     ],
 )
-def test_case_hyphens_and_paths_do_not_matter(name: str, key: str) -> None:
+def test_names_symbols_and_paths_find_their_key(name: str, key: str) -> None:
     assert explain(name).name == key
 
 
-def test_no_two_entries_share_a_name() -> None:
+def test_every_variant_is_explained() -> None:
+    for term, readings in audit(*BOOK).variants().items():
+        for reading in readings:
+            explain(f"variants.{term}.{reading}")
+
+
+def test_explanation_names_are_unique() -> None:
     names = [n for e in EXPLANATIONS.values() for n in {e.name, e.symbol, *e.aliases} if n]
     assert len(names) == len(set(names))
 
 
-def test_unknown_name_lists_the_nearest() -> None:
+def test_unknown_name_suggests_the_nearest() -> None:
     with pytest.raises(UsageError, match=r"NAME_UNKNOWN: .*edge_ratio"):
         explain("nonmanifold_edge_ration")
     for name in ("???", ""):

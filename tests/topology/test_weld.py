@@ -1,4 +1,4 @@
-"""Welding: what is merged, what is kept, and that order and magnitude do not matter."""
+"""Welding: merged and kept vertices, independent of order and magnitude."""
 
 import numpy as np
 import pytest
@@ -12,10 +12,10 @@ NO_FACES = np.zeros((0, 3), np.int32)
 
 
 def merged(points: object, weld: object) -> list[int]:
-    """Return for each vertex the place of the vertex it became."""
+    """Return for each vertex the number of the vertex that it became."""
     points = np.asarray(points, float).reshape(-1, 3)
-    each = np.stack([np.arange(len(points))] * 3, axis=1)
-    _, faces = weld_vertices(points, each, weld)
+    faces_of_points = np.stack([np.arange(len(points))] * 3, axis=1)
+    _, faces = weld_vertices(points, faces_of_points, weld)
     return faces[:, 0].tolist()
 
 
@@ -33,17 +33,18 @@ NAN, INF = np.nan, np.inf
         ([[0.0, -0.0, 0.0], [-0.0, 0.0, 0.0], [0.0, 0.0, 1e-45]], "exact", [0, 0, 1]),
         (line(NAN, NAN, INF, INF, -INF), "exact", [0, 1, 2, 2, 3]),
         (line(0.0, 1.0, 2.0, 3.5, 4.0, 9.0), 1.0, [0, 0, 0, 1, 1, 2]),  # chains
-        ([[0.0, 0, 0], [3, 4, 0], [10, 0, 0], [10, 3, 4.001]], 5.0, [0, 0, 1, 2]),  # the length itself counts
+        # a distance equal to the length merges
+        ([[0.0, 0, 0], [3, 4, 0], [10, 0, 0], [10, 3, 4.001]], 5.0, [0, 0, 1, 2]),
         ([[0, 0, 0], [NAN, 0, 0], [NAN, 0, 0], [INF, 0, 0], [0.1, 0, 0]], 1.0, [0, 1, 2, 3, 0]),
         (np.full((3, 3), NAN), 1.0, [0, 1, 2]),
         (line(1.0, 2.0, 1.0), 5e-324, [0, 1, 0]),
         (line(1.0, 2.0, 3e-300), 1.7e308, [0, 0, 0]),
-        (np.zeros((20_000, 3)), 1e-3, [0] * 20_000),  # not too many pairs
+        (np.zeros((20_000, 3)), 1e-3, [0] * 20_000),  # coincident vertices do not count as pairs
         (np.zeros((0, 3)), "exact", []),
         (np.zeros((0, 3)), 0.5, []),
     ],
 )
-def test_what_merges(points: object, weld: object, groups: list[int]) -> None:
+def test_merged_vertices(points: object, weld: object, groups: list[int]) -> None:
     assert merged(points, weld) == groups
 
 
@@ -54,12 +55,12 @@ def test_weld_does_not_depend_on_the_order_of_vertices(weld: object) -> None:
     groups = merged(points, weld)
     order = random.permutation(200)
     shuffled = merged(points[order], weld)
-    # The same pairs are together; places differ.
+    # The groups are equal; their numbers differ.
     together = {(groups[o], s) for o, s in zip(order, shuffled, strict=True)}
     assert len(set(groups)) == len(set(shuffled)) == len(together)
 
 
-def test_length_weld_agrees_with_joining_all_pairs_by_hand() -> None:
+def test_length_weld_equals_joining_all_pairs() -> None:
     random = np.random.default_rng(9)
     for scale in (1e-200, 1.0, 1e200):
         points = random.random((60, 3)) * scale
@@ -75,7 +76,7 @@ def test_length_weld_agrees_with_joining_all_pairs_by_hand() -> None:
         assert merged(points, reach) == [place[x] for x in label]
 
 
-def test_length_that_would_collapse_the_mesh_is_refused() -> None:
+def test_weld_length_that_would_collapse_the_mesh_is_rejected() -> None:
     points = np.random.default_rng(0).random((20_000, 3))
     with pytest.raises(MeshError, match="shorter distance") as caught:
         weld_vertices(points, NO_FACES, 10.0)
@@ -95,7 +96,7 @@ def test_exploding_and_welding_restores_the_mesh() -> None:
     )
 
 
-def test_weld_keeps_dtypes_and_the_input() -> None:
+def test_weld_keeps_dtypes_and_input() -> None:
     points, faces = line(1, 1).astype(np.float32), np.array([[0, 1, 0]], np.int32)
     points.flags.writeable = faces.flags.writeable = False
     for weld in ("exact", 0.5):
@@ -103,7 +104,7 @@ def test_weld_keeps_dtypes_and_the_input() -> None:
         assert (kept.dtype, rows.dtype) == (np.float32, np.int32)
 
 
-def test_weld_setting_is_read_from_text() -> None:
+def test_weld_settings_are_parsed() -> None:
     assert parse_weld("exact") == "exact"
     assert parse_weld("1e-4") == 1e-4
     assert parse_weld(np.float32(0.5)) == 0.5
@@ -112,7 +113,7 @@ def test_weld_setting_is_read_from_text() -> None:
 @pytest.mark.parametrize(
     "text", ["", "0", "-1", "nan", "inf", "close", "1 mm", 0, [1.0], 10**400, True, np.True_]
 )
-def test_weld_setting_that_is_no_length_is_refused(text: object) -> None:
+def test_invalid_weld_settings_are_rejected(text: object) -> None:
     with pytest.raises(MeshError) as caught:
         parse_weld(text)
     assert caught.value.code == "WELD_DISTANCE"
@@ -127,18 +128,18 @@ def test_weld_setting_that_is_no_length_is_refused(text: object) -> None:
         ({(0, 2): (0, 1), (5, 1): (0, 1)}, True),
     ],
 )
-def test_corners_of_a_soup_coincide_where_two_faces_have_one_place(
+def test_corners_coincide_if_two_faces_share_a_position(
     moved: dict[tuple[int, int], tuple[int, int]], coincide: bool
 ) -> None:
     corners = np.random.default_rng(0).uniform(-1, 1, (40, 3, 3))
-    for one, other in moved.items():
-        corners[one] = corners[other]
+    for target, source in moved.items():
+        corners[target] = corners[source]
     faces = np.arange(120).reshape(-1, 3)
     assert corners_coincide(corners.reshape(-1, 3), faces) is coincide
     assert audit(corners.reshape(-1, 3), faces).corners_coincide is coincide
 
 
-def test_nan_coincides_with_nothing_and_a_mesh_that_shares_vertices_is_not_asked() -> None:
+def test_nan_coincides_with_nothing() -> None:
     nowhere = np.full((9, 3), np.nan)
     nowhere[0], nowhere[3] = (0.0, 0.0, 0.0), (-0.0, 0.0, 1e-50)
     faces = np.arange(9).reshape(-1, 3)

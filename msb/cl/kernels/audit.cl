@@ -1,14 +1,14 @@
-// The audit of a mesh's structure, for a CPU: what msb/topology/kernel.py launches, in this order.
+// The audit of a mesh, for CPUs. msb/topology/kernel.py launches these kernels in this order:
 //
-//   count_corners    how many corners fall into each block of vertices
-//   place_corners    each corner, with the rest of its face, to its block     } for each round of blocks
-//   visit_blocks     edges, fans and duplicates, vertex by vertex             }
+//   count_corners    number of corners in each block of vertices
+//   place_corners    move each corner, with the rest of its face, to its block   } for each round of blocks
+//   visit_blocks     edges, fans and duplicates, vertex by vertex                }
 //   unite_pairs      components, from the pairs of faces that the visits found
 //   measure_faces    areas, and the faces of each component
 //   sum_largest      the largest component
 //
-// Everything is counted in integers and everything listed is ordered by number, so results do not depend on how many
-// work-items there are or which takes which part. Areas are added in the order in which NumPy adds them.
+// All counts are integers and all lists are ordered by number, so results do not depend on the number of
+// work-items or on their share of the work. Areas are added in the same order as in NumPy.
 
 #include "lanes.cl"
 #include "audit_types.cl"

@@ -1,6 +1,6 @@
-// The vertices of a block, one after the other, each with all its faces.
+// Visit the vertices of a block one after the other, each with all its faces.
 
-// Order the records of a block by vertex into `sorted`; starts[i] is where those of the block's vertex i begin.
+// Sort the records of a block by vertex into `sorted`; starts[i] is the first record of the i-th vertex.
 void sort_block(__global const Record *restrict records, uint count, uint first, uint vertices,
     __global uint *restrict starts, __global Record *restrict sorted)
 {
@@ -10,13 +10,13 @@ void sort_block(__global const Record *restrict records, uint count, uint first,
         starts[records[i].x - first]++;
     for (uint i = 0, sum = 0; i <= vertices; i++)
         starts[i] = sum += starts[i];
-    // Every end comes down to its start; from the last record to the first, so that they keep their order.
+    // Each end moves down to its start. Going from the last record to the first keeps their order.
     for (uint i = count; i-- > 0;)
         sorted[--starts[records[i].x - first]] = records[i];
 }
 
-// The same in place, for a block so large that a copy would be too much memory: a record goes where it belongs, and
-// the one that lay there is next. `next` has room for as many as `starts`.
+// The same in place, for a block whose copy would take too much memory: a record moves to its position, and the
+// record that it replaces is next. `next` has the size of `starts`.
 void sort_block_in_place(__global Record *records, uint count, uint first, uint vertices, __global uint *starts,
     __global uint *next)
 {
@@ -38,7 +38,7 @@ void sort_block_in_place(__global Record *records, uint count, uint first, uint 
         }
 }
 
-// Put the records of proper faces before the others; return how many they are.
+// Move the records of proper faces to the front; return their number.
 uint proper_first(__global Record *records, uint count)
 {
     uint n = 0;
@@ -84,8 +84,8 @@ void visit_vertex(__global Record *records, uint count, Visit *visit, uint v, ui
         count_duplicates(records, count, visit, v, vertices);
 }
 
-// Visit the blocks `first` to `first` + `count` - 1, each work-item one after the other, as long as there are any:
-// those of at most `limit` records, or with `large` those of more, which one work-item takes.
+// Visit the blocks `first` to `first` + `count` - 1. Each work-item takes the next block until none remain.
+// Without `large`, blocks of at most `limit` records; with `large`, only larger blocks, by a single work-item.
 __kernel void visit_blocks(__global Record *records, __global const uint *block_starts, __global ulong *block_edges,
     __global uint *next_block, __global Tally *tallies, __global uint *valences, __global uint *next_valence,
     __global uint2 *pairs, __global uint *fills, __global uint *next_chunk, __global ulong *scratch,
@@ -102,8 +102,8 @@ __kernel void visit_blocks(__global Record *records, __global const uint *block_
     for (int kind = 0; kind < KINDS; kind++)
         visit.at[kind] = 0;
     scratch += item * scratch_words;
-    // The scratch memory holds where vertices start, a copy of the block (16-byte words) unless it is large, and what
-    // the largest vertex needs: 4 words a corner.
+    // Layout of the scratch memory: the starts of vertices, a copy of the block (16-byte words) unless it is
+    // large, and 4 words per corner of the largest vertex.
     uint size = 1u << shift;
     __global uint *starts = (__global uint *)scratch, *next = starts + size + 1;
     scratch += size + 1;

@@ -1,14 +1,14 @@
-// Faces one by one, and the sums over each component.
+// Properties of single faces, and sums over components.
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
 #ifdef __clang__
-#define SQUARE_ROOT(x) __builtin_sqrt(x) // one instruction; a call with PoCL's own
+#define SQUARE_ROOT(x) __builtin_sqrt(x) // one instruction; the function of PoCL is a call
 #else
 #define SQUARE_ROOT(x) sqrt(x)
 #endif
 
-// Half the norm of the cross product, each operation rounded as NumPy's are: nothing may be fused.
+// Half the norm of the cross product. Each operation is rounded as in NumPy, so nothing may be fused.
 double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __global const COORDINATE *r)
 {
 #pragma OPENCL FP_CONTRACT OFF
@@ -18,25 +18,25 @@ double face_area(__global const COORDINATE *p, __global const COORDINATE *q, __g
     return 0.5 * SQUARE_ROOT(x * x + y * y + z * z);
 }
 
-// Few components are large, and one is most often very large: a work-item counts in a table of its own, and adds to
-// `sizes`, where others do too, only what must make room in it.
+// Few components are large, and usually one is very large. Each work-item counts in a private table, and adds a
+// count to the shared `sizes` only when another component needs its slot.
 #define TABLE 64
 
-#define SOON 12 // faces ahead, whose vertices and component are then in the cache when they are needed
+#define SOON 12 // faces to prefetch: their vertices and component are then cached when needed
 
-// For each face its area (0 where that is not finite), its component in `parents` (the lowest face in it), and a
-// start for the union of rims. `sizes` begins as zeros. `found` has for each work-item how many areas are zero though
-// the vertices differ, the first of these faces, and the same for areas that are not finite.
+// Write for each face its area (0 if it is not finite), its component in `parents` (the lowest face in it), and
+// the initial state for uniting rims. `sizes` starts as zeros. `samples` gets, for each work-item, the number of
+// zero-area faces with distinct vertices, the first of these faces, and the same for non-finite areas.
 __kernel void measure_faces(__global const COORDINATE *restrict points, __global const uint *restrict faces,
     __global double *restrict areas, __global uint *parents, __global uint *sizes, __global uint *restrict rims,
-    __global uint *restrict found, uint face_count, uint chunk)
+    __global uint *restrict samples, uint face_count, uint chunk)
 {
     size_t item = get_global_id(0);
     uint from = MIN((ulong)face_count, item * (ulong)chunk), to = MIN(face_count, from + chunk);
     uint keys[TABLE], counts[TABLE], zeros = 0, strange = 0;
     for (int i = 0; i < TABLE; i++)
         keys[i] = counts[i] = 0;
-    found += 2 * (SAMPLES + 1) * item;
+    samples += 2 * (SAMPLES + 1) * item;
     for (uint f = from; f < to; f++) {
         uint soon = MIN(f + SOON, to - 1);
         PREFETCH(parents + parents[soon]);
@@ -49,11 +49,11 @@ __kernel void measure_faces(__global const COORDINATE *restrict points, __global
         if (!(area <= DBL_MAX)) {
             area = 0;
             if (strange < SAMPLES)
-                found[SAMPLES + 2 + strange] = f;
+                samples[SAMPLES + 2 + strange] = f;
             strange++;
         } else if (area == 0 && proper) {
             if (zeros < SAMPLES)
-                found[1 + zeros] = f;
+                samples[1 + zeros] = f;
             zeros++;
         }
         areas[f] = area;
@@ -74,13 +74,13 @@ __kernel void measure_faces(__global const COORDINATE *restrict points, __global
     for (int i = 0; i < TABLE; i++)
         if (counts[i])
             atomic_add(sizes + keys[i], counts[i]);
-    found[0] = zeros;
-    found[SAMPLES + 1] = strange;
+    samples[0] = zeros;
+    samples[SAMPLES + 1] = strange;
 }
 
-// The component with most faces; of several, the one with the largest area, then with the lowest face: its faces, the
-// components of one face, its area and that of all faces. By one work-item, so that areas are added in the order of the
-// faces: rounding is monotone, so a sum over some of them is then never above that over all.
+// Find the component with most faces; ties go to the larger area, then to the lowest face. Return its size, the
+// number of single-face components, its area and the total area. One work-item adds the areas in face order:
+// rounding is monotone, so a sum over some faces never exceeds the sum over all.
 __kernel void sum_largest(__global const double *restrict areas, __global const uint *restrict parents,
     __global const uint *restrict sizes, __global double *restrict sums, __global uint *restrict counts,
     __global double *restrict added, uint face_count)
@@ -92,8 +92,8 @@ __kernel void sum_largest(__global const double *restrict areas, __global const 
     }
     for (uint f = 0; f < face_count; f++)
         candidates += sizes[f] == most;
-    volatile double best = 0, total = 0; // volatile, or Intel's compiler adds in an order of its own
-    if (most > 0 && candidates == 1) { // as on most meshes: then nothing must be looked up
+    volatile double best = 0, total = 0; // volatile, because Intel's compiler would change the order of additions
+    if (most > 0 && candidates == 1) { // the usual case: no lookup is needed
         for (uint f = 0; f < face_count; f++)
             largest = sizes[f] == most ? f : largest;
         for (uint f = 0; f < face_count; f++) {

@@ -1,13 +1,13 @@
-// A vertex of any number of faces: its neighbours are sorted, so the faces at an edge are a run. Radix sorts, because
-// they take as long for the worst mesh as for any other.
+// Visit a vertex with any number of faces: its neighbours are sorted, so the faces at an edge are consecutive.
+// Radix sorts take the same time for any mesh.
 
 #define DIGIT 8
-#define BY_Z 1 // side of a face: its neighbour y, or z
-#define RIM_SIDE 0xffffffffu   // what lies across a boundary edge
-#define CROWD_SIDE 0xfffffffeu // and across one of more than two faces
+#define BY_Z 1 // side of a face: neighbour y (0) or z (1)
+#define RIM_SIDE 0xffffffffu   // other side of a boundary edge
+#define CROWD_SIDE 0xfffffffeu // other side of an edge with more than two faces
 
-// Sort `count` words by their upper halves, which are below `end`; stable. Return where they are: in `words`, or in
-// `other`.
+// Stable sort of `count` words by their upper halves, which are below `end`. Return the sorted words, which are in
+// `words` or in `other`.
 __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint count, uint end)
 {
     uint places[1 << DIGIT];
@@ -33,7 +33,7 @@ __global ulong *sort_upper(__global ulong *words, __global ulong *other, uint co
 #define UPPER(word) ((uint)((word) >> 32))
 #define WORD(upper, lower) ((ulong)(upper) << 32 | (lower))
 
-// Count the duplicates among the faces whose lowest vertex is v, proper or not: equal pairs of the other two.
+// Count the duplicates among the faces with lowest vertex v, proper or not: equal pairs of the other two vertices.
 void count_duplicates(__global const Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global ulong *words = visit->scratch, *other = words + count;
@@ -50,11 +50,11 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
     words = sort_upper(words, words == other ? visit->scratch : other, n, vertices);
     for (uint k = 0, next; k < n; k = next) {
-        Record one = records[(uint)words[k]];
-        uint first = FACE(one);
+        Record representative = records[(uint)words[k]];
+        uint first = FACE(representative);
         for (next = k + 1; next < n; next++) {
             Record r = records[(uint)words[next]];
-            if (UPPER(words[next]) != UPPER(words[k]) || MAX(r.y, r.z) != MAX(one.y, one.z))
+            if (UPPER(words[next]) != UPPER(words[k]) || MAX(r.y, r.z) != MAX(representative.y, representative.z))
                 break;
             first = MIN(first, FACE(r));
         }
@@ -64,7 +64,8 @@ void count_duplicates(__global const Record *records, uint count, Visit *visit, 
     }
 }
 
-// Group of a corner at the vertex; the records' first words, the vertex itself, serve as parents.
+// Return the group of a corner at the vertex. The first words of the records, otherwise the vertex, are the
+// parents.
 uint find_group(__global Record *records, uint i)
 {
     while (records[i].x != i) {
@@ -85,7 +86,7 @@ void link_large_rims(__global const Record *records, uint count, Visit *visit, _
         uint side = across[2 * i + (y ? BY_Z : 0)];
         while (side < CROWD_SIDE) {
             uint leave = side ^ 1;
-            if (across[leave] == RIM_SIDE && leave / 2 > i) { // from both its ends, once
+            if (across[leave] == RIM_SIDE && leave / 2 > i) { // count a fan once, not from both ends
                 visit->tally->rim_links++;
                 add_pair(visit, RIM, records[i].w, records[leave / 2].w);
             }
@@ -94,22 +95,24 @@ void link_large_rims(__global const Record *records, uint count, Visit *visit, _
     }
 }
 
-// Visit vertex v, whose corners are `records`, all of proper faces.
+// Visit vertex v with the corners `records`, all of proper faces.
 void visit_large(__global Record *records, uint count, Visit *visit, uint v, uint vertices)
 {
     __global Tally *t = visit->tally;
     __global ulong *words = visit->scratch, *other = words + 2 * (size_t)count;
     for (uint i = 0; i < count; i++) {
+        // One word per side: the neighbour above, the number of the side below.
         words[2 * (size_t)i] = WORD(records[i].y, 2 * i);
         words[2 * (size_t)i + 1] = WORD(records[i].z, 2 * i + BY_Z);
         records[i].x = i;
     }
     words = sort_upper(words, other, 2 * count, vertices);
-    // What lies across each side; the half of the scratch that the words are not in.
+    // The other side of each side; stored in the half of the scratch memory without the words.
     __global uint *across = (__global uint *)(words == other ? visit->scratch : other);
     uint valence = 0, most = 0, groups = count;
+    // Each run of equal neighbours is an edge; n is its number of faces.
     for (uint k = 0, next; k < 2 * count; k = next) {
-        uint w = UPPER(words[k]), one = (uint)words[k], n;
+        uint w = UPPER(words[k]), side = (uint)words[k], n;
         for (next = k + 1; next < 2 * count && UPPER(words[next]) == w; next++)
             ;
         n = next - k;
@@ -117,21 +120,22 @@ void visit_large(__global Record *records, uint count, Visit *visit, uint v, uin
         most = MAX(most, n);
         int kind = n == 1 ? BOUNDARY_EDGES : NONMANIFOLD_EDGES;
         if (n == 1)
-            across[one] = RIM_SIDE;
+            across[side] = RIM_SIDE;
         else if (n == 2) {
-            uint two = (uint)words[k + 1];
-            across[one] = two;
-            across[two] = one;
-            kind = ((one ^ two) & 1) == 0 ? FLIPPED_EDGES : -1;
+            uint other_side = (uint)words[k + 1];
+            across[side] = other_side;
+            across[other_side] = side;
+            kind = ((side ^ other_side) & 1) == 0 ? FLIPPED_EDGES : -1;
         }
         for (uint i = k; i < next; i++) {
             if (n > 2)
                 across[(uint)words[i]] = CROWD_SIDE;
-            uint a = find_group(records, one / 2), b = find_group(records, (uint)words[i] / 2);
+            // Join the corners at the edge into one group, and list the pairs of its faces at the lower end.
+            uint a = find_group(records, side / 2), b = find_group(records, (uint)words[i] / 2);
             groups -= a != b;
             records[MAX(a, b)].x = MIN(a, b);
             if (i > k && w > v)
-                add_pair(visit, n == 2 ? TWO_FACE : CROWDED, records[one / 2].w, records[(uint)words[i] / 2].w);
+                add_pair(visit, n == 2 ? TWO_FACE : CROWDED, records[side / 2].w, records[(uint)words[i] / 2].w);
         }
         if (w > v) {
             if (kind >= 0 && count_edges(t, kind, 1))

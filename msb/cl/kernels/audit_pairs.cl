@@ -1,15 +1,15 @@
-// Pairs of faces that the visits of vertices find, and the union of them: components of a graph of faces.
+// Pairs of faces found by visiting vertices, and their union into components of a graph of faces.
 
-// Kinds of pairs: faces of a two-face edge; faces of an edge with more, each with the first; faces whose boundary
-// edges follow each other around a vertex.
+// Kinds of pairs: the faces of a two-face edge; the first and each further face of an edge with more faces; faces
+// with boundary edges that follow each other around a vertex.
 #define TWO_FACE 0
 #define CROWDED 1
 #define RIM 2
 #define KINDS 3
 
-// All kinds lie in one array, in chunks of PAIRS of one kind: together there are at most as many pairs as half-edges,
-// but of each kind there may be as many. `fills` says of each chunk how many pairs it has and of which kind.
-// A position is never at the end of a chunk, see `make_room`, so it tells its chunk. Chunk 0 is left out.
+// All kinds share one array, in chunks of PAIRS pairs of one kind: in total there are at most as many pairs as
+// half-edges, but any kind may have all of them. `fills` holds the number and kind of pairs of each chunk. A
+// position is never at the end of a chunk (see `make_room`), so it determines its chunk. Chunk 0 is unused.
 void close_list(Visit *visit, int kind)
 {
     ulong at = visit->at[kind];
@@ -17,7 +17,7 @@ void close_list(Visit *visit, int kind)
         visit->fills[at / PAIRS] = (uint)(at % PAIRS) << 2 | kind;
 }
 
-// Let `count` more pairs of a kind fit into its chunk, and one to spare.
+// Ensure that `count` more pairs of a kind fit into its chunk, plus one.
 void make_room(Visit *visit, int kind, uint count)
 {
     ulong at = visit->at[kind];
@@ -27,16 +27,16 @@ void make_room(Visit *visit, int kind, uint count)
     visit->at[kind] = (ulong)(atomic_inc(visit->next_chunk) + 1) * PAIRS;
 }
 
-void add_pair(Visit *visit, int kind, uint one, uint other)
+void add_pair(Visit *visit, int kind, uint first, uint second)
 {
     make_room(visit, kind, 1);
-    visit->pairs[visit->at[kind]++] = (uint2)(one, other);
+    visit->pairs[visit->at[kind]++] = (uint2)(first, second);
 }
 
 // ---- union
 
-// The root of a face's tree, which is its lowest face. Paths are halved on the way, and others may do so at the same
-// time: whatever is written is an ancestor, and only roots are ever linked.
+// Return the root of the tree of a face, which is its lowest face. Paths are halved on the way. Concurrent changes
+// are safe: only ancestors are ever written, and only roots are linked.
 uint find_root(__global volatile uint *parents, uint f)
 {
     for (;;) {
@@ -51,24 +51,24 @@ uint find_root(__global volatile uint *parents, uint f)
     }
 }
 
-// Join the trees of two faces; return whether they were two. However many do so at the same time and in whatever
-// order, the trees at the end hold the same sets, and the number of joins is that of faces less that of sets.
-int unite(__global volatile uint *parents, uint one, uint other)
+// Join the trees of two faces; return whether they were different. Independent of concurrency and order, the final
+// trees hold the same sets, and the number of joins is the number of faces minus the number of sets.
+int unite(__global volatile uint *parents, uint first, uint second)
 {
     for (;;) {
-        one = find_root(parents, one);
-        other = find_root(parents, other);
-        if (one == other)
+        first = find_root(parents, first);
+        second = find_root(parents, second);
+        if (first == second)
             return 0;
-        uint low = one < other ? one : other, high = one < other ? other : one;
+        uint low = first < second ? first : second, high = first < second ? second : first;
         if (atomic_cmpxchg(parents + high, high, low) == high)
             return 1;
     }
 }
 
-#define AHEAD 32 // pairs: a union that finds its faces in the cache takes a fraction of one that waits for them
+#define AHEAD 32 // pairs to prefetch: a union with cached faces takes a fraction of the time
 
-// Unite all pairs of one kind; `joined` gets for each work-item how many unions joined two trees.
+// Unite all pairs of a kind; `joined` gets the number of successful joins of each work-item.
 __kernel void unite_pairs(__global const uint2 *restrict pairs, __global const uint *restrict fills,
     __global uint *parents, __global uint *next, __global uint *joined, uint chunks, uint kind)
 {

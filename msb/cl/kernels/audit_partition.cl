@@ -1,16 +1,16 @@
-// Corners to blocks of 2^shift vertices: a counting sort by block, each work-item a contiguous chunk of the faces.
-// A block fits into a core's cache, where its vertices are visited in any order at no cost; a scatter of the corners
-// to all vertices at once would miss the cache with every write.
+// Sort corners into blocks of 2^shift vertices, by a counting sort; each work-item takes a contiguous
+// chunk of faces. A block fits into the cache of a core, so its vertices can be visited in any order. Scattering
+// corners to all vertices at once would miss the cache with every write.
 
-// `counts` has a row of `blocks` for each work-item; parents are made ready for unite_pairs; `improper` has for each
-// work-item how many of its faces name a vertex twice, and the first of them.
+// `counts` has a row of `blocks` numbers per work-item. `parents` is initialised for unite_pairs. `improper` gets,
+// for each work-item, the number of its faces with a repeated index and the first of them.
 __kernel void count_corners(__global const uint *restrict faces, __global uint *restrict counts,
     __global uint *restrict parents, __global uint *restrict improper, uint face_count, uint chunk, uint blocks,
     uint shift)
 {
     size_t item = get_global_id(0);
     uint from = MIN((ulong)face_count, item * (ulong)chunk), to = MIN(face_count, from + chunk);
-    __global uint *row = counts + item * blocks, *found = improper + (SAMPLES + 1) * item;
+    __global uint *row = counts + item * blocks, *samples = improper + (SAMPLES + 1) * item;
     for (uint k = 0; k < blocks; k++)
         row[k] = 0;
     uint n = 0;
@@ -25,19 +25,19 @@ __kernel void count_corners(__global const uint *restrict faces, __global uint *
             continue;
         }
         if (n < SAMPLES)
-            found[1 + n] = f;
+            samples[1 + n] = f;
         n++;
         if (b != a)
             row[b >> shift]++;
         if (c != a && c != b)
             row[c >> shift]++;
     }
-    found[0] = n;
+    samples[0] = n;
 }
 
-// Write the records of the blocks `first` to `first` + `count` - 1. `cursors` has for each work-item and block where
-// its next record goes, and a spare one for all other blocks: writing them there costs less than a branch that no
-// processor can foresee.
+// Write the records of the blocks `first` to `first` + `count` - 1. `cursors` holds the next write position for
+// each work-item and block, and a spare position for all other blocks: writing there is faster than an
+// unpredictable branch.
 #define PLACE(v, y, z, f)                                                                                       \
     {                                                                                                           \
         uint k = ((v) >> shift) - first;                                                                        \

@@ -1,15 +1,15 @@
-// A vertex of at most MOST faces (a multiple of 8, up to 32): which of them share a neighbour is kept in a word of bits
-// for each side of each face, found by comparing all with all, eight at a time. That is quadratic, but of a constant,
-// and cheaper than sorting: there is no branch that a processor cannot foresee.
+// Visit a vertex with at most MOST faces (a multiple of 8, up to 32). A word of bits for each side of each face
+// marks the faces that share its neighbour, found by comparing all pairs, eight at a time. This is quadratic with
+// a small constant, and faster than sorting because no branch is unpredictable.
 
 typedef uint8 __attribute__((aligned(4))) loose_uint8;
 #define LANES(words) (*(loose_uint8 *)(words))
 
-// A face at the vertex has two sides, y and z: the edges to the two other vertices, in the order in which it runs.
+// A face at the vertex has two sides, y and z: the edges to its two other vertices, in the order of the face.
 typedef struct {
-    uint neighbour[2 * MOST]; // of each side, those of z behind all of y; lanes beyond the last have NOBODY
-    uint sharing[2 * MOST];   // the faces that have this neighbour too
-    uint same[2 * MOST];      // those that have it on the same side
+    uint neighbour[2 * MOST]; // by side: all y, then all z; unused lanes hold NOBODY
+    uint sharing[2 * MOST];   // faces that have the same neighbour
+    uint same[2 * MOST];      // faces that have it on the same side
     uint face[MOST];
     uint count;
 } Star;
@@ -24,12 +24,13 @@ uint sum_lanes(uint8 v)
 }
 
 #define BIT(i) (1u << (i))
-#define REST(bits) ((bits) & ((bits) - 1)) // without the lowest
+#define REST(bits) ((bits) & ((bits) - 1)) // all bits except the lowest
 
-// What the sides of a vertex come to, by lanes: the number of its edges, of those to higher vertices, and of these
-// the boundary ones, those with two faces that run along it the same way, and those with more faces, each in as many
-// bits of `counts` as it can take with 64 sides; which sides are boundary edges, which have a higher neighbour in
-// common with an earlier side; not zero where an edge has more than two faces; faces that share both neighbours.
+// Sums over the sides of a vertex, by lane. `counts` packs, each into enough bits for 64 sides: the number of
+// edges, of edges to higher vertices, and of these the boundary edges, the two-face edges with flipped winding,
+// and the edges with more faces. `rim`: sides that are boundary edges. `paired`: sides that share a higher
+// neighbour with an earlier side. `crowd`: non-zero at an edge with more than two faces. `twins`: faces that share
+// both neighbours.
 typedef struct {
     uint8 counts, rim[2], paired[2], crowd, twins;
 } Sides;
@@ -43,17 +44,17 @@ void count_sides(Sides *sums, int side, uint8 bit, uint8 neighbour, uint8 sharin
 {
     const uint8 none = 0;
     uint8 rest = REST(sharing), more = REST(rest);
-    uint8 one = as_uint8(sharing != none) & as_uint8(rest == none);
+    uint8 single = as_uint8(sharing != none) & as_uint8(rest == none);
     uint8 two = as_uint8(rest != none) & as_uint8(more == none), crowd = as_uint8(more != none);
     uint8 first = as_uint8((sharing & -sharing) == bit), up = as_uint8(neighbour > v);
     uint8 flipped = two & as_uint8(REST(same) != none);
-    sums->counts += first & (1 | (up & (BIT(7) | (one & BIT(14)) | (flipped & BIT(21)) | (crowd & BIT(27)))));
-    sums->rim[side] |= one & bit;
+    sums->counts += first & (1 | (up & (BIT(7) | (single & BIT(14)) | (flipped & BIT(21)) | (crowd & BIT(27)))));
+    sums->rim[side] |= single & bit;
     sums->paired[side] |= up & ~first & as_uint8(rest != none) & bit;
     sums->crowd |= crowd;
 }
 
-// Fill `sharing` and `same`, and sum up.
+// Fill `sharing` and `same`, and compute the sums.
 void compare_sides(Star *s, Sides *sums, uint v)
 {
     sums->counts = sums->rim[0] = sums->rim[1] = sums->paired[0] = sums->paired[1] = sums->crowd = sums->twins = 0;
@@ -79,7 +80,8 @@ void compare_sides(Star *s, Sides *sums, uint v)
     }
 }
 
-// List the edges of a kind from v upwards, `number` of which are listed. A search for each edge: for a few vertices.
+// List the edges of a kind from v to higher vertices; `number` of them are already listed. Each edge is searched,
+// which only few vertices need.
 void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint v)
 {
     uint last = v;
@@ -94,7 +96,7 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
         if (next == NOBODY)
             return;
         last = next;
-        // An edge that both faces run along the same way is on the same side of both.
+        // If both faces run along an edge in the same direction, it is on the same side of both.
         int is_kind = kind == BOUNDARY_EDGES ? faces == 1 : kind == NONMANIFOLD_EDGES ? faces > 2
             : faces == 2 && same != 1;
         if (is_kind)
@@ -102,14 +104,14 @@ void list_small(const Star *s, const Visit *visit, int kind, ulong number, uint 
     }
 }
 
-// Follow the fan of face i, one of whose edges here is a boundary edge, to its other side; return the face there if
-// that is a boundary edge too, else NOBODY. `rim_y` and `rim_z` are the faces with a boundary edge on that side.
+// Follow the fan of face i, which has a boundary edge here, to its other side. Return the face there if its side
+// is a boundary edge too, otherwise NOBODY. `rim_y` and `rim_z` are the faces with a boundary edge on that side.
 uint other_end(const Star *s, uint i, uint rim_y, uint rim_z)
 {
     uint through = s->sharing[rim_y & BIT(i) ? MOST + i : i];
     while (COUNT_BITS(through) == 2) {
         i = LOWEST_BIT(through & ~BIT(i));
-        int by_y = s->sharing[i] == through; // on a fan with ends, no two faces share both neighbours
+        int by_y = s->sharing[i] == through; // in an open fan, no two faces share both neighbours
         if ((by_y ? rim_z : rim_y) & BIT(i))
             return i;
         through = s->sharing[by_y ? MOST + i : i];
@@ -131,7 +133,7 @@ void link_rims(const Star *s, Visit *visit, uint rim_y, uint rim_z)
     visit->tally->rim_links += links;
 }
 
-// Whether the faces, joined across every shared edge, are in several groups.
+// Return whether the faces, joined across all shared edges, form several groups.
 int in_groups(const Star *s)
 {
     uint reached = 1, done = 0;
@@ -151,7 +153,8 @@ uint most_sharing(const Star *s)
     return most;
 }
 
-// Pair the faces of sides that share a neighbour, each with the first. Both lists are written, one is kept.
+// Pair the faces of sides that share a neighbour with the first of them. Both lists are written, and one position
+// advances.
 void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
 {
     __global uint2 *pairs = visit->pairs;
@@ -169,7 +172,7 @@ void pair_faces(const Star *s, Visit *visit, uint paired_y, uint paired_z)
     visit->at[CROWDED] = crowd_at;
 }
 
-// Visit vertex v, whose faces are `s`; there is at least one. Return whether two of them share both neighbours.
+// Visit vertex v with the faces `s`, at least one. Return whether two of them share both neighbours.
 int visit_small(Star *s, Visit *visit, uint v)
 {
     __global Tally *t = visit->tally;

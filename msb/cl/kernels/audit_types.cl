@@ -1,8 +1,9 @@
-// What the audit's kernels share: a corner's record, and what a work-item has counted and listed.
+// Types that the audit kernels share: the record of a corner, and the counts and lists of a work-item.
 
-// A corner as it lies in its block: vertex, the two others of the face in the order in which the face runs, face.
-// Faces that name a vertex twice are there for duplicates and for "used by two faces" alone: one record at each of
-// their different vertices. At the lowest, y and z are the other two, ascending; at the other it is a COPY.
+// A corner in its block: its vertex, the two other vertices in the order of the face, and the face. Faces with a
+// repeated index take part only in the search for duplicates and for shared vertices: they have a record at each
+// of their different vertices. At the lowest vertex, y and z are the other two, ascending; at the other one the
+// record is a COPY.
 typedef uint4 Record;
 #define IMPROPER 0x80000000u
 #define COPY 0x40000000u
@@ -10,7 +11,7 @@ typedef uint4 Record;
 
 #define MIN(a, b) ((a) < (b) ? (a) : (b))
 #define MAX(a, b) ((a) > (b) ? (a) : (b))
-#define NOBODY 0xffffffffu // no vertex has this number, nor has any face
+#define NOBODY 0xffffffffu // an invalid number of a vertex or face
 
 #ifdef __clang__
 #define COUNT_BITS(x) ((uint)__builtin_popcount(x))
@@ -20,23 +21,24 @@ typedef uint4 Record;
 #define LOWEST_BIT_OF_LONG(x) ((uint)(63 - clz((x) & -(x))))
 #endif
 
-// msb/topology/kernel.py sets four sizes. SAMPLES elements of each kind are listed; vertices with fewer edges than
-// VALENCES are counted in a table, the others listed; for MOST and PAIRS see audit_small.cl and audit_pairs.cl.
+// msb/topology/kernel.py sets four sizes. SAMPLES elements of each kind are listed. Vertices with fewer than
+// VALENCES edges are counted in a table, and the valences of others are listed. For MOST and PAIRS see
+// audit_small.cl and audit_pairs.cl.
 
-#define NONMANIFOLD_EDGES 0 // kinds of edges that are listed
+#define NONMANIFOLD_EDGES 0 // kinds of listed edges
 #define BOUNDARY_EDGES 1
 #define FLIPPED_EDGES 2
-#define NONMANIFOLD_VERTICES 0 // and of vertices
+#define NONMANIFOLD_VERTICES 0 // kinds of listed vertices
 #define MULTIFAN_VERTICES 1
 #define EDGE_ENDPOINTS 2
 #define UNREFERENCED_VERTICES 3
 
-// An edge by its two vertices, and its number among the edges of its block, by the lower vertex, then the higher.
+// An edge by its two vertices, and its rank among the edges of its block, sorted by lower, then higher vertex.
 typedef struct {
     ulong block, rank, low, high;
 } EdgeSample;
 
-// msb/topology/tally.py reads it as a record of the same fields.
+// msb/topology/tally.py reads it as a record with the same fields.
 typedef struct {
     ulong max_edge_faces, rim_links, shared_vertices, duplicate_faces;
     ulong edge_counts[3], vertex_counts[4];
@@ -49,17 +51,17 @@ typedef struct {
 // The state of a work-item that visits vertices.
 typedef struct {
     __global Tally *tally;
-    __global uint *valences, *next_valence; // of vertices with VALENCES edges and more
+    __global uint *valences, *next_valence; // valences of vertices with at least VALENCES edges
     __global ulong *scratch; // four words for each corner of the vertex
     uint block;
-    ulong rank; // edges of the block so far
-    // Pairs of faces, see audit_pairs.cl
+    ulong rank; // edges already counted in the block
+    // Pairs of faces, see audit_pairs.cl.
     __global uint2 *pairs;
     __global uint *fills, *next_chunk;
     ulong at[3];
 } Visit;
 
-// Work-items meet vertices, and with them edges, in ascending order: the first few are the lowest.
+// Work-items meet vertices and edges in ascending order, so the first few are the lowest.
 void count_vertex(__global Tally *t, int kind, uint v)
 {
     ulong n = t->vertex_counts[kind]++;
@@ -67,7 +69,7 @@ void count_vertex(__global Tally *t, int kind, uint v)
         t->vertex_samples[kind][n] = v;
 }
 
-// Count `count` edges of a kind; return whether more of them should be listed.
+// Count `count` edges of a kind; return whether some of them should be listed.
 int count_edges(__global Tally *t, int kind, uint count)
 {
     ulong before = t->edge_counts[kind];
@@ -83,7 +85,7 @@ void list_edge(__global Tally *t, int kind, ulong number, uint block, ulong rank
     }
 }
 
-// Duplicates are met in the order of their vertices, not of their faces: keep the lowest, ascending.
+// Duplicates are met in the order of vertices, not of faces: keep the lowest, sorted.
 void count_duplicate(__global Tally *t, uint f)
 {
     ulong n = t->duplicate_faces++;
@@ -103,7 +105,8 @@ void count_valence(Visit *visit, uint valence)
         visit->valences[atomic_inc(visit->next_valence)] = valence;
 }
 
-// Count what vertex v is: `most` faces at any of its edges, and whether its faces are in several groups.
+// Count vertex v by kind: `most` is the largest number of faces at its edges; `in_groups` tells whether its faces
+// form several groups.
 void count_fans(Visit *visit, uint v, uint most, int in_groups)
 {
     __global Tally *t = visit->tally;

@@ -1,5 +1,5 @@
-// What a bake sums over pictures of the standard tier: colours that fit a face best, and what a change is worth.
-// Sums are the same on every run: those of a face go along its pixels in their order, all others are integers.
+// Sums of a bake over images of the standard tier: the best colours of each face, and the benefit of changes. Sums
+// are equal in every run: sums of a face follow the order of its pixels, all others are integers.
 #define LANES 1
 #include "zbuffer_math.cl"
 
@@ -12,10 +12,10 @@ typedef int whole;
 #define ADD(place, value) atomic_add(place, value)
 #endif
 #define SUMS 15
-// What a lesson shows, of whole numbers of 16 bits.
+// A value of a training image, stored with 16 bits.
 #define SHOWN(target, place) ((float)(target)[place] * (1.0f / 65535.0f))
 
-// The face of each pixel as a key to sort by; pixels without one come last.
+// Write the face of each pixel as a sort key; pixels without a face come last.
 __kernel void owners(__global const int *faces, __global uint *keys, uint none, uint count)
 {
     size_t i = get_global_id(0);
@@ -23,13 +23,13 @@ __kernel void owners(__global const int *faces, __global uint *keys, uint none, 
         keys[i] = faces[i] < 0 ? none : (uint)faces[i];
 }
 
-// Add to the sums of each face: products of the weights of its corners, and weights times the lesson's colours; and
-// how the squared error rises as its corners move, x, y, z of each. Where two neighbouring pixels show two faces, the
-// border between them is an edge of the nearer one. If that moves outward by a pixel, the pixel beyond shows its
-// colour; if it moves inward, its own pixel shows the other's: the slope is the mean of what these two change, and a
-// corner moves the border by its weight there; nothing of that if none `moves`. A picture's pixels count `weight` times.
-// `positions` has three corners a face. The faces that `pixels` show are `sorted`; a work-item has the first pixel of a
-// face, and goes on to its last, or nothing to do.
+// Add to the sums of each face: products of corner weights, and weights times the colours of the training image.
+// With `moves`, also add the slopes of the squared error with respect to x, y, z of each corner. The border
+// between neighbouring pixels that show two faces is an edge of the nearer face. If it moves outward by a pixel,
+// the outer pixel takes its colour; if it moves inward, the inner pixel takes the other colour. The slope is the
+// average of both changes, and a corner moves the border by its weight there. Pixels of an image count `weight`
+// times. `positions` holds three corners per face. The faces of `pixels` are `sorted`; a work-item starts at the
+// first pixel of a face and continues to its last one, or does nothing.
 __kernel void sums(__global const float *positions, __constant float *view, __global const uint *sorted,
     __global const uint *pixels, __global const ushort *target, __global const float *image,
     __global const float *depth, __global const int *owners, int width, int height, __global float *sums,
@@ -41,7 +41,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     size_t face = sorted[start];
     __global const float *c = positions + 9 * face;
     int reaches_far = is_long(c);
-    float8 products = 0.0f;  // of weights: aa, ab, ac, bb, bc, cc
+    float8 products = 0.0f;  // of corner weights: aa, ab, ac, bb, bc, cc
     float3 shown[3] = {0.0f, 0.0f, 0.0f};
     float rise[9];
     for (int k = 0; k < 9; k++)
@@ -49,6 +49,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
     for (; end < count && sorted[end] == face; end++) {
         int pixel = (int)pixels[end], y = pixel / width, x = pixel - y * width;
         float px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
+        // Weights of the corners at the pixel, and their products with each other and with the colour.
         WEIGHTS(float, view, c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], px, py, w0, w1, w2)
         float w[3] = {w0, w1, w2};
         if (reaches_far)
@@ -61,6 +62,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
 
         if (!moves)
             continue;
+        // Change of the error if the border to each of four neighbours moves by a pixel.
         float z = depth[pixel], along[2] = {0.0f, 0.0f};
         for (int side = 0; side < 4; side++) {
             int is_down = side >> 1, step = side & 1 ? 1 : -1, there = (is_down ? y : x) + step;
@@ -81,6 +83,7 @@ __kernel void sums(__global const float *positions, __constant float *view, __gl
         if (along[0] == 0.0f && along[1] == 0.0f)
             continue;
         for (int axis = 0; axis < 3; axis++) {
+            // Chain rule: motion of the pixel when a corner moves along this axis.
             float right = view[ROTATION + axis] * (1.0f / UNIT) - px * view[ROTATION + 6 + axis];
             float down = view[ROTATION + 3 + axis] * (1.0f / UNIT) - py * view[ROTATION + 6 + axis];
             float slope = (along[0] * right + along[1] * down) / z;
@@ -111,7 +114,7 @@ float error_of(__global const float *image, __global const ushort *target, size_
     return sum;
 }
 
-// Keep what each pixel of a view shows, and its squared error, from row `start` on.
+// Store the face of each pixel of a view and its squared error, from row `start` on.
 __kernel void remember(__global const float *image, __global const int *faces, __global const ushort *target,
     __global int *old_faces, __global float *old_errors, uint start, uint count)
 {
@@ -122,7 +125,8 @@ __kernel void remember(__global const float *image, __global const int *faces, _
     old_errors[start + i] = error_of(image, target, i);
 }
 
-// Book the change of each pixel's error to the proposal whose face it shows or showed, or half to each of two.
+// Add the change of the error of each pixel to the proposal that owns its old or new face, or half to each of two
+// proposals.
 __kernel void judge(__global const float *image, __global const int *faces, __global const ushort *target,
     __global const int *old_faces, __global const float *old_errors, __global const int *owner,
     __global whole *totals, float unit, uint start, uint row, uint count)

@@ -1,13 +1,14 @@
-// A vote of views on what is solid: the mean over them of how far each cell lies before the surface that they see.
+// Views vote whether cells are solid: the average distance of each cell in front of the surface that they see.
 
-// Numbers of a view: the rows of its pose (12), fx, fy, cx, cy, the width and height of its picture, and the unit of its
-// depths. RECORD is their count. UNKNOWN marks a cell on which no view votes. msb/bake/fusion.py defines both.
+// Layout of a view: the rows of its pose (12), fx, fy, cx, cy, width and height of its image, and the unit of its
+// depths. RECORD is the number of values. UNKNOWN marks a cell without votes. msb/bake/fusion.py defines both.
 
-// What some views say of every cell. Poses are for places in units of a space; `grid` has the lowest corner and the
-// size of a cell. A cell that lies more than `behind` what is seen is hidden; how far it lies before that counts up to
-// `reach`. Depths are those of the pixels' centres, and are mixed only where they belong to one surface; where a picture
-// shows nothing, its depth is 0, and all before it is air. Cells of a scene farther out than `edge` stay unknown.
-// `votes` has two numbers a cell: views that see it, and views that it is hidden from.
+// Add the votes of some views to every cell. Poses apply to positions in units of a space; `grid` holds the lowest
+// corner and the size of a cell. A cell more than `behind` behind the visible surface is hidden; its distance in
+// front of the surface counts up to `reach`. Depths belong to pixel centres and are interpolated only within one
+// surface. A depth of 0 means background, so everything in front of it is empty. In a contracted scene, cells
+// beyond `edge` stay unknown. `votes` has two numbers per cell: views that see it, and views that it is hidden
+// from.
 __kernel void vote(__constant float *cameras, int views, __constant float *grid, __global const float *depths,
     int stride, int nx, int ny, int nz, float edge, float reach, float behind, int contracted, __global float *sums,
     __global ushort *votes)
@@ -30,6 +31,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
     ushort seen = votes[2 * i], hidden = votes[2 * i + 1];
     for (int k = 0; k < views; k++) {
         __constant float *camera = cameras + RECORD * k;
+        // Project the cell into the view.
         float away = camera[8] * x + camera[9] * y + camera[10] * z + camera[11];
         float inverse = 1.0f / away;
         if (away < 1e-4f)
@@ -42,7 +44,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
         float unit = camera[18];
         __global const float *depth = depths + k * stride;
         float there = depth[(int)v * width + (int)u] * unit;
-        // What is mixed lies less than `reach` from the pixel's own depth.
+        // Interpolated depths differ by less than `reach` from the depth of the pixel.
         bool is_near = fabs(there - away) < 2.0f * reach + behind;
         if (there > 0.0f && is_near && width > 1 && height > 1) {
             int column = clamp((int)floor(u - 0.5f), 0, width - 2), line = clamp((int)floor(v - 0.5f), 0, height - 2);
@@ -53,6 +55,7 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
             if (least > 0.0f && most - least < reach)
                 there = (a * (1.0f - right) + b * right) * (1.0f - down) + (c * (1.0f - right) + d * right) * down;
         }
+        // Distance in front of the surface; cells far behind it are hidden.
         float far = there > 0.0f ? there - away : reach;
         if (far < -behind) {
             hidden++;
@@ -66,9 +69,9 @@ __kernel void vote(__constant float *cameras, int views, __constant float *grid,
     votes[2 * i + 1] = hidden;
 }
 
-// The mean of what was said less `thick`, which is negative where a cell is solid. A soup has holes, and what a view
-// sees through one is not there: where a cell is seen by less than a `share` of the views from which it is hidden, it
-// is solid, and seen by twice as many it is what these say. One that no view has in its picture is unknown.
+// Replace the sums by the average vote minus `thick`, which is negative in solid cells. A triangle soup has holes,
+// and views through a hole see inside: a cell that fewer than a `share` of the hiding views see is solid, and with
+// twice as many the votes count fully. A cell outside all images is unknown.
 __kernel void count_votes(__global float *sums, __global const ushort *votes, float share, float thick, uint count)
 {
     size_t i = get_global_id(0);

@@ -1,42 +1,42 @@
-// The equations of msb/bake/stencils.py, solved by conjugate gradients: red, green and blue at a time, in x, y and z.
-// Each work-item has RUN texels one after the other, so that sums are the same on every run.
-// msb/bake/stencils.py defines RUN, and NOTHING, up to which a residual counts as 0.
+// The equations of msb/bake/stencils.py, solved by conjugate gradients for red, green and blue together, in x, y
+// and z. Each work-item handles RUN consecutive texels, so sums are equal in every run. msb/bake/stencils.py
+// defines RUN and NOTHING, the residual that counts as 0.
 
-// Tie neighbours of one chart to each other; a texel without any, to what it is. Else what no picture shows would be
-// whatever its mean with others, in a smaller level, asks for.
+// Tie neighbours in a chart to each other, and a texel without neighbours to its current value. Otherwise, texels
+// that no image shows would take any value that their average in a smaller level requires.
 __kernel void tie(__global const int *charts, float weight, int side, __global float8 *equations, uint count)
 {
     size_t i = get_global_id(0);
     if (i >= count)
         return;
-    int x = (int)(i % side), y = (int)(i / side), own = charts[i];
-    float left = x > 0 && charts[i - 1] == own, right = x + 1 < side && charts[i + 1] == own;
-    float above = y > 0 && charts[i - side] == own, below = y + 1 < side && charts[i + side] == own;
+    int x = (int)(i % side), y = (int)(i / side), chart = charts[i];
+    float left = x > 0 && charts[i - 1] == chart, right = x + 1 < side && charts[i + 1] == chart;
+    float above = y > 0 && charts[i - side] == chart, below = y + 1 < side && charts[i + side] == chart;
     float8 tied = (float8)(fmax(left + right + above + below, 1.0f), -right, -below, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f);
     equations[i] += weight * tied;
 }
 
-// Add to the right sides of a level, from `start` on, and to its diagonal, which goes to w, what smaller levels add to
-// them: these begin at `next`, or there are none and it is 0.
+// Add the contributions of smaller levels to the right-hand sides of a level, from `start` on, and to its
+// diagonal, which goes to w. The next smaller level begins at `next`; 0 marks the smallest level.
 __kernel void spread(__global float8 *equations, uint start, uint next, int side, __global float4 *direction,
     uint count)
 {
     size_t i = get_global_id(0);
     if (i >= count)
         return;
-    float8 own = equations[start + i];
-    float4 first = (float4)(0.0f, 0.0f, 0.0f, own.s0);
+    float8 row = equations[start + i];
+    float4 first = (float4)(0.0f, 0.0f, 0.0f, row.s0);
     if (next) {
         size_t part_of = next + i / side / 2 * (side / 2) + i % side / 2;
-        own.s567 += 0.25f * equations[part_of].s567;
+        row.s567 += 0.25f * equations[part_of].s567;
         first.w += 0.0625f * direction[part_of].w;
-        equations[start + i] = own;
+        equations[start + i] = row;
     }
     direction[start + i] = first;
 }
 
-// From here on w has the inverse of the diagonal, and the right sides are what is left of them; partial sums of its
-// square, so weighed.
+// Store the inverse of the diagonal in w, and clear the change. Right-hand sides become residuals; return partial
+// sums of their squares weighted by the inverse diagonal.
 __kernel void begin(__global const float8 *equations, __global float4 *direction, __global float *change,
     __global float4 *partial, uint count)
 {
@@ -54,7 +54,7 @@ __kernel void begin(__global const float8 *equations, __global float4 *direction
     partial[run] = total;
 }
 
-// The next direction: what is left, scaled by the diagonal, and some of the direction before.
+// The next direction: the residual scaled by the inverse diagonal, plus `again` times the previous direction.
 __kernel void turn(__global const float8 *equations, float4 again, __global float4 *direction, uint count)
 {
     size_t i = get_global_id(0);
@@ -65,7 +65,8 @@ __kernel void turn(__global const float8 *equations, float4 again, __global floa
     direction[i] = before;
 }
 
-// A texel of a smaller level, `side` texels wide and from `start` on, is the mean of four of that before it.
+// A texel of a smaller level, `side` texels wide and starting at `start`, is the average of four texels of the
+// larger level.
 __kernel void halve(__global float4 *direction, uint before, uint start, int side, uint count)
 {
     size_t i = get_global_id(0);
@@ -75,7 +76,8 @@ __kernel void halve(__global float4 *direction, uint before, uint start, int sid
     direction[start + i] = 0.25f * (four[0] + four[1] + four[2 * side] + four[2 * side + 1]);
 }
 
-// The left sides of a level, with what smaller levels add to them; partial sums of their products with `direction`.
+// The left-hand sides of a level with the contributions of smaller levels; return partial sums of their products
+// with `direction`.
 __kernel void apply(__global const float8 *equations, __global const float4 *direction, uint start, uint next, int side,
     __global float *sums, __global float4 *partial, uint count)
 {
@@ -88,18 +90,18 @@ __kernel void apply(__global const float8 *equations, __global const float4 *dir
     int x = (int)(run * RUN % side), y = (int)(run * RUN / side);
     for (size_t i = run * RUN; i < end; i++) {
         bool left = x > 0, right = x + 1 < side;
-        float8 own = equations[i];
-        float4 sum = own.s0 * direction[i];
+        float8 row = equations[i];
+        float4 sum = row.s0 * direction[i];
         if (right)
-            sum += own.s1 * direction[i + 1];
+            sum += row.s1 * direction[i + 1];
         if (left)
             sum += equations[i - 1].s1 * direction[i - 1];
         if (y + 1 < side) {
-            sum += own.s2 * direction[i + side];
+            sum += row.s2 * direction[i + side];
             if (right)
-                sum += own.s3 * direction[i + side + 1];
+                sum += row.s3 * direction[i + side + 1];
             if (left)
-                sum += own.s4 * direction[i + side - 1];
+                sum += row.s4 * direction[i + side - 1];
         }
         if (y > 0) {
             sum += equations[i - side].s2 * direction[i - side];
@@ -120,7 +122,7 @@ __kernel void apply(__global const float8 *equations, __global const float4 *dir
     partial[run] = total;
 }
 
-// Go so far along `direction`; partial sums of the square of what is left.
+// Advance by `length` along `direction`; return partial sums of the squared residual.
 __kernel void advance(__global const float4 *direction, __global const float *sums, float4 length,
     __global float8 *equations, __global float *change, __global float4 *partial, uint count)
 {

@@ -1,26 +1,26 @@
-// What the pixels of a picture ask of the texels of a texture and its smaller levels, each a square: the equations of
-// msb/bake/stencils.py. Sums are the same on every run: those of a texel go along its pixels in their order.
+// Equations that the pixels of an image impose on the texels of a square texture and its smaller levels, as in
+// msb/bake/stencils.py. Sums are equal in every run: sums of a texel follow the order of its pixels.
 #define LANES 1
 #include "zbuffer_math.cl"
 #include "zbuffer_texture.cl"
 
 #define SHOWN(target, place) ((float)(target)[place] * (1.0f / 65535.0f))
 
-// What a pixel shows of a level: how far beyond the first of the four texels that are blended, and its share there.
+// The part of a level that a pixel shows: its offset from the first of the four blended texels, and its share.
 typedef struct {
     float x, y, share, unused;
 } Sample;
 
-// What is the same for all pixels of a view that show a face. A place in the texture, in texels, is a quotient of two
-// sums of products with px, py and 1: `rows` has those below and those above it for u and for v. `low` and `high` are
-// the face's bounds.
+// Values of a face that are equal for all pixels of a view. A position in the texture, in texels, is a quotient of
+// two sums of products with px, py and 1: `rows` holds the factors of the denominator, then of the numerators of u
+// and v. `low` and `high` are the bounds of the face.
 typedef struct {
     float rows[3][3], low[2], high[2];
     int is_long;
     float unused[2];
 } Ways;
 
-// `corners` and `uvs` have three corners a face. The volumes are those of weights_and_steps.
+// `corners` and `uvs` hold three corners per face. The volumes are defined as in weights_and_steps.
 __kernel void faces(__global const float *corners, __global const float *uvs, __constant float *view, int side,
     __global Ways *ways, uint count)
 {
@@ -37,26 +37,26 @@ __kernel void faces(__global const float *corners, __global const float *uvs, __
     CROSS(float, ux, uy, uz, b[0], b[1], b[2], t[0], t[1], t[2])
     CROSS(float, vx, vy, vz, t[0], t[1], t[2], a[0], a[1], a[2])
     CROSS(float, nx, ny, nz, b[0], b[1], b[2], a[0], a[1], a[2])
-    Ways made;
+    Ways ways_of_face;
     for (int k = 0; k < 3; k++) {
         float rx = view[RAY + 3 * k], ry = view[RAY + 3 * k + 1], rz = view[RAY + 3 * k + 2];
         DOT(float, of_u, rx, ry, rz, ux, uy, uz)
         DOT(float, of_v, rx, ry, rz, vx, vy, vz)
         DOT(float, of_n, rx, ry, rz, nx, ny, nz)
-        made.rows[0][k] = of_n;
+        ways_of_face.rows[0][k] = of_n;
         for (int axis = 0; axis < 2; axis++) {
             float first = uv[axis], second = uv[2 + axis] - first, third = uv[4 + axis] - first;
-            made.rows[1 + axis][k] = (float)side * MAD(of_n, first, MAD(of_u, second, of_v * third));
-            made.low[axis] = (float)side * (first + MIN(0.0f, MIN(second, third)));
-            made.high[axis] = (float)side * (first + MAX(0.0f, MAX(second, third)));
+            ways_of_face.rows[1 + axis][k] = (float)side * MAD(of_n, first, MAD(of_u, second, of_v * third));
+            ways_of_face.low[axis] = (float)side * (first + MIN(0.0f, MIN(second, third)));
+            ways_of_face.high[axis] = (float)side * (first + MAX(0.0f, MAX(second, third)));
         }
     }
-    made.is_long = is_long(c);
-    ways[face] = made;
+    ways_of_face.is_long = is_long(c);
+    ways[face] = ways_of_face;
 }
 
-// Each pixel has two samples, of neighbouring levels, and a key for each: the first of the four texels, or `none`.
-// `errors` are what it lacks of the lesson; `starts` has the first texel of each level.
+// Each pixel has two samples, in neighbouring levels, and a key for each: the first of the four texels, or `none`.
+// `errors` is the difference to the training image; `starts` holds the first texel of each level.
 __kernel void samples(__global const float *corners, __global const float *uvs, __constant float *view,
     __global const Ways *ways, __global const int *faces, __global const float *image, __global const ushort *target,
     __global const int *starts, int side, int levels, int width, uint none, __global uint *keys,
@@ -74,6 +74,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
         error[channel] = SHOWN(target, 3 * i + channel) - image[3 * i + channel];
     errors[i] = (float4)(error[0], error[1], error[2], 0.0f);
 
+    // Texture position of the pixel, and its change per pixel along x and y.
     float px = (float)((int)i % width) + 0.5f - view[OPTICAL], py = (float)((int)i / width) + 0.5f - view[OPTICAL + 1];
     Ways way = ways[face];
     float bottom = MAD(px, way.rows[0][0], MAD(py, way.rows[0][1], way.rows[0][2]));
@@ -102,6 +103,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
         for (int k = 0; k < 2; k++)
             along[k] = MAD(steps[k], steps[k], along[k]);
     }
+    // The level follows from the larger change; both neighbouring levels share the pixel.
     float lod = 0.5f * log2_of(MAX(1.0f, MAX(along[0], along[1])));
     lod = MAX(0.0f, MIN(lod, (float)(levels - 1)));
     int level = (int)lod;
@@ -121,7 +123,7 @@ __kernel void samples(__global const float *corners, __global const float *uvs, 
     }
 }
 
-// The first of sorted keys that is not less than `key`.
+// Return the position of the first sorted key that is not less than `key`.
 uint first_of(__global const uint *keys, uint count, uint key)
 {
     uint from = 0, to = count;
@@ -135,8 +137,8 @@ uint first_of(__global const uint *keys, uint count, uint key)
     return from;
 }
 
-// Add samples to the equations of the four texels that each blends, as bake_solve.cl has them. A work-item has the
-// samples whose first texel is in one row of a level; rows of one parity, 0 or 1, have no texel in common.
+// Add samples to the equations of the four texels that each blends, in the layout of bake_solve.cl. A work-item
+// takes the samples whose first texel lies in one row of a level; rows with the same parity share no texel.
 __kernel void add(__global const uint *keys, __global const uint *places, __global const Sample *samples,
     __global const float4 *errors, __global const int *starts, int side, int levels, int parity, float weight,
     __global float8 *equations, uint count)
@@ -150,7 +152,8 @@ __kernel void add(__global const uint *keys, __global const uint *places, __glob
     uint begin = (uint)(starts[level] + row * wide), end = first_of(keys, count, begin + wide);
     for (uint i = first_of(keys, count, begin); i < end; i++) {
         Sample s = samples[places[i]];
-        float8 w = 0.0f; // what the first has; the others have the same in other places, and 0 where s4 is taken
+        // factors of the first texel; the others use the same factors in other places, and 0 from s4
+        float8 w = 0.0f;
         w.lo = (float4)(1.0f - s.x, s.x, 1.0f - s.x, s.x) * (float4)(1.0f - s.y, 1.0f - s.y, s.y, s.y);
         w.s567 = errors[places[i] / 2].xyz;
         float4 mine = weight * s.share * w.lo;

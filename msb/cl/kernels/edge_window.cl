@@ -1,8 +1,8 @@
-// The falloff of Triangle-Splatting and MeshSplatting: projected triangles, their incentre and edge distances.
-// A method's file includes this after its structs of faces, and defines MAX_ALPHA, the cap of alpha, and SIGMA,
-// the exponent of the falloff of face `f`.
-// Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c: cuda_rasterizer/forward.cu, auxiliary.h;
-// meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same lines).
+// Falloff of Triangle-Splatting and MeshSplatting: projected triangles with incentre and edge distances. The file
+// of a method includes this after its face structs, and defines MAX_ALPHA, the maximum alpha, and SIGMA, the
+// exponent of the falloff of face `f`. Sources: trianglesplatting/diff-triangle-rasterization at 6d61f4c:
+// cuda_rasterizer/forward.cu, auxiliary.h; meshsplatting/diff-triangle-mesh-rasterization at b27f283 (the same
+// lines).
 
 #if ENGINE
 #include "splat_engine.cl"
@@ -37,8 +37,8 @@ vec2 window_sample(__constant View *view, vec3 p)
                   to_sample(affine(m + 4, p) * inverse, view->height) + view->shift[1]};
 }
 
-// Returns which triangles are kept, but for opacity and tiles. Nothing is clipped: a corner behind the camera
-// is mirrored by the division, as upstream.
+// Returns which triangles pass all tests except opacity and tiles. Nothing is clipped: the division mirrors a
+// corner behind the camera, as in upstream.
 mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
 {
     vec3 center = center_of(a, b, c), camera = to_camera(view, center);
@@ -61,8 +61,8 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
     }
 
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2];
-    // The inradius is at most half the radius, so what follows would drop these, too; but for coincident
-    // corners, whose inradius is NaN. In a capture most triangles are as small as that.
+    // Small triangles fail the inradius test below anyway, because the inradius is at most half the radius. This
+    // shortcut excludes coincident corners, whose inradius is NaN. Most triangles of a capture are this small.
     mask tiny = (radius < 1.9f) & ((p.x != q.x) | (p.y != q.y)) & ((q.x != r.x) | (q.y != r.y)) &
                 ((p.x != r.x) | (p.y != r.y));
     dropped |= (radius > MAX_RADIUS) | (radius < 1.0f) | tiny;
@@ -84,12 +84,12 @@ mask project_window(__constant View *view, vec3 a, vec3 b, vec3 c, Window *w)
         w->edge_offset[k] = t * outward;
         w->inradius[k] = distance * outward;
     }
-    // Not "<= 1": a NaN must not drop a face here.
+    // Written so that NaN does not drop a face.
     return !(dropped | (w->inradius[2] > -1.0f));
 }
 
-// The samples where alpha is 1/255 or more: the triangle shrunk about its incentre until phi = `rim`, nothing
-// if that is above 1. Wider by what rounding can move an edge, which a sharp corner magnifies.
+// Samples with alpha of at least 1/255: the triangle shrunk around its incentre until phi = `rim`; empty if `rim`
+// is above 1. The slack covers rounding of edges, which a sharp corner magnifies.
 Box window_box(__constant View *view, const Window *w, real rim)
 {
     vec2 p = w->corners[0], q = w->corners[1], r = w->corners[2], m = w->incentre;
@@ -106,23 +106,23 @@ Box window_box(__constant View *view, const Window *w, real rim)
     return box;
 }
 
-// The tiles of the contour where o phi^sigma = 0.01: each edge moved inwards, then intersected. The rim
-// beyond it, down to alpha = 1/255, is seen only in tiles that the contour touches.
+// Tiles of the contour o phi^sigma = 0.01: each edge is moved inwards, then neighbouring edges are intersected.
+// The rim beyond it, down to alpha = 1/255, is visible only in tiles that the contour touches.
 Box contour_tiles(__constant View *view, const Window *w, real shrunk)
 {
     real offset[3], distance = (real)0.0f;
     for (int k = 0; k < 3; k++) {
-        // One edge's distance serves all three, unless it underflowed to 0.
+        // All three edges use the distance of the first, unless it underflowed to 0.
         distance = distance == 0.0f ? w->inradius[k] * shrunk : distance;
         offset[k] = w->edge_offset[k] / length2(w->edge_normal[k]) - distance;
     }
-    Box found = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
+    Box box = {(mask)(int)view->columns, (mask)(int)view->rows, (mask)0, (mask)0};
     for (int pair = 0; pair < 3; pair++) {
         int current = pair == 2 ? 0 : pair + 1, previous = pair;
         vec2 n = w->edge_normal[current], m = w->edge_normal[previous];
         real t = offset[current], s = offset[previous];
         real determinant = cross2(n, m);
-        // The last pair's test is the other way round upstream, so NaN skips it there alone.
+        // Upstream inverts the test of the last pair, so only there NaN skips the intersection.
         mask use = magnitude(determinant) >= MIN_DETERMINANT;
         if (pair < 2)
             use = !(magnitude(determinant) < MIN_DETERMINANT);
@@ -131,16 +131,16 @@ Box contour_tiles(__constant View *view, const Window *w, real shrunk)
         mask x0 = tile_number(x / TILE, view->columns), y0 = tile_number(y / TILE, view->rows);
         mask x1 = tile_number((x + TILE - 1) / TILE, view->columns);
         mask y1 = tile_number((y + TILE - 1) / TILE, view->rows);
-        found.x0 = use ? lesser_of(found.x0, x0) : found.x0;
-        found.y0 = use ? lesser_of(found.y0, y0) : found.y0;
-        found.x1 = use ? greater_of(found.x1, x1) : found.x1;
-        found.y1 = use ? greater_of(found.y1, y1) : found.y1;
+        box.x0 = use ? lesser_of(box.x0, x0) : box.x0;
+        box.y0 = use ? lesser_of(box.y0, y0) : box.y0;
+        box.x1 = use ? greater_of(box.x1, x1) : box.x1;
+        box.y1 = use ? greater_of(box.y1, y1) : box.y1;
     }
-    return found;
+    return box;
 }
 
 #if !ENGINE
-// Leaves in `f` what blending needs of its window, whose alpha is 1/255 or more up to phi = `rim`.
+// Stores in `f` the values of its window for blending; alpha is at least 1/255 up to phi = `rim`.
 void keep_window(__constant View *view, const Window *w, real rim, Faces *f)
 {
     for (int k = 0; k < 3; k++) {
@@ -162,7 +162,7 @@ void keep_window(__constant View *view, const Window *w, real rim, Faces *f)
 // ---- at the samples of a row
 
 typedef struct {
-    real edge[3]; // n.x x: what of an edge's distance the row does not change
+    real edge[3]; // n.x x: the part of an edge distance that is constant along a column
 #if VERTEX_COLORS
     real x; // from corner 0
 #endif
@@ -182,8 +182,8 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
     return c;
 }
 
-// Sets the largest of the three distances n.x x + n.y y + t, summed in this order as upstream; outside is
-// where it is positive.
+// Sets the largest of the three distances n.x x + n.y y + t, added in this order as in upstream; it is positive
+// outside.
 mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
 {
     real e0 = (c->edge[0] + f->normal_y[0] * y) + f->offset[0];
@@ -194,26 +194,25 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Which pairs of rows y, y + 1 (a lane a pair) an edge leaves samples of the eight columns from `left` on:
-// where its distance at the corner of those samples that is farthest inside is not positive, give or take
-// rounding.
+// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left` on:
+// the distance of each edge at the innermost corner of those samples is not positive, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
-    mask found = (mask)-1;
+    mask reached = (mask)-1;
     for (int k = 0; k < 3; k++) {
         float inwards = (f->normal_x[k] < 0.0f ? 7.0f * f->normal_x[k] : 0.0f) +
                         (f->normal_y[k] < 0.0f ? f->normal_y[k] : 0.0f);
         float slack = 0.01f + 1e-6f * (f->offset[k] < 0.0f ? -f->offset[k] : f->offset[k]);
         float start = f->normal_x[k] * left + f->offset[k] + inwards - slack;
-        found &= MAD((real)f->normal_y[k], y, (real)start) <= 0.0f;
+        reached &= MAD((real)f->normal_y[k], y, (real)start) <= 0.0f;
     }
-    return found;
+    return reached;
 }
 #endif
 #endif
 
-// phi^sigma, as exp2(sigma log2 phi); 0 where phi is 0. The clamp keeps the fast exp2 in its range; below it
-// coverage is under 1/255 anyway.
+// phi^sigma as exp2(sigma log2 phi); 0 for phi = 0. The clamp keeps the fast exp2 in range; below it coverage is
+// under 1/255 anyway.
 real window_power(real phi, float sigma)
 {
     real value = exp2_fast(greater(sigma * log2_fast(greater(phi, (real)1e-30f)), (real)-100.0f));

@@ -1,8 +1,8 @@
-// Eight lanes, for kernels of a CPU: operators, ternaries and dereferenced vectors only.
+// Operations on eight lanes for CPU kernels: operators, ternaries and dereferenced vectors only.
 //
-// PoCL's wheel does not inline OpenCL's own functions (its library is built for another instruction set than the
-// kernels are) and passes vectors to them through memory. So there are none here, but for what the compiler itself
-// offers. 64-bit vectors have four lanes: eight would be 512 bits, see docs/opencl.md.
+// The PoCL wheel does not inline OpenCL functions, because its library is built for another instruction set than the
+// kernels, and passes vectors to them through memory. Therefore only functions of the compiler itself are used.
+// 64-bit vectors have four lanes: eight would take 512 bits, see docs/opencl.md.
 
 typedef float8 __attribute__((aligned(4))) loose_float8;
 typedef int8 __attribute__((aligned(4))) loose_int8;
@@ -18,7 +18,7 @@ typedef int8 __attribute__((aligned(4))) loose_int8;
 #define TO_LONG4(x) __builtin_convertvector(x, long4)
 #define LOWEST_BIT(x) __builtin_ctz(x)
 #define PREFETCH(p) __builtin_prefetch(p)
-// Into the second-level cache: so many lines may be on their way that they would block the first level's loads.
+// Prefetch into the second-level cache: this many lines in flight would block loads from the first level.
 #define PREFETCH_FAR(p) __builtin_prefetch(p, 0, 2)
 #else
 #define TO_INT(x) convert_int8(x)
@@ -36,7 +36,7 @@ int8 min8i(int8 a, int8 b) { return a < b ? a : b; }
 int8 max8i(int8 a, int8 b) { return a > b ? a : b; }
 float8 magnitude(float8 a) { return as_float8(as_int8(a) & 0x7fffffff); }
 
-// PoCL calls its sqrt lane by lane; the instruction rounds alike.
+// PoCL calls its sqrt for each lane; the instruction rounds identically.
 #if defined(__clang__) && defined(__AVX__)
 float8 sqrt8(float8 a)
 {
@@ -58,7 +58,7 @@ float8 sqrt8(float8 a)
 #endif
 #endif
 
-// Those of 16 numbers that `i` has the places of.
+// Returns the numbers at positions `i` of 16 numbers.
 #if defined(__clang__) && defined(__AVX2__)
 int8 one_of_16(__global const int *p, int8 i)
 {
@@ -91,10 +91,10 @@ int any8(int8 mask)
     return ((q.x | q.y) | (q.z | q.w)) != 0;
 }
 
-// Bit l is set where lane l of the mask is.
+// Returns a number with bit l set if lane l of the mask is set.
 int bits8(int8 mask) { return or8(mask & (int8)(1, 2, 4, 8, 16, 32, 64, 128)); }
 
-// Eight rows of eight words to eight columns.
+// Transposes eight rows of eight words.
 #define TRANSPOSE(a, b, c, d, e, f, g, h)                                                                       \
     {                                                                                                           \
         float8 p0 = (float8)(a.s0, b.s0, a.s1, b.s1, a.s4, b.s4, a.s5, b.s5);                                   \

@@ -1,7 +1,7 @@
-// One pass of a stable radix sort, GPU style: a work-group sorts a tile of GROUP * ITEMS keys by one digit
-// in local memory, ROUND bits after the other, then writes runs of equal digits. Counting, prefix sum and a
-// rank per work-item as in Satish, Harris and Garland, Designing efficient sorting algorithms for manycore
-// GPUs (2009). KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, mask < DIGITS.
+// One pass of a stable radix sort, GPU style: a work-group sorts a tile of GROUP * ITEMS keys by one digit in
+// local memory, ROUND bits at a time, then writes runs of equal digits. Counting, prefix sum and a rank per
+// work-item follow Satish, Harris and Garland, Designing efficient sorting algorithms for manycore GPUs (2009).
+// KEY is uint or ulong. A pass sorts by the digit (key >> shift) & mask, mask < DIGITS.
 
 #define SUM uint
 #include "group_scan.cl"
@@ -9,10 +9,10 @@
 #define TILE (GROUP * ITEMS)
 #define DIGIT(key) ((uint)((key) >> shift) & mask)
 #define ROUND 4
-#define PARTS (1 << ROUND) // values of the bits of a round
+#define PARTS (1 << ROUND) // number of values of the bits of a round
 #define PART(key) (DIGIT(key) >> bit & (PARTS - 1))
 
-// counts is digit-major, so that its exclusive prefix sum is where each tile writes each digit.
+// counts is digit-major, so its exclusive prefix sum gives the write position of each digit of each tile.
 __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint count, uint tiles,
                            uint shift, uint mask)
 {
@@ -31,21 +31,21 @@ __kernel void count_digits(__global const KEY *keys, __global uint *counts, uint
         counts[d * tiles + tile] = mine[d];
 }
 
-// With `number` the values are the element numbers, and values is not read.
+// With `number`, the values are element numbers, and `values` is not read.
 __kernel void move_pairs(__global const KEY *restrict keys, __global const uint *restrict values,
                          __global KEY *restrict keys_out, __global uint *restrict values_out,
                          __global const uint *restrict places, uint count, uint tiles, uint shift,
                          uint mask, uint number)
 {
     __local KEY sorted[TILE];
-    __local ushort origin[TILE];         // where in the tile a key of `sorted` came from
-    __local ushort ranks[PARTS * GROUP]; // part-major: parts in order, within a part the work-items
+    __local ushort origin[TILE];         // original position in the tile of a key of `sorted`
+    __local ushort ranks[PARTS * GROUP]; // part-major: by part, then by work-item
     __local uint shared[GROUP];
     __local uint starts[DIGITS];
     size_t tile = get_group_id(0), me = get_local_id(0), base = tile * TILE;
-    uint here = (uint)min((size_t)TILE, count - base); // keys in this tile
+    uint here = (uint)min((size_t)TILE, count - base); // number of keys in this tile
 
-    for (uint k = 0; k < ITEMS; k++) { // neighbours read neighbours
+    for (uint k = 0; k < ITEMS; k++) { // adjacent work-items read adjacent keys
         uint i = k * GROUP + me;
         if (i < here) {
             sorted[i] = keys[base + i];
@@ -53,7 +53,7 @@ __kernel void move_pairs(__global const KEY *restrict keys, __global const uint 
         }
     }
     for (uint bit = 0; bit == 0 || mask >> bit; bit += ROUND) {
-        // Consecutive keys belong to one work-item, which takes them in order: that makes the sort stable.
+        // Each work-item takes consecutive keys in order, which makes the sort stable.
         KEY mine[ITEMS];
         ushort from[ITEMS], rank[ITEMS];
         uint total, sum = 0;
@@ -70,14 +70,14 @@ __kernel void move_pairs(__global const KEY *restrict keys, __global const uint 
         }
         barrier(CLK_LOCAL_MEM_FENCE);
 
-        // Prefix sum over all of `ranks`, PARTS consecutive elements a work-item.
+        // Prefix sum over `ranks`, PARTS consecutive elements per work-item.
         for (uint p = 0; p < PARTS; p++)
             sum += ranks[me * PARTS + p];
         sum = group_scan(sum, shared, &total);
         for (uint p = 0; p < PARTS; p++) {
-            uint own = ranks[me * PARTS + p];
+            uint rank_count = ranks[me * PARTS + p];
             ranks[me * PARTS + p] = (ushort)sum;
-            sum += own;
+            sum += rank_count;
         }
         barrier(CLK_LOCAL_MEM_FENCE);
         for (uint k = 0; k < ITEMS; k++)
@@ -89,7 +89,7 @@ __kernel void move_pairs(__global const KEY *restrict keys, __global const uint 
         barrier(CLK_LOCAL_MEM_FENCE);
     }
 
-    for (uint k = 0; k < ITEMS; k++) { // the first key of each digit there is
+    for (uint k = 0; k < ITEMS; k++) { // find the first key of each digit
         uint i = k * GROUP + me;
         if (i < here) {
             uint digit = DIGIT(sorted[i]);

@@ -1,5 +1,5 @@
-// Exclusive prefix sum, GPU style: work-groups of GROUP items, each item ITEMS consecutive elements.
-// VALUE is uint, or SUM where the sums of a level below are scanned. SUM is uint or ulong.
+// Exclusive prefix sum, GPU style: work-groups of GROUP items, each with ITEMS consecutive elements. VALUE is
+// uint, or SUM when the sums of a lower level are scanned. SUM is uint or ulong.
 
 #include "group_scan.cl"
 
@@ -10,7 +10,7 @@ __kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint c
     __local SUM shared[GROUP];
     size_t tile = get_group_id(0), me = get_local_id(0);
     SUM sum = 0, total;
-    for (uint k = 0; k < ITEMS; k++) { // neighbours read neighbours
+    for (uint k = 0; k < ITEMS; k++) { // adjacent work-items read adjacent elements
         size_t i = tile * TILE + k * GROUP + me;
         sum += i < count ? values[i] : 0;
     }
@@ -19,8 +19,8 @@ __kernel void sum_tiles(__global const VALUE *values, __global SUM *sums, uint c
         sums[tile] = total;
 }
 
-// sums[tile] is the sum of a tile, or with `scanned` of all tiles before it; offsets may be the memory of
-// values. That each work-group adds the few sums before it saves the launches of a scan of them.
+// sums[tile] is the sum of a tile, or with `scanned` of all preceding tiles. `offsets` may share the memory of
+// `values`. If sums are few, each work-group adds the preceding ones, which saves the launches of another scan.
 __kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums, __global SUM *offsets,
                          uint count, uint scanned)
 {
@@ -29,7 +29,7 @@ __kernel void scan_tiles(__global const VALUE *values, __global const SUM *sums,
     SUM mine[ITEMS], sum = 0, before = 0, total;
     if (scanned)
         before = sums[tile];
-    else if (tile > 0) { // the same for the whole work-group
+    else if (tile > 0) { // uniform within the work-group
         for (size_t t = me; t < tile; t += GROUP)
             sum += sums[t];
         group_scan(sum, shared, &before);

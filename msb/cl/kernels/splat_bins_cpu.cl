@@ -1,15 +1,15 @@
-// Tile lists, CPU style: a counting sort by tile; each work-item takes a contiguous chunk of the depth order.
+// Tile lists, CPU style: a counting sort by tile; each work-item takes a contiguous chunk in depth order.
 
 #include "lanes.cl"
 #include "splat_compact.cl"
 
-#define AHEAD 32 // primitives whose tiles are on their way: they lie scattered in memory
+#define AHEAD 32 // primitives to prefetch: their tiles are scattered in memory
 
-// Most primitives reach at most 2 x 2 tiles: four steps that branch on nothing are faster than loops whose
-// lengths cannot be foretold.
+// Most primitives reach at most 2 x 2 tiles: four steps without branches are faster than loops of unpredictable
+// length.
 #define IS_SMALL(b) ((b).z - (b).x <= 2 && (b).w - (b).y <= 2)
 
-// counts is chunk-major: chunks never write to the same cache line.
+// counts is chunk-major, so chunks never write to the same cache line.
 __kernel void count_tiles(__global const uint *order, __global const Tiles *tiles,
                           __global Tiles *ordered_tiles, __global uint *counts, uint count,
                           uint chunk, uint columns, uint tile_count)
@@ -22,7 +22,7 @@ __kernel void count_tiles(__global const uint *order, __global const Tiles *tile
     for (size_t i = from; i < to; i++) {
         PREFETCH_FAR(tiles + order[i + AHEAD < to ? i + AHEAD : i]);
         Tiles b = tiles[order[i]];
-        ordered_tiles[i] = b; // so that the next pass reads them one after the other
+        ordered_tiles[i] = b; // for sequential reads in the next pass
         if (IS_SMALL(b)) {
             uint wide = b.z - b.x - 1u, tall = b.w - b.y - 1u;
             __global uint *first = mine + b.y * columns + b.x, *below = first + tall * columns;
@@ -38,7 +38,7 @@ __kernel void count_tiles(__global const uint *order, __global const Tiles *tile
     }
 }
 
-// counts become where in its tile's list each chunk begins; totals are the lengths of the lists.
+// Replaces counts by the start of each chunk in the list of its tile; totals are the lengths of the lists.
 __kernel void sum_tiles(__global uint *counts, __global uint *totals, uint chunks, uint tile_count)
 {
     size_t t = get_global_id(0);
@@ -71,7 +71,7 @@ __kernel void fill_tiles(__global const uint *order, __global const Tiles *order
         Tiles b = ordered_tiles[i];
         uint corner = b.y * columns + b.x;
         if (IS_SMALL(b)) {
-            // Where there is no second column or row, the first tile's entry is written early.
+            // Without a second column or row, the entry of the first tile is written early.
             uint wide = b.z - b.x - 1u, tall = b.w - b.y - 1u, below = corner + tall * columns;
             PUT(wide & tall ? below + 1 : corner, wide & tall);
             PUT(below, tall);

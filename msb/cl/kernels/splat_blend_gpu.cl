@@ -1,14 +1,14 @@
-// Front-to-back blending, GPU style: a work-group of 16 x 16 a tile, one sample a work-item, faces staged in
-// local memory BATCH at a time; a group leaves when all its samples have stopped.
+// Front-to-back blending, GPU style: a work-group of 16 x 16 per tile, one sample per work-item. Faces are staged
+// in local memory, BATCH at a time. A group ends when all its samples have stopped.
 
 #if SHARES
-#define BATCH 16 // whose weights at all samples fit into local memory
+#define BATCH 16 // their weights at all samples fit into local memory
 #else
 #define BATCH 64
 #endif
 #define GROUP (TILE * TILE)
 
-// Through mere pointers to words a compiler need not see that faces were stored.
+// A union, because a compiler may miss stores of faces through pointers to words.
 typedef union {
     Face face;
     uint words[FACE_WORDS];
@@ -50,7 +50,7 @@ BLEND(__constant View *view, __global const ulong *starts, __global const uint *
             alive = 0;
         barrier(CLK_LOCAL_MEM_FENCE);
         if (running)
-            alive = 1; // whoever writes writes the same
+            alive = 1; // all work-items write the same value
         barrier(CLK_LOCAL_MEM_FENCE);
         if (!alive)
             break;
@@ -58,7 +58,7 @@ BLEND(__constant View *view, __global const ulong *starts, __global const uint *
         if (me < here)
             numbers[me] = list[base + me];
         barrier(CLK_LOCAL_MEM_FENCE);
-        // Word by word, so that neighbours read neighbours.
+        // Copy word by word, so that adjacent work-items read adjacent words.
         for (uint w = me; w < here * FACE_WORDS; w += GROUP) {
             __global const FaceAsWords *face = (__global const FaceAsWords *)(faces + numbers[w / FACE_WORDS]);
             staged[w / FACE_WORDS].words[w % FACE_WORDS] = face->words[w % FACE_WORDS];
@@ -109,7 +109,7 @@ BLEND(__constant View *view, __global const ulong *starts, __global const uint *
 #endif
         }
 #if SHARES
-        // Of each face a column of samples a work-item, then what the columns make together.
+        // Each work-item sums a column of samples of a face; then the sums of the columns are added.
         barrier(CLK_LOCAL_MEM_FENCE);
         float sum[4] = {0.0f, 0.0f, 0.0f, 0.0f};
         for (uint k = me % TILE; k < GROUP; k += TILE)

@@ -1,12 +1,12 @@
-// Which faces of a view are surely neither kept nor seen, from their bounding spheres: a fraction of the bytes
-// of a face and a tenth of the arithmetic of its projection. Generous for rounding, so that it never decides
-// what the official tests would decide otherwise.
+// Find faces that are certainly neither kept nor visible in a view, from their bounding spheres. This reads a
+// fraction of the bytes of a face and takes a tenth of the arithmetic of its projection. Slack for rounding ensures
+// that the result never contradicts the official tests.
 //
-// bounds: four rows of `stride` words: x, y and z of the centroid, then the largest distance of a corner from
-// it and the inradius, both rounded up to the upper half of a float, as the two halves of a word.
+// bounds: four rows of `stride` words: x, y and z of the centroid, then one word with the largest distance of a
+// corner from it and the inradius, both rounded up to the upper half of a float.
 
 #if LANES == 8
-#define HERE(p) (*(__global loose_float8 *)(p)) // of consecutive faces
+#define HERE(p) (*(__global loose_float8 *)(p)) // values of consecutive faces
 #define WORD_HERE(p) (*(__global loose_int8 *)(p))
 #define AS_WORD as_int8
 #define AS_REAL as_float8
@@ -19,7 +19,7 @@
 
 mask upper_half(real x) { return (AS_WORD(x * 1.0001f) + 0xffff) & (int)0xffff0000; }
 
-// Once for each asset.
+// Runs once per asset.
 __kernel void bound_faces(__global const float *positions, __global const uint *indices,
                           __global float *bounds, uint stride, uint count)
 {
@@ -46,7 +46,8 @@ __kernel void bound_faces(__global const float *positions, __global const uint *
 }
 
 #if LANES == 8
-// The spheres about groups of FACE_GROUP consecutive faces, laid out as `bounds`; inradius is the largest of a face.
+// Spheres around groups of FACE_GROUP consecutive faces, in the layout of `bounds`; the inradius is the largest of
+// a face.
 __kernel void bound_groups(__global const float *bounds, __global float *groups, uint stride,
                            uint group_stride, uint count)
 {
@@ -79,8 +80,9 @@ __kernel void bound_groups(__global const float *bounds, __global float *groups,
 }
 #endif
 
-// Of LANES consecutive spheres from `first` on, which are of faces that may be kept, or of groups that hold such
-// a face. depth_growth: by how many radii a centroid may be farther than a sphere's centre. NaN is kept.
+// Returns which of LANES consecutive spheres from `first` on belong to faces that may be kept, or to groups with
+// such a face. depth_growth: how many radii a centroid may lie behind the centre of the sphere. NaN
+// is kept.
 mask may_be_kept(__constant View *view, __global const float *bounds, uint stride, size_t first,
                  float depth_growth)
 {
@@ -96,13 +98,13 @@ mask may_be_kept(__constant View *view, __global const float *bounds, uint strid
     mask beside = (x + growth < z * sides[0]) | (x - growth > z * sides[1]) |
                   (y + growth < z * sides[2]) | (y - growth > z * sides[3]);
 #if CORNERS_MAY_BE_BEHIND && !ENGINE
-    // A corner behind the camera is mirrored to anywhere.
+    // A corner behind the camera is mirrored to an arbitrary position.
     real nearest = z - radius;
     mask before = nearest > 0.1f * (magnitude(x) + magnitude(y) + 1.5f * radius);
     beside &= before;
 #if SMALL_IS_DROPPED
-    // The projection magnifies by at most focal |p| / z^2, and the inradius by no more; less than 1 sample is
-    // dropped.
+    // The projection magnifies lengths, and so the inradius, by at most focal |p| / z^2. A projected inradius
+    // below 1 sample is dropped.
     real inradius = AS_REAL(radii << 16) + limits->rounding;
     real most = inradius * limits->focal * (length3((vec3){x, y, z}) + radius);
     beside |= before & (most < 0.99f * nearest * nearest);

@@ -1,4 +1,4 @@
-// Colours of faces or vertices by spherical harmonics, included by a method's file.
+// Colours of faces or vertices from spherical harmonics; included by the file of a method.
 
 #define MOST_REST 45 // floats of f_rest at degree 3
 

@@ -1,54 +1,55 @@
-// What the splatting kernels of all methods share: the view, vectors in the official order of operations,
-// and lanes, so that a method's coverage is written once for both styles of kernels.
+// Code shared by the splatting kernels of all methods: the view, vectors in the official order of operations, and
+// lanes, so that the coverage of a method is written once for both styles of kernels.
 //
-// Nothing is fused unless MAD says so: depth keys, culling tests, tile rectangles and inside tests must
-// round as the official kernels do, and a default of "fuse where you like" differs between devices.
+// Nothing is fused except MAD: depth keys, culling tests, tile rectangles and inside tests must round as
+// in the official kernels, and the default, which leaves fusing to the compiler, differs between devices.
 #pragma OPENCL FP_CONTRACT OFF
 
 #define MIN_ALPHA (1.0f / 255.0f)
 #define MIN_TRANSMITTANCE 1e-4f
 
-// What no bounding sphere may pass, generous for rounding: see splat_bounds.cl.
+// Limits for bounding spheres, with slack for rounding: see splat_bounds.cl.
 typedef struct {
-    float nearest;      // a sphere is dropped whose centre, moved away by depth_growth radii, is nearer
+    float nearest;      // a sphere is dropped if its centre, moved away by depth_growth radii, is nearer
     float depth_growth;
     float sides[4];     // x / z of the left and right edge of the raster, y / z of the upper and lower one
-    float growth;       // a sphere whose centre is so many radii outside of a side is outside
-    float rounding;     // of coordinates in camera space
-    float focal;        // samples
+    float growth;       // a sphere is outside if its centre is this many radii outside of a side
+    float rounding;     // rounding error of coordinates in camera space
+    float focal;        // focal length in samples
 } Limits;
 
-// Every member has four bytes: the layout is that of VIEW in msb/render/splat/view.py.
+// Every member has four bytes; the layout matches VIEW in msb/render/splat/view.py.
 typedef struct {
     float world_to_camera[12]; // rows of W, for column vectors
     float full[16];            // P W
-    float center[3];           // of the camera, world
+    float center[3];           // of the camera, in world space
     float tan_fov[2];
-    float shift[2];            // of the principal point from the middle of the raster, samples
-    uint width, height;        // of the raster, samples
-    uint columns, rows;        // of tiles
-    uint degree;               // of the spherical harmonics to evaluate
-    uint rest_stride;          // floats of f_rest a row; red, green, blue of coefficient 1, then of 2, ...
-    // Which tiles list a face: those it reaches (TILES_REACHED), its official ones (TILES_OFFICIAL), or its official
-    // ones that it reaches (TILES_BOTH): nothing else is seen officially. msb/render/splat/pipeline.py defines them.
+    float shift[2];            // offset of the principal point from the middle of the raster, in samples
+    uint width, height;        // size of the raster in samples
+    uint columns, rows;        // numbers of tiles
+    uint degree;               // degree of the spherical harmonics to evaluate
+    uint rest_stride;          // floats per row of f_rest; red, green, blue of coefficient 1, then of 2, ...
+    // Which tiles list a face: the tiles that it reaches (TILES_REACHED), its official tiles (TILES_OFFICIAL), or
+    // the official tiles that it reaches (TILES_BOTH), which show the same as the official ones.
+    // msb/render/splat/pipeline.py defines them.
     uint tile_rule;
     Limits limits;
 #ifdef OWN_MEMBERS
     struct {
-        OWN_MEMBERS // of the method: what its module `look` says in `own` (msb/render/splat/model.py)
+        OWN_MEMBERS // members of the method, from `own` in its module `look` (msb/render/splat/model.py)
     } own;
 #endif
 } View;
 
-// The model. Soups have corners as rows of `positions` and do not read `indices`.
+// The model. Triangle soups store corners as rows of `positions` and do not read `indices`.
 typedef struct {
     __global const float *positions;
     __global const uint *indices;
-    __global const float *coverage; // rows of COVERAGE floats, of faces or vertices
+    __global const float *coverage; // rows of COVERAGE floats, by face or vertex
     __global const float *f_dc, *f_rest;
 } Source;
 
-// ---- lanes: 8 faces, or 8 samples of a row, on a CPU; one on a GPU. Never 16: docs/opencl.md.
+// ---- lanes: 8 faces, or 8 samples of a row, on a CPU; 1 on a GPU. Never 16: docs/opencl.md.
 
 #if LANES == 8
 #include "lanes.cl"
@@ -56,7 +57,7 @@ typedef float8 real;
 typedef int8 mask;
 #define ANY(m) any8(m)
 #define LANE_INDEX ((float8)(0, 1, 2, 3, 4, 5, 6, 7))
-// With NaN the first argument of the two is returned.
+// With NaN, the first argument is returned.
 #define lesser(a, b) min8(b, a)
 #define greater(a, b) max8(b, a)
 #define lesser_of(a, b) min8i(b, a)
@@ -65,11 +66,11 @@ typedef int8 mask;
 
 real MAD(real a, real b, real c);
 
-// Adding 1.5 * 2^23 leaves the rounded integer in the low bits: no conversion instruction, which PoCL
-// emits lane by lane.
+// Adding 1.5 * 2^23 leaves the rounded integer in the low bits, without the conversion instruction, which PoCL
+// emits for each lane.
 #define MAGIC 12582912.0f
 
-// 2^x for -126 <= x <= 127; relative error 2e-9 before rounding (own minimax fit on [-0.5, 0.5]).
+// 2^x for -126 <= x <= 127; relative error 2e-9 before rounding (minimax fit on [-0.5, 0.5]).
 real exp2_fast(real x)
 {
     real shifted = x + MAGIC;
@@ -83,8 +84,8 @@ real exp2_fast(real x)
     return p * as_float8((as_int8(shifted) + 127) << 23);
 }
 
-// log2(x) for positive normal x; relative error 7e-10 before rounding: odd powers of (m - 1) / (m + 1), m in
-// [sqrt 1/2, sqrt 2) (own minimax fit).
+// log2(x) for positive normal x; relative error 7e-10 before rounding: odd powers of (m - 1) / (m + 1), m in [sqrt
+// 1/2, sqrt 2) (minimax fit).
 real log2_fast(real x)
 {
     int8 bits = as_int8(x);
@@ -111,7 +112,7 @@ typedef int mask;
 #define log2_fast(x) log2(x)
 #endif
 
-// a b + c where rounding does not matter: fused if the device does that in one instruction.
+// a b + c if rounding does not matter; fused if the device has such an instruction.
 real MAD(real a, real b, real c)
 {
 #pragma OPENCL FP_CONTRACT ON
@@ -130,7 +131,7 @@ typedef struct {
 
 typedef struct {
     mask x0, y0, x1, y1;
-} Box; // of samples, both ends included; of tiles, high ends excluded
+} Box; // in samples with both ends included, in tiles with the high ends excluded
 
 vec2 sub2(vec2 a, vec2 b) { return (vec2){a.x - b.x, a.y - b.y}; }
 vec2 add2(vec2 a, vec2 b) { return (vec2){a.x + b.x, a.y + b.y}; }
@@ -174,7 +175,7 @@ vec3 rotate_to_camera(__constant View *view, vec3 v)
 
 // ---- members of rows of `width` floats
 
-// LANES rows from `first` on; beyond the last of `count`, that again.
+// LANES rows from `first` on; the last of `count` rows is repeated.
 void consecutive(size_t first, size_t count, size_t *rows)
 {
     for (uint k = 0; k < LANES; k++)
@@ -213,7 +214,7 @@ void load_members(__global const float *p, const size_t *rows, uint width, uint 
     uint rest = count % 8, whole = count - rest;
     for (uint k = 0; k < whole; k += 8)
         load_eight(p + k, rows, width, out + k);
-    if (whole && rest > 2) // once more, overlapping
+    if (whole && rest > 2) // read the last eight, overlapping
         load_eight(p + count - 8, rows, width, out + count - 8);
     else
         for (uint k = whole; k < count; k++)
@@ -245,16 +246,16 @@ vec3 load3(__global const float *p, const size_t *rows)
     return (vec3){load(p, rows, 3, 0), load(p, rows, 3, 1), load(p, rows, 3, 2)};
 }
 
-// PoCL's fma() is a function call; with the instruction at hand, a b + c becomes it.
+// The fma() of PoCL is a function call; with an FMA instruction, a b + c compiles to it.
 #ifdef __FMA__
 #define exact_fma MAD
 #else
 #define exact_fma fma
 #endif
 
-// ((ndc + 1) size - 1) / 2, which upstream evaluates in double and rounds once: pixel i has its centre at the
-// integer i. Here as the unevaluated sum of two floats, product and sum with their rounding errors, which
-// rounds to the same float (tests/render/test_splatting.py) on devices without double precision, too.
+// ((ndc + 1) size - 1) / 2, which upstream evaluates in double and rounds once; pixel i has its centre at the
+// integer i. Here it is the unevaluated sum of two floats, product and sum with their rounding errors. It rounds
+// to the same float (tests/render/test_splatting.py), also on devices without double precision.
 real to_sample(real ndc, uint size)
 {
     real n = (real)(float)size, m = n - 1.0f;
@@ -265,7 +266,7 @@ real to_sample(real ndc, uint size)
     return (magnitude(sum) < 1e30f ? whole : sum) * 0.5f;
 }
 
-// For 0 <= x < 2^22.
+// Valid for 0 <= x < 2^22.
 #if LANES == 8
 real floor_small(real x)
 {
@@ -278,7 +279,7 @@ mask integer_of(real whole) { return as_int8(whole + MAGIC) - 0x4b400000; }
 #define integer_of(x) ((int)(x))
 #endif
 
-// Conversion of a GPU: towards zero, saturating, NaN gives 0; then at most `limit`.
+// Converts like a GPU: towards zero, saturating, NaN gives 0; then at most `limit`.
 mask tile_number(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -286,7 +287,7 @@ mask tile_number(real value, uint limit)
     return integer_of(floor_small(clamped));
 }
 
-// The same of the value rounded up to a whole number.
+// The same after rounding up to an integer.
 mask tile_after(real value, uint limit)
 {
     real clamped = value > 0.0f ? value : (real)0.0f;
@@ -295,12 +296,12 @@ mask tile_after(real value, uint limit)
     return integer_of(whole < clamped ? whole + 1.0f : whole);
 }
 
-// The samples of [low, high], clamped to the raster; NaN (nothing is known) gives all.
+// The samples of [low, high], clamped to the raster; NaN gives all samples.
 Box box_of(vec2 low, vec2 high, __constant View *view)
 {
     real w = (real)((float)view->width - 1.0f), h = (real)((float)view->height - 1.0f), zero = (real)0.0f;
     Box box;
-    // A sample beyond the raster stands for "none".
+    // A sample beyond the raster means "none".
     real x0 = low.x > 0.0f ? (low.x < w ? low.x : w + 1.0f) : zero;
     real y0 = low.y > 0.0f ? (low.y < h ? low.y : h + 1.0f) : zero;
     box.x0 = integer_of(floor_small(x0 + 0.999f));
@@ -312,10 +313,10 @@ Box box_of(vec2 low, vec2 high, __constant View *view)
     return box;
 }
 
-// A record of one face is stored by eights of words.
+// Aligned, because the record of a face is stored in groups of eight words.
 #define BY_EIGHTS __attribute__((aligned(32)))
 
-// ---- where a face is while it is blended: not copied to private memory first
+// ---- address space of a face during blending; it is not copied to private memory
 
 #if LANES == 8
 #define FACE_POINTER __global const struct Face *

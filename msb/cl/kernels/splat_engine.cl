@@ -1,16 +1,16 @@
-// How a game engine samples triangles: by the rasterisation of graphics hardware. What it means and why it
-// needs no clipped polygon: msb/reference/engine.py, whose order of operations this is.
+// Sampling of triangles as in a game engine: the rasterisation of graphics hardware. msb/reference/engine.py has
+// the definition, explains why no polygon is clipped, and uses the same order of operations.
 //
-// A method's file includes this where ENGINE is 1, after its Face, whose first member is
-// `float lines[LINES]`, and calls project_engine. Of the functions that splat_stages.cl names those for samples
-// are here, but for cover and shade.
+// The file of a method includes this if ENGINE is 1, after its Face, whose first member is `float lines[LINES]`,
+// and calls project_engine. The sample functions listed in splat_stages.cl are here, except cover and shade.
 
-// `lines` are barycentric coordinates over depth, times `weight`, which makes the least of them 1 in the
-// middle, then 1 / depth: of each the factors of a sample's x and y, and a constant.
-// msb/render/splat/pipeline.py defines ENGINE_NEAR, the depth in scene units in front of which all is clipped.
-#define ENGINE_SLACK 0.1f // samples by which a box is wider than the corners, so that rounding cuts nothing
+// `lines` holds linear functions of a sample: the three barycentric coordinates over depth, times `weight`, which
+// makes the smallest one 1 in the middle, then 1 / depth. Each has factors for x and y and a constant.
+// msb/render/splat/pipeline.py defines ENGINE_NEAR, the near depth in scene units; everything in front of it is
+// clipped.
+#define ENGINE_SLACK 0.1f // margin of a box in samples, for rounding
 
-// The ray's step from sample to sample, and the sample the optical axis meets.
+// Step of the ray from sample to sample, and the sample on the optical axis.
 typedef struct {
     float step_x, step_y, middle_x, middle_y;
 } Raster;
@@ -22,7 +22,7 @@ Raster raster_of(__constant View *view)
                     (width - 1.0f) * 0.5f + view->shift[0], (height - 1.0f) * 0.5f + view->shift[1]};
 }
 
-// n . ray of a sample, times `scale`.
+// Sets the linear function n . ray of a sample, times `scale`.
 void set_line(Raster r, vec3 n, real scale, real *line)
 {
     real p = n.x * r.step_x, q = n.y * r.step_y;
@@ -31,7 +31,7 @@ void set_line(Raster r, vec3 n, real scale, real *line)
     line[2] = ((n.z - p * r.middle_x) - q * r.middle_y) * scale;
 }
 
-// Takes a point of camera space at depth z into the bounds, in samples, where it is `seen`.
+// Extends the bounds, in samples, by a point of camera space at depth z, if it is `seen`.
 void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *high)
 {
     real u = x / z / r.step_x + r.middle_x, v = y / z / r.step_y + r.middle_y;
@@ -41,7 +41,7 @@ void hold_point(Raster r, real x, real y, real z, mask seen, vec2 *low, vec2 *hi
     high->y = (seen & (v > high->y)) ? v : high->y;
 }
 
-// The samples of what the near plane leaves of a triangle in camera space.
+// The samples of the part of a triangle behind the near plane.
 Box engine_box(__constant View *view, const vec3 *p)
 {
     Raster r = raster_of(view);
@@ -58,9 +58,9 @@ Box engine_box(__constant View *view, const vec3 *p)
     return box_of(sub2(low, slack), add2(high, slack), view);
 }
 
-// Sets of a face its lines, normal, depth, reach and tiles. The window is 1 at the incentre of the triangle
-// itself, or at its centroid; the normal is turned towards the camera for the methods of the incentre. Returns
-// which triangles there is something of to see. `back`: corners run clockwise on the screen.
+// Sets lines, normal, depth, reach and tiles of a face. The window is 1 at the incentre of the triangle, or at its
+// centroid. Methods with an incentre turn the normal towards the camera. Returns which triangles may be visible.
+// `back`: corners are clockwise on the screen.
 mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre, Faces *f, Box *official,
                     real *depth, real *weight, mask *back)
 {
@@ -86,7 +86,7 @@ mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre
     f->normal[2] = normal.z;
 
     real z = affine(view->world_to_camera + 8, center_of(a, b, c));
-    *depth = z > 0.0f ? z : (real)0.0f; // keys are bits of numbers that are not negative
+    *depth = z > 0.0f ? z : (real)0.0f; // keys are the bits of non-negative numbers
     Box box = engine_box(view, p);
     f->x0 = box.x0;
     f->y0 = box.y0;
@@ -99,13 +99,13 @@ mask project_engine(__constant View *view, vec3 a, vec3 b, vec3 c, bool incentre
 // ---- at the samples of a row
 
 typedef struct {
-    real line[4]; // what the row does not change
+    real line[4]; // the part that is constant along a column
 } Columns;
 
 typedef struct {
     real phi;    // 0 on the edges, 1 in the middle
     real z;      // camera depth
-    real e1, e2; // barycentric coordinates 1 and 2 over depth, weighted
+    real e1, e2; // weighted barycentric coordinates 1 and 2 over depth
     real alpha;
 } Sample;
 
@@ -117,7 +117,7 @@ Columns columns_of(FACE_POINTER f, real x, __constant View *view)
     return c;
 }
 
-// Behind the camera what is inside has three negative ones, so there is nothing to clip.
+// Behind the camera all three coordinates are negative inside, so nothing needs clipping.
 mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sample *s)
 {
     real e0 = c->line[0] + f->lines[1] * y;
@@ -130,17 +130,17 @@ mask inside(FACE_POINTER f, const Columns *c, float y, __constant View *view, Sa
 }
 
 #if LANES == 8
-// Which pairs of rows y, y + 1 (a lane a pair) an edge leaves samples of the eight columns from `left` on: at
-// the corner of those samples that is farthest inside, give or take rounding.
+// Returns which pairs of rows y, y + 1 (one pair per lane) contain samples in the eight columns from `left` on,
+// tested at the innermost corner of those samples, allowing for rounding.
 mask reaches(FACE_POINTER f, float left, real y)
 {
-    mask found = (mask)-1;
+    mask reached = (mask)-1;
     for (int k = 0; k < 3; k++) {
         float along_x = f->lines[3 * k], along_y = f->lines[3 * k + 1], start = f->lines[3 * k + 2];
         float most = (along_x > 0.0f ? 7.0f * along_x : 0.0f) + (along_y > 0.0f ? along_y : 0.0f);
         float size = fabs(along_x) * (left + 8.0f) + fabs(along_y) * (y.s7 + 2.0f) + fabs(start);
-        found &= !(MAD((real)along_y, y, (real)(along_x * left + start + most + 4e-6f * size)) < 0.0f);
+        reached &= !(MAD((real)along_y, y, (real)(along_x * left + start + most + 4e-6f * size)) < 0.0f);
     }
-    return found;
+    return reached;
 }
 #endif

@@ -1,14 +1,14 @@
-// In which order the faces of a model, or the vertices of a mesh, lie on the device: along a Z-order curve through
-// space; faces of a soup by size first, and along the curve among those of about the same size. So what a view
-// keeps lies together, in memory and on the screen: lines and pages that are fetched are used whole, and groups
-// of faces are dropped as one.
+// Order of the faces of a model, or of the vertices of a mesh, on the device: along a Z-order curve through space.
+// Faces of a triangle soup are sorted by size first, and along the curve within about the same size. Faces that a
+// view keeps are then close in memory and on the screen: fetched cache lines and pages are used completely, and
+// groups of faces are dropped together.
 //
 // Source of the curve: G. M. Morton, A computer oriented geodetic data base (1966).
 
 // msb/render/splat/order.py defines AXIS_BITS.
 #define CELLS ((float)(1 << AXIS_BITS))
 
-// Bit b of 18 goes to bit 3 b.
+// Moves bit b of 18 bits to bit 3 b.
 ulong spread(uint cell)
 {
     ulong bits = cell;
@@ -25,7 +25,7 @@ uint cell_of(float x, float low, float cells_per_unit)
     return cell > 0.0f ? (uint)(cell < CELLS - 1.0f ? cell : CELLS - 1.0f) : 0; // NaN: 0
 }
 
-// bounds: of bound_faces (splat_bounds.cl), whose last row is read only if `by_size`; low: the least coordinates.
+// bounds: from bound_faces (splat_bounds.cl); the last row is read only if `by_size`. low: the lowest coordinates.
 __kernel void order_keys(__global const float *bounds, __global ulong *keys, uint stride, uint count,
                          float low_x, float low_y, float low_z, float cells_per_unit, uint by_size)
 {
@@ -36,6 +36,6 @@ __kernel void order_keys(__global const float *bounds, __global ulong *keys, uin
     ulong y = spread(cell_of(bounds[i + stride], low_y, cells_per_unit));
     ulong z = spread(cell_of(bounds[i + 2 * (size_t)stride], low_z, cells_per_unit));
     keys[i] = x | y << 1 | z << 2;
-    if (by_size) // the power of two of the inradius
+    if (by_size) // the exponent of the inradius
         keys[i] |= (ulong)((((__global const uint *)bounds)[i + 3 * (size_t)stride] & 0xffff) >> 7) << 3 * AXIS_BITS;
 }

@@ -1,10 +1,10 @@
-// Projection, CPU style: one work-item takes `chunk` consecutive faces: groups of them whose sphere is not out
-// of view. Those that may be kept queue up, and are projected eight at a time; in most views that are few. What
-// is listed is written one after the other, from the chunk's first place on, and gets its colours from there,
-// again eight at a time. Tile lists name a face by its place, neither by its row nor by its number.
+// Projection, CPU style: one work-item takes `chunk` consecutive faces in groups, and skips groups with a sphere
+// out of view. Faces that may be kept are queued and projected eight at a time; most views keep few. Listed faces
+// are written consecutively from the first position of the chunk, and are coloured there, again eight at a time.
+// Tile lists refer to a face by this position, not by its row or number.
 
 #define QUEUE 64 // a power of two
-#define AHEAD 40 // faces whose data are on their way
+#define AHEAD 40 // faces to prefetch
 
 typedef struct {
     __global Face *faces;
@@ -15,22 +15,22 @@ typedef struct {
 
 uint first_bits(size_t count) { return count < LANES ? (1u << count) - 1u : 0xffu; }
 
-// Projects the first `count` of eight faces; returns the next free place.
+// Projects the first `count` of eight faces; returns the next free position.
 size_t project_eight(const size_t *rows, size_t count, const Source *source, __constant View *view,
                      const Found *out, size_t place)
 {
-    FaceLanes made;
-    real depth, *words = made.words;
+    FaceLanes projected;
+    real depth, *words = projected.words;
     Box t;
-    mask kept, seen = project_seen(rows, source, view, &made.faces, &t, &depth, &kept);
+    mask kept, seen = project_seen(rows, source, view, &projected.faces, &t, &depth, &kept);
     uint meant = first_bits(count), kept_bits = bits8(kept) & meant, seen_bits = bits8(seen) & meant;
     for (; kept_bits; kept_bits &= kept_bits - 1)
         out->visible[rows[LOWEST_BIT(kept_bits)]] = 1;
     if (!seen_bits)
         return place;
     for (uint k = 0; k < LANES; k++)
-        ((int *)&made.faces.number)[k] = (int)rows[k];
-    // Words w to w + 7 of eight faces become eight words of one face after the other.
+        ((int *)&projected.faces.number)[k] = (int)rows[k];
+    // Transpose words w to w + 7 of eight faces to eight words per face.
     for (uint w = 0; w < FACE_WORDS; w += LANES)
         TRANSPOSE(words[w], words[w + 1], words[w + 2], words[w + 3], words[w + 4], words[w + 5],
                   words[w + 6], words[w + 7]);
@@ -46,7 +46,7 @@ size_t project_eight(const size_t *rows, size_t count, const Source *source, __c
     return place;
 }
 
-// Colours the first `count` of eight faces, and gives them their numbers, where their rows were.
+// Colours the first `count` of eight faces, and replaces their rows by their numbers.
 void color_eight(__global Face *faces, size_t count, __global const uint *numbers, const Source *source,
                  __constant View *view)
 {
@@ -68,7 +68,7 @@ void color_eight(__global Face *faces, size_t count, __global const uint *number
     }
 }
 
-// listed: how many of each work-item's faces.
+// listed: number of listed faces of each work-item.
 __kernel void project(__constant View *view, __global const float *groups, __global const float *bounds,
                       __global const uint *numbers, __global const float *positions,
                       __global const uint *indices, __global const float *coverage,

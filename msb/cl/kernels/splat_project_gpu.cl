@@ -1,6 +1,6 @@
-// Projection, GPU style: one work-item a face, stored at the place of its row.
+// Projection, GPU style: one work-item per face, stored at the position of its row.
 
-// listed: 1 or 0.
+// listed: whether the face is listed, 1 or 0.
 __kernel void project(__constant View *view, __global const float *bounds, __global const uint *numbers,
                       __global const float *positions, __global const uint *indices,
                       __global const float *coverage, __global const float *f_dc,
@@ -16,19 +16,19 @@ __kernel void project(__constant View *view, __global const float *bounds, __glo
     if (!may_be_kept(view, bounds, stride, i, view->limits.depth_growth))
         return;
     Source source = {positions, indices, coverage, f_dc, f_rest};
-    FaceLanes made;
+    FaceLanes projected;
     float depth;
     Box t;
-    int kept, seen = project_seen(&i, &source, view, &made.faces, &t, &depth, &kept);
+    int kept, seen = project_seen(&i, &source, view, &projected.faces, &t, &depth, &kept);
     visible[i] = kept != 0;
     if (!seen)
         return;
-    color_faces(&i, &source, view, made.faces.color);
-    made.faces.number = (int)numbers[i];
+    color_faces(&i, &source, view, projected.faces.color);
+    projected.faces.number = (int)numbers[i];
     listed[i] = 1;
     keys[i] = as_uint(depth);
     tiles[i] = (Tiles)(t.x0, t.y0, t.x1, t.y1);
     __global uint *words = (__global uint *)(faces + i);
     for (uint w = 0; w < FACE_WORDS; w++)
-        words[w] = made.words[w];
+        words[w] = projected.words[w];
 }

@@ -1,16 +1,16 @@
-// From planes of raster samples to the pixels of a frame; the same for every method and style.
+// From planes of raster samples to the pixels of a frame, for every method and style.
 //
-// Planes: 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times normal, 8
-// median depth, 9 median face. A pixel is `scale` x `scale` samples; samples first..last of each axis count:
-// all of them for a box mean, the middle one or two for bilinear interpolation at pixel centres.
+// Planes: 0..2 colour, 3 transmittance, 4 sum of weight times depth, 5..7 sum of weight times normal, 8 median
+// depth, 9 median face. A pixel has `scale` x `scale` samples, and samples first..last of each axis count: all of
+// them for a box average, the middle one or two for bilinear interpolation at pixel centres.
 #pragma OPENCL FP_CONTRACT OFF
 
 typedef struct {
-    uint width, rows;  // of this band, pixels
+    uint width, rows;  // pixels of this band
     uint scale, first, last;
-    uint stride;       // samples a row of a plane
+    uint stride;       // samples per row of a plane
     uint plane_rows;
-    uint first_row;    // of the band, pixels
+    uint first_row;    // first row of the band in pixels
 } Band;
 
 Band band_of(__global const uint *b)
@@ -26,7 +26,7 @@ float mean_of(__global const float *plane, Band b, uint x, uint y)
         return *plane;
     if (side == 2)
         return 0.25f * ((plane[0] + plane[1]) + (plane[b.stride] + plane[b.stride + 1]));
-    if (side == 4) { // the usual one: a third of the time of the loop
+    if (side == 4) { // the usual case, three times as fast as the loop
         float4 sum = vload4(0, plane) + vload4(0, plane + b.stride);
         sum = sum + (vload4(0, plane + 2 * b.stride) + vload4(0, plane + 3 * b.stride));
         return 0.0625f * ((sum.x + sum.y) + (sum.z + sum.w));
@@ -55,7 +55,7 @@ __kernel void resolve(__global const float *planes, __global const uint *band, _
     depth[out] = covered > 0.0f ? mean_of(planes + 4 * plane, b, x, y) / covered : 0.0f;
 }
 
-// The face is that of the sample in the middle.
+// The face is taken from the middle sample.
 __kernel void resolve_extras(__global const float *planes, __global const uint *band, __global float *normal,
                              __global float *median, __global int *face)
 {
@@ -73,8 +73,8 @@ __kernel void resolve_extras(__global const float *planes, __global const uint *
     face[out] = faces[(size_t)(y * b.scale + middle) * b.stride + x * b.scale + middle];
 }
 
-// The transpose of `resolve`, from a picture to what each sample of the raster is of it: plane 3 is the sample's
-// share in its pixel, planes 0..2 are the pixel's colour times that; all are 0 beyond the picture.
+// The transpose of `resolve`, from an image to the samples of the raster: plane 3 is the share of the sample in
+// its pixel, planes 0..2 are the colour of the pixel times that share; all are 0 outside the image.
 __kernel void spread(__global const float *picture, __global const uint *band, __global float *planes)
 {
     Band b = band_of(band);

@@ -1,35 +1,34 @@
-// The stages every splatting method goes through, included at the end of a method's file, which defines
+// The stages of every splatting method, included at the end of the file of a method, which defines
 //
-//   FACE_MEMBERS(REAL, INT)             what blending needs of a face, members of four bytes; among them
-//                                       INT number, and INT x0, y0, x1, y1, the samples it can reach (see
-//                                       Box)
-//   Face, Faces                         structs of them, of one face (BY_EIGHTS) and of LANES faces
+//   FACE_MEMBERS(REAL, INT)             values of a face for blending, members of four bytes; among them
+//                                       INT number, and INT x0, y0, x1, y1, the samples it can reach (see Box)
+//   Face, Faces                         structs of them, for one face (BY_EIGHTS) and for LANES faces
 //   corners_of                          corners of LANES faces
 //   project_faces                       culling, projection, official tiles and reach of LANES faces
-//   COLORS, color_faces                 their colours, so many values each; in their place is what
-//                                       project_faces left there, but where VERTEX_COLORS
-//   prefetch_face, prefetch_colors      CPU style: fetch what project_faces, color_faces will read
-//   Columns, columns_of                 what of a face its samples in one column share
+//   COLORS, color_faces                 number of colour values, and the colours; unless VERTEX_COLORS, they
+//                                       replace values that project_faces stored there
+//   prefetch_face, prefetch_colors      CPU style: fetch the input of project_faces and color_faces
+//   Columns, columns_of                 values of a face that are shared by the samples of a column
 //   reaches                             CPU style: which pairs of rows of eight columns it can reach
-//   inside, cover                       where a face may be seen in a row; where alpha is 1/255 or
-//                                       more, and alpha
-//   Sample, shade, normal_of            what they pass on, colour and depth, normal
-//   BLENDS_CROSSING                     1: the face that takes T to the threshold is blended (2DTS);
-//                                       0: it is refused
+//   inside, cover                       where a face may be visible in a row; where alpha is 1/255 or more,
+//                                       and alpha
+//   Sample, shade, normal_of            values passed between them; colour and depth; normal
+//   BLENDS_CROSSING                     1: the face that brings T to the threshold is blended (2DTS);
+//                                       0: it is rejected
 //   VERTEX_COLORS                       1: colours are evaluated at vertices first
 //   CORNERS_MAY_BE_BEHIND               1: a face with a corner behind the camera may be kept
-//   SMALL_IS_DROPPED                    1: a face with an inradius below one sample never is
+//   SMALL_IS_DROPPED                    1: a face with an inradius below one sample is never kept
 //
-// The host says how wide rows of `coverage` are, COVERAGE: activated opacity first, then what opacity and
-// falloff decide whatever the view (msb/render/splat/model.py).
+// The host defines COVERAGE, the width of a row of `coverage`: activated opacity first, then values that follow from
+// opacity and falloff in any view (msb/render/splat/model.py).
 
-// Tiles a primitive is listed in: low inclusive, high exclusive.
+// Tiles that list a primitive: low inclusive, high exclusive.
 typedef ushort4 Tiles;
 
 typedef char face_has_the_size_the_host_allocates[sizeof(Face) == 4 * FACE_WORDS ? 1 : -1];
 
-// Through mere pointers to words a compiler need not see what was written as numbers. A GPU moves them as
-// integers, which arrive whatever it does with subnormal floats.
+// A union, because a compiler may miss numbers that are read through pointers to words. A GPU moves words as
+// integers, which are exact even if it flushes subnormal floats.
 #if LANES == 8
 typedef real word;
 #else
@@ -43,7 +42,7 @@ typedef union {
 #include "splat_bounds.cl"
 
 #if VERTEX_COLORS
-#define VERTICES_AHEAD 32 // whose coefficients are on their way
+#define VERTICES_AHEAD 32 // vertices to prefetch
 
 __kernel void shade_vertices(__constant View *view, __global const float *positions,
                              __global const float *f_dc, __global const float *f_rest,
@@ -67,13 +66,14 @@ __kernel void shade_vertices(__constant View *view, __global const float *positi
 }
 #endif
 
-// Returns which faces are listed, and in which tiles, if any is; kept are those that the official culling keeps.
+// Returns which faces are listed, and their tiles if any is listed; `kept` marks the faces that official culling
+// keeps.
 mask project_seen(const size_t *rows, const Source *source, __constant View *view, Faces *f, Box *t,
                   real *depth, mask *kept)
 {
     Box official;
     *kept = project_faces(rows, source, view, f, &official, depth);
-    if (!ANY(*kept)) // then neither tiles nor reach need have been set
+    if (!ANY(*kept)) // then tiles and reach may be undefined
         return (mask)0;
     mask seen = *kept;
     *t = official;
@@ -90,9 +90,9 @@ mask project_seen(const size_t *rows, const Source *source, __constant View *vie
     return seen & (t->x1 > t->x0) & (t->y1 > t->y0);
 }
 
-// With SHARES, blending makes no pixels, but sums what each entry of the tile lists adds to them. It then reads
-// the planes that `spread` makes of a picture (splat_resolve.cl), and of entry e sums[4 e .. 4 e + 3] are red,
-// green and blue of that picture, each weighted by alpha T, and the weight alone. The host clears the sums.
+// With SHARES, blending writes no pixels but sums the contribution of each entry of the tile lists. It reads the
+// planes that `spread` makes of an image (splat_resolve.cl). For entry e, sums[4 e .. 4 e + 3] are red, green and
+// blue of that image weighted by alpha T, and the weight. The host clears the sums.
 #if SHARES
 #define BLEND share
 #define SUMS , __global float *sums

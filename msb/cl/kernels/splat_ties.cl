@@ -1,11 +1,11 @@
-// Faces of equal depth are blended in order of number, but lie on the device in another one (splat_order.cl). Their
-// depths are seldom equal, so that is put right after the sort.
+// Faces of equal depth are blended in order of their numbers, but are stored in another order (splat_order.cl).
+// Equal depths are rare, so this is corrected after the sort.
 
 #define LONGEST_RUN 32
 // msb/render/splat/pipeline.py defines MOST_SETTLED, a multiple of LANES.
 
-// keys: sorted; places: of the faces. Sorts places by number in the run of equal keys that begins at `first`, if
-// one does; or says that it is too long for that.
+// keys: sorted; places: positions of the faces. Sorts places by number in the run of equal keys that begins at
+// `first`, if one does, or sets `unsettled` if the run is too long.
 void settle_run(__global const uint *keys, __global uint *places, __global const Face *faces,
                 __global uint *unsettled, size_t first, size_t count)
 {
@@ -25,13 +25,13 @@ void settle_run(__global const uint *keys, __global uint *places, __global const
 }
 
 #if LANES == 8
-// A work-item takes the runs that begin in its chunk, of at most MOST_SETTLED faces. Faces lie scattered, so they
-// are fetched before the first is needed.
+// A work-item takes the runs that begin in its chunk of at most MOST_SETTLED faces. Faces are scattered in memory,
+// so they are prefetched before the first is needed.
 __kernel void settle_ties(__global const uint *keys, __global uint *places, __global const Face *faces,
                           __global uint *unsettled, uint count, uint chunk)
 {
     size_t begin = get_global_id(0) * chunk, end = begin + chunk < count ? begin + chunk : count;
-    uint equal[MOST_SETTLED], found = 0;
+    uint equal[MOST_SETTLED], count_found = 0;
     for (size_t i = begin; i < end; i += LANES) {
         uint ties = 0;
         if (i + LANES < count)
@@ -43,10 +43,10 @@ __kernel void settle_ties(__global const uint *keys, __global uint *places, __gl
             size_t first = i + LOWEST_BIT(ties);
             PREFETCH_FAR(&faces[places[first]].number);
             PREFETCH_FAR(&faces[places[first + 1]].number);
-            equal[found++] = (uint)first;
+            equal[count_found++] = (uint)first;
         }
     }
-    for (uint k = 0; k < found; k++)
+    for (uint k = 0; k < count_found; k++)
         settle_run(keys, places, faces, unsettled, equal[k], count);
 }
 #else
@@ -75,11 +75,11 @@ __kernel void depths_of(__global const uint *places, __global const uint *keys, 
         depths[i] = keys[places[i]];
 }
 
-// visible: by row; found: by number.
+// visible: by row; result: by number.
 __kernel void visible_by_number(__global const uchar *visible, __global const uint *numbers,
-                                __global uchar *found, uint count)
+                                __global uchar *result, uint count)
 {
     size_t i = get_global_id(0);
     if (i < count)
-        found[numbers[i]] = visible[i];
+        result[numbers[i]] = visible[i];
 }

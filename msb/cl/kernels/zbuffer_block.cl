@@ -1,19 +1,20 @@
 // The opaque z-buffer on a CPU, within a tile: eight triangles at once into depths and slots.
 
-#define TINY (7 * UNIT)     // extent up to which int32 holds the edge functions
-#define MEDIUM SMALL_EXTENT // and up to which it holds them divided by UNIT
-#define COARSE_X 5         // the farthest depth is known for blocks of 32 x 16 pixels,
+#define TINY (7 * UNIT)     // maximum extent for edge functions in int32
+#define MEDIUM SMALL_EXTENT // maximum extent for edge functions divided by UNIT in int32
+#define COARSE_X 5         // the farthest depth is stored for blocks of 32 x 16 pixels,
 #define COARSE_Y 4
-#define COARSE_ROW 8  // 8 x 8 of them in the largest tile, 256 x 128
-#define WORK_BITS 5   // pixels of a large triangle that take as long as a small one, a power of two
-#define MASKED (-1.0f) // a depth that loses against everything
+#define COARSE_ROW 8  // at most 8 x 8 of them, in a tile of 256 x 128
+#define WORK_BITS 5   // log2 of the pixels of a large triangle that cost as much as a small triangle
+#define MASKED (-1.0f) // a depth behind everything
 
 typedef struct {
     __global float *depth; // 1 / z: larger is nearer, 0 is nothing
-    __global int *slot;    // of the nearest triangle
-    __global float *far;   // of each block of pixels: no pixel is farther than that
-    int occludes;          // whether any of these is more than nothing
-    int work, limit;       // about how many small triangles were drawn since, and when to look again
+    __global int *slot;    // slot of the nearest triangle
+    __global float *far;   // the farthest depth of each block of pixels
+    int occludes;          // whether any of these is not 0
+    // approximate number of small triangles drawn since the last `measure`, and the limit for the next
+    int work, limit;
     int stride;
     int x0, y0, x1, y1;    // pixels of the image, ends excluded
     __global const float *triangles;
@@ -24,7 +25,7 @@ typedef struct {
 
 int face_of(const Tile *t, int slot) { return INTEGERS(t->triangles)[(size_t)slot * WORDS + FACE_WORD]; }
 
-// Whether nothing at least this far can be seen in a box of pixels of the image, ends included.
+// Whether everything at this depth or farther is hidden in a box of pixels of the image, ends included.
 int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
 {
     x0 = (x0 - t->x0) >> COARSE_X;
@@ -33,12 +34,12 @@ int hidden(const Tile *t, int x0, int y0, int x1, int y1, float depth)
     y1 = (y1 - t->y0) >> COARSE_Y;
     for (int y = y0; y <= y1; y++)
         for (int x = x0; x <= x1; x++)
-            if (t->far[y * COARSE_ROW + x] <= depth) // equal depths are a tie, which a lower face wins
+            if (t->far[y * COARSE_ROW + x] <= depth) // equal depths are a tie that the lower face wins
                 return 0;
     return 1;
 }
 
-// Find out how far the farthest pixel of each block is.
+// Compute the depth of the farthest pixel of each block.
 void measure(Tile *t)
 {
     int width = t->x1 - t->x0, height = t->y1 - t->y0, some = 0;
@@ -64,11 +65,11 @@ void measure(Tile *t)
         }
     t->occludes = some;
     t->work = 0;
-    if (!some) // holes everywhere: look less often
+    if (!some) // every block has a hole: measure less often
         t->limit *= 2;
 }
 
-// Keep what is nearer of eight pixels in a row; say where depths are equal.
+// Keep the nearer surface at eight pixels of a row; return where depths are equal.
 int8 keep(const Tile *t, int at, float8 depth, int slot)
 {
     float8 old = LOAD(t->depth + at, 0);
@@ -78,14 +79,14 @@ int8 keep(const Tile *t, int at, float8 depth, int slot)
     return depth == old;
 }
 
-// Where depths are equal the lowest face wins.
+// At equal depths the lowest face wins.
 void settle(const Tile *t, int at, float depth, int slot)
 {
     if (depth == t->depth[at] && face_of(t, slot) < face_of(t, t->slot[at]))
         t->slot[at] = slot;
 }
 
-// With an alpha cut-off, nothing is where a texture's alpha is below it, of what is not behind `old`.
+// With an alpha cutoff, mask pixels whose texture alpha is below it, unless they are behind `old` anyway.
 #if COLORS == TEXTURES && CUTOFF
 float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, __constant float *view)
 {
@@ -101,7 +102,7 @@ float8 cut(const Tile *t, int8 slot, int8 x, int8 y, float8 depth, float8 old, _
 #define CUT(depth, slot, x, y, old)
 #endif
 
-// A triangle of any size, or one that has to be clipped: spans of pixels, row by row.
+// Draw a triangle of any size, or one that must be clipped: spans of pixels, row by row.
 void draw_outline(Tile *t, int slot, __constant float *view)
 {
     const int8 lane = (int8)(0, 1, 2, 3, 4, 5, 6, 7);
@@ -112,7 +113,7 @@ void draw_outline(Tile *t, int slot, __constant float *view)
             continue;
         if (t->occludes && hidden(t, s.x0, s.y0, s.x1, s.y1, o.high))
             continue;
-        // Edges that the whole box is inside of need no division, and one that it is outside of ends it.
+        // Edges with the whole box inside need no division; an edge with the whole box outside ends the triangle.
         int cuts[3], outside = 0;
         for (int i = 0; i < 3; i++) {
             long down = s.dx[i] * (s.y1 - s.y0), right = -s.dy[i] * (s.x1 - s.x0);
@@ -155,18 +156,18 @@ void draw_outline(Tile *t, int slot, __constant float *view)
 
 // ---- eight triangles
 
-// Edge functions of eight triangles in 64 bits, divided by UNIT; they fit into 32 bits if the extent is MEDIUM.
+// Edge functions of eight triangles in 64 bits, divided by UNIT; they fit into 32 bits up to the extent MEDIUM.
 #define WIDE(a, b) (TO_LONG4(a) * TO_LONG4(b))
 int8 edge8(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {
     int8 owns = (dy < 0) | ((dy == 0) & (dx > 0));
     long4 low = WIDE(dx.lo, to_y.lo) - WIDE(dy.lo, to_x.lo) + TO_LONG4(~owns.lo);
     long4 high = WIDE(dx.hi, to_y.hi) - WIDE(dy.hi, to_x.hi) + TO_LONG4(~owns.hi);
-    // The shift may be a logical one, which AVX2 has: only the low half is kept.
+    // A logical shift, available in AVX2, suffices: only the low half is kept.
     return (int8)(TO_INT4(as_ulong4(low) >> SUBPIXEL_BITS), TO_INT4(as_ulong4(high) >> SUBPIXEL_BITS));
 }
 
-// The same in 32 bits, not divided, for an extent below TINY.
+// The same in 32 bits, not divided, for extents below TINY.
 int8 edge8_tiny(int8 dx, int8 dy, int8 to_x, int8 to_y)
 {
     int8 owns = ((dy << 16) - dx) >> 31; // dy < 0, or dy == 0 and dx > 0
@@ -193,15 +194,15 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 u_low = min8i(min8i(U0, U1), U2), u_high = max8i(max8i(U0, U1), U2);
     int8 v_low = min8i(min8i(V0, V1), V2), v_high = max8i(max8i(V0, V1), V2);
 
-    // Pixels whose centre is in the triangle's box; most small triangles have none in this tile.
+    // Pixels with their centre in the box of the triangle; most small triangles have none in this tile.
     int8 x0 = max8i((u_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->x0);
     int8 y0 = max8i((v_low + (HALF - 1)) >> SUBPIXEL_BITS, (int8)t->y0);
     int8 w = min8i((u_high - HALF) >> SUBPIXEL_BITS, (int8)(t->x1 - 1)) - x0;
     int8 h = min8i((v_high - HALF) >> SUBPIXEL_BITS, (int8)(t->y1 - 1)) - y0;
     int8 ahead = max8(max8(Z0, Z1), Z2) >= NEAR;
-    // A conversion out of range gives the lowest or the highest integer: outside the guard band.
+    // A conversion out of range gives the lowest or highest integer, which is outside the guard band.
     int8 whole = (min8(min8(Z0, Z1), Z2) >= NEAR) & (min8i(u_low, v_low) > -GUARD) & (max8i(u_high, v_high) < GUARD);
-    int8 odd = ahead & ~whole; // to be clipped
+    int8 odd = ahead & ~whole; // these must be clipped
     int8 seen = (whole & ((w | h) >= 0)) | odd;
     if (!any8(seen))
         return;
@@ -210,7 +211,8 @@ void draw_block(Tile *t, int block, __constant float *view)
     int8 medium = seen & ~odd & ~tiny & (extent < MEDIUM);
     int8 large = seen & ~tiny & ~medium;
 
-    // Edges, turned so that the inside is positive. In 32 bits the sign of the area is right for tiny ones only.
+    // Edges, oriented so that the inside is positive. In 32 bits the sign of the area is correct only for tiny
+    // triangles.
     int8 dx0 = U1 - U0, dy0 = V1 - V0, dx2 = U0 - U2, dy2 = V0 - V2;
     int8 to_x = (x0 << SUBPIXEL_BITS) + HALF, to_y = (y0 << SUBPIXEL_BITS) + HALF;
     int8 covered = (int8)0; // bit 4 y + x: pixel (x, y) of the box
@@ -228,7 +230,7 @@ void draw_block(Tile *t, int block, __constant float *view)
         ay1 <<= SUBPIXEL_BITS;
         ax2 <<= SUBPIXEL_BITS;
         ay2 <<= SUBPIXEL_BITS;
-        // Pixels past a box fail an edge, or fall into the tile's padding.
+        // Pixels outside the box fail an edge test, or fall into the padding of the tile.
         int sizes = or8((w | h << 4) & tiny);
         int8 f0 = e0, f1 = e1, f2 = e2, outside;
 #define OUTSIDE(bit) (((f0 | f1 | f2) >> 31) & (bit))
@@ -275,7 +277,7 @@ void draw_block(Tile *t, int block, __constant float *view)
     }
     int8 ru = HALF - U0, rv = HALF - V0;
     int8 base = (y0 - t->y0) * t->stride + (x0 - t->x0);
-    while (any8(covered)) { // the first pixel of each triangle, then the second
+    while (any8(covered)) { // handle the first covered pixel of each triangle, then the second
         int8 bit = covered & -covered, mask = covered != 0;
         covered ^= bit;
         int8 index = (as_int8(TO_FLOAT(bit)) >> 23) - 127, x = index & 3, y = (index >> 2) & 3;
@@ -285,7 +287,8 @@ void draw_block(Tile *t, int block, __constant float *view)
         depth = mask ? depth : (float8)MASKED;
         int8 at = (base + y * t->stride + x) & mask;
         CUT(depth, slot + (int8)(0, 1, 2, 3, 4, 5, 6, 7), x0 + x, y0 + y, GATHER(float8, t->depth, at))
-        // Without branches: which triangle wins is random. Depths are not negative, so their bits compare alike.
+        // Without branches, because the nearest triangle is unpredictable. Depths are non-negative, so their bits
+        // compare in the same order.
 #define KEEP(l)                                                                                                 \
     {                                                                                                           \
         int p = at.s##l, z = as_int(depth.s##l), old = ((__global int *)t->depth)[p], old_slot = t->slot[p];    \
@@ -298,7 +301,7 @@ void draw_block(Tile *t, int block, __constant float *view)
     }
 
     int lanes = bits8(medium);
-    if (lanes) { // rows of eight pixels, triangle by triangle
+    if (lanes) { // draw rows of eight pixels, triangle by triangle
         int8 dx1 = -(dx0 + dx2), dy1 = -(dy0 + dy2);
         long4 area_low = WIDE(dx2.lo, dy0.lo) - WIDE(dx0.lo, dy2.lo);
         long4 area_high = WIDE(dx2.hi, dy0.hi) - WIDE(dx0.hi, dy2.hi);
@@ -341,7 +344,7 @@ void draw_block(Tile *t, int block, __constant float *view)
                     f1 += down1;
                     f2 += down2;
                 }
-                if (any8(ties)) // seldom: go over the column again
+                if (any8(ties)) // rare: process the column again
                     for (int y = 0; y <= rows; y++) {
                         at -= t->stride;
                         f0 -= down0;

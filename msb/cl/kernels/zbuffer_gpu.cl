@@ -1,10 +1,10 @@
-// The opaque z-buffer on a GPU: one work-item for each triangle, atomics for each pixel, then one work-item for
-// each pixel. Triangles that would keep a work-item busy for long are listed and drawn by whole work-groups.
-// The arithmetic is that of the CPU (zbuffer_math.cl), and so is the picture.
+// The opaque z-buffer on a GPU: one work-item per triangle with atomics per pixel, then one work-item per pixel.
+// Triangles that would keep a work-item busy for long are listed and drawn by whole work-groups. The arithmetic and
+// the image are the same as on a CPU (zbuffer_math.cl).
 //
-// A pixel is 64 bits: 1 / z above, the slot's complement below, so that the larger is nearer and, at equal
-// depths, of the lower slot; slots are in the order of faces here. Without 64-bit atomics (KEYS 0) the triangles
-// are drawn twice: depths first, then slots where the depth is that of the pixel.
+// A pixel has 64 bits: 1 / z above the complement of the slot, so that the larger value is nearer and, at equal
+// depths, has the lower slot; here slots are in face order. Without 64-bit atomics (KEYS 0) the triangles are drawn
+// twice: first depths, then slots with the depth of the pixel.
 #define LANES 1
 #include "zbuffer_math.cl"
 #if COLORS == TEXTURES
@@ -21,11 +21,11 @@
 #pragma OPENCL EXTENSION cl_khr_int64_extended_atomics : enable
 #endif
 
-#define SMALL 64     // pixels of a box that one work-item draws by itself
-#define MEDIUM 16384 // and that one work-group does
+#define SMALL 64     // maximum box, in pixels, for one work-item
+#define MEDIUM 16384 // maximum box, in pixels, for one work-group
 
 typedef struct {
-    __global uint *pixels; // slot's complement, depth: the halves of a little-endian 64-bit key
+    __global uint *pixels; // complement of the slot, depth: the halves of a little-endian 64-bit key
     int width, height, pass;
 #if COLORS == TEXTURES
     Textures textures;
@@ -33,7 +33,7 @@ typedef struct {
 } Target;
 
 #if COLORS == TEXTURES && CUTOFF
-// Whether a texture's alpha is not below the cut-off.
+// Whether the texture alpha at a sample is not below the cutoff.
 int is_there(const Target *t, int x, int y, uint slot, __constant float *view)
 {
     float light[4], px = (float)x + 0.5f - view[OPTICAL], py = (float)y + 0.5f - view[OPTICAL + 1];
@@ -51,7 +51,7 @@ void hit(const Target *t, int x, int y, float depth, uint slot, __constant float
 #if KEYS
     ulong key = (ulong)as_uint(depth) << 32 | ~slot;
     __global ulong *place = (__global ulong *)pixel;
-    // Keys only grow, so one read earlier that is larger says enough: most hidden pixels end here.
+    // Keys only grow, so an earlier read suffices to reject: most hidden pixels end here.
     if (key > *(volatile __global ulong *)place && IS_THERE(t, x, y, slot, view))
         atom_max(place, key);
 #else
@@ -63,7 +63,7 @@ void hit(const Target *t, int x, int y, float depth, uint slot, __constant float
 #endif
 }
 
-// Draw every `step`-th pixel of the triangle's box in every `row_step`-th row.
+// Draw every `step`-th pixel of the box of the triangle in every `row_step`-th row.
 void fill(const Target *t, const Outline *o, const Edges *s, uint slot, __constant float *view, int start, int step,
     int row, int row_step)
 {
@@ -97,8 +97,8 @@ __kernel void clear(__global uint2 *pixels, __global int *listed, uint count)
         pixels[i] = (uint2)0;
 }
 
-// One work-item for each triangle. `list` gets the slots left for `listed_triangles`: those for one work-group
-// from its start, those for many from its end; `listed` counts both.
+// One work-item per triangle. `list` gets the slots for `listed_triangles`: those for one work-group from its
+// start, those for several from its end; `listed` counts both.
 __kernel void triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global uint *list, __global int *listed, uint slots, int width, int height, int pass DRAWN_TEXTURES)
 {
@@ -124,8 +124,8 @@ __kernel void triangles(__global const float *records, __constant float *view, _
     }
 }
 
-// Work-groups of 8 x 8 pixels share the listed triangles: `many` 0, each takes whole ones; 1, those of a column of
-// the second dimension take every so many rows of their own height.
+// Work-groups of 8 x 8 pixels share the listed triangles. With `many` 0, each takes whole triangles. With `many`
+// 1, the groups along the second dimension share a triangle, each taking 8 rows in turn.
 __kernel void listed_triangles(__global const float *records, __constant float *view, __global uint *pixels,
     __global const uint *list, __global const int *listed, uint slots, int width, int height, int pass,
     int many DRAWN_TEXTURES)

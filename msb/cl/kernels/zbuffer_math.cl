@@ -1,25 +1,24 @@
-// What the opaque z-buffer's kernels share, so that a CPU and a GPU draw the same picture: the camera, the
-// records of triangles, snapping, the depth of a plane, clipping, and interpolation of colours. The rules are
-// in docs/standard.md.
+// Code shared by the kernels of the opaque z-buffer, so that CPUs and GPUs draw the same image: the camera, records of
+// triangles, snapping, the depth of a plane, clipping, and interpolation of colours. docs/standard.md has the rules.
 //
-// No addition below has a product on both sides, so that whoever fuses multiplications and additions fuses the
+// No addition below has products on both sides, so every compiler that fuses multiplications and additions fuses the
 // same ones.
 
-// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (the floats of a record) and the values of COLORS:
-// BYTES_OF_CORNERS and FLOATS_OF_FACE, which the record holds, FLOATS_OF_CORNERS, nine in a buffer of their own, and
-// TEXTURES (zbuffer_texture.cl), of which CUTOFF says whether alpha decides what is there.
-#define UNIT (1 << SUBPIXEL_BITS) // of screen coordinates: 1/4096 pixel
+// msb/render/standard/triangles.py defines SUBPIXEL_BITS, WORDS (floats per record) and the values of COLORS:
+// BYTES_OF_CORNERS and FLOATS_OF_FACE are stored in the record, FLOATS_OF_CORNERS, nine per face, in a separate
+// buffer, and TEXTURES in zbuffer_texture.cl, with CUTOFF if alpha decides visibility.
+#define UNIT (1 << SUBPIXEL_BITS) // unit of screen coordinates: 1/4096 pixel
 #define HALF (UNIT / 2)
-#define SMALL_EXTENT (64 * UNIT) // up to here a CPU draws eight triangles at once,
-#define DEEP(low, high) ((high) > 1024.0f * (low)) // unless 1 / z varies as much: float32 has seven digits
+#define SMALL_EXTENT (64 * UNIT) // up to this extent a CPU draws eight triangles at once,
+#define DEEP(low, high) ((high) > 1024.0f * (low)) // unless 1 / z varies this much: float32 has seven digits
 #define NEAR 0.01f
-#define GUARD (1 << 29)           // units; a triangle that reaches further is clipped
-#define GUARD_PLANE 402653184.0f  // units; where it is clipped, inside GUARD with room for rounding
+#define GUARD (1 << 29)           // units; a triangle that extends further is clipped
+#define GUARD_PLANE 402653184.0f  // units; the clipping planes, inside GUARD with room for rounding
 
-// What reaches very far is computed in double, where the device has that: float32 places a corner a million away
-// to 0.06 only, and a plane or an edge that passes nearby is then anywhere.
+// Very distant geometry is computed in double precision if the device supports it: float32 resolves a corner a
+// million units away only to 0.06, so nearby planes and edges would be arbitrary.
 #define FAR 1024.0f       // scene units from the camera, along any axis
-#define UNCERTAIN 1024.0f // how much larger than a determinant what is subtracted in it may be
+#define UNCERTAIN 1024.0f // maximum ratio of the terms of a determinant to its value for float32
 #ifdef cl_khr_fp64
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
@@ -31,30 +30,30 @@ typedef float real;
 //   0..8   its three corners
 //   9..11  three RGBA8 colours, or one RGB colour in floats, or with textures u0, v0, u1 (COLORS)
 //   12     its face
-//   13     1 if it is longer than FAR / 2, else 0; but with textures
-//   13..15 v1, u2, v2
+//   13     without textures: 1 if it is longer than FAR / 2, else 0
+//   13..15 with textures: v1, u2, v2
 #define UV_WORD 9
 #define FACE_WORD 12
 #define LONG_WORD 13
-// What is no float goes in and out as an integer: as a float it may be subnormal or NaN, which a device need
-// not keep when it moves one.
+// Words that are not floats are accessed as integers: as floats they may be subnormal or NaN, which a device need
+// not preserve.
 #define INTEGERS(record) ((__global int *)(record))
 #define NO_FACE (-1)
 
 // The camera, VIEW in msb/render/standard/view.py. Its rotation R has rows r0, r1, r2.
 #define ROTATION 0   // 9: fx UNIT r0, fy UNIT r1, r2
-#define CENTER 9     // 3: of the camera, rounded
-#define SHIFT 12     // 3: what the rounding left, turned and scaled by the rows above, negated
+#define CENTER 9     // centre of the camera, rounded
+#define SHIFT 12     // rounding error of the centre, rotated and scaled by the rows above, negated
 #define PRINCIPAL 15 // 2: cx UNIT + 1/2, cy UNIT + 1/2, so that truncation rounds
 #define SCALE 17     // 2: fx UNIT, fy UNIT
-#define REST 19      // 3: what the rounding of the centre left
+#define REST 19      // rounding error of the centre
 #define RAY 22       // 9: r0 / fx, r1 / fy, r2: direction = (u - cx) r0 / fx + (v - cy) r1 / fy + r2
 #define OPTICAL 31   // 2: cx, cy
-#define ROTATION_LOW 33 // 9: what the rounding of ROTATION left
-#define RAY_LOW 42      // 9: and of RAY
+#define ROTATION_LOW 33 // rounding error of ROTATION
+#define RAY_LOW 42      // 9: rounding error of RAY
 #define EXACT_RAY(view, i) ((real)view[RAY + (i)] + (real)view[RAY_LOW + (i)])
 
-#if LANES == 8 // fused by default where the processor can: vectors and scalars alike
+#if LANES == 8 // fused by default if the processor can: vectors and scalars alike
 #pragma OPENCL FP_CONTRACT ON
 #define MAD(a, b, c) ((a) * (b) + (c))
 #elif defined(FP_FAST_FMAF) || defined(__FMA__)
@@ -68,7 +67,7 @@ typedef float real;
 #define MAX(a, b) ((a) > (b) ? (a) : (b))
 #define LENGTH(a) ((a) < 0.0f ? -(a) : (a))
 
-// Products that must not be fused stand in statements of their own.
+// Products that must not be fused are separate statements.
 #define CROSS(REAL, x, y, z, ax, ay, az, bx, by, bz)                                                            \
     REAL x##_minus = az * by, y##_minus = ax * bz, z##_minus = ay * bx;                                         \
     REAL x = MAD(ay, bz, -x##_minus), y = MAD(az, bx, -y##_minus), z = MAD(ax, by, -z##_minus);
@@ -76,8 +75,8 @@ typedef float real;
     REAL to##_last = az * bz;                                                                                   \
     REAL to = MAD(ax, bx, MAD(ay, by, to##_last));
 
-// World to camera: (fx UNIT x, fy UNIT y, z). Differences with the centre first: they are nearly exact for
-// what is near the camera, wherever in the world that is.
+// World to camera: (fx UNIT x, fy UNIT y, z). The centre is subtracted first: these differences are nearly exact
+// near the camera, at any distance from the origin.
 #define TO_CAMERA(view, a, b, c, X, Y, Z)                                                                       \
     {                                                                                                           \
         a -= view[CENTER];                                                                                      \
@@ -89,8 +88,9 @@ typedef float real;
     }
 
 // 1 / z is affine on the screen: with n the normal of the plane and d = n . corner, 1 / z = (n . (u, v, 1)) / d
-// for u, v in units from the principal point. A, B are its slopes per unit. The arms are those of the corner at
-// the least depth: those of one a hundred times as far are nearly parallel, and rounding turns their plane.
+// for u, v in units from the principal point. A and B are its slopes per unit. The edge vectors start at the
+// corner with the least depth: those of a corner a hundred times as far are nearly parallel, and rounding would
+// tilt their plane.
 #define NEARER(za, zb, a, b) (fabs(za) < fabs(zb) ? (a) : (b))
 #define DEPTH_PLANE(REAL, X0, Y0, Z0, X1, Y1, Z1, X2, Y2, Z2, A, B, C)                                          \
     REAL A, B, C;                                                                                               \
@@ -108,14 +108,14 @@ typedef float real;
         C = nz * scale;                                                                                         \
     }
 
-// A corner in double: from the camera, in the world's axes.
+// A corner in double precision, relative to the camera, in world axes.
 void from_center(__global const float *corner, __constant float *view, real *p)
 {
     for (int axis = 0; axis < 3; axis++)
         p[axis] = (real)corner[axis] - (real)view[CENTER + axis] - (real)view[REST + axis];
 }
 
-// World to camera in double.
+// World to camera in double precision.
 void to_camera(__global const float *corner, __constant float *view, real *to)
 {
     real p[3];
@@ -129,8 +129,8 @@ void to_camera(__global const float *corner, __constant float *view, real *to)
     }
 }
 
-// The corner of three that is nearest to the camera, as the arms of another may be nearly parallel; from there the
-// arms to the next and to the one after, which as differences of floats are exact in double.
+// Return the corner nearest to the camera, because the edge vectors of another corner may be nearly parallel, with
+// the vectors to the next and the last corner. As differences of floats they are exact in double.
 int from_nearest(__global const float *record, __constant float *view, real *origin, real *next, real *last)
 {
     int nearest = 0;
@@ -155,13 +155,13 @@ int from_nearest(__global const float *record, __constant float *view, real *ori
     return nearest;
 }
 
-// A triangle that the lanes do not draw: large, or to be clipped. Everything in scalars.
+// A triangle that is not drawn in lanes, because it is large or must be clipped. Everything is scalar.
 typedef struct {
-    int n, u[8], v[8];         // its outline on the screen, units; n < 3: nothing is left
+    int n, u[8], v[8];         // outline on the screen in units; n < 3: nothing remains
     float a, b, reference;     // 1 / z = a (u - u_reference) + (b (v - v_reference) + reference) ...
     int u_reference, v_reference;
-    float low, high;           // ... but never beyond the corners'
-    int wide;                  // whether 1 / z is this instead: plane . (u, v, 1) from the principal point
+    float low, high;           // ... clamped to the range of the corners
+    int wide;                  // whether 1 / z is plane . (u, v, 1) from the principal point instead
     real plane[3];
 } Outline;
 
@@ -183,15 +183,15 @@ real wide_distance(int plane, const real *p, __constant float *view)
     return MAD(side, along, band * p[2]);
 }
 
-// Whether a point is so far that it is known well enough in double only.
+// Whether a point is so far that it needs double precision.
 int is_far(float x, float y, float z, __constant float *view)
 {
     return LENGTH(z) > FAR || LENGTH(x) > FAR * view[SCALE] || LENGTH(y) > FAR * view[SCALE + 1];
 }
 
-// Clip to the near plane and to the guard band (Sutherland and Hodgman 1974). A crossing is computed from the
-// end that is inside to the one that is not, so both faces of an edge find the same point: no cracks. If an end
-// is far that is done in double; whether it is depends on the ends alone. `wide` has the corners in double.
+// Clip to the near plane and to the guard band (Sutherland and Hodgman 1974). An intersection is computed from the
+// inner end to the outer one, so both faces of an edge get the same point, without cracks. If an end is far, this
+// is done in double precision, which depends only on the ends. `wide` holds the corners in double.
 int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
 {
     int n = 3;
@@ -205,7 +205,7 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
             real exact_d = wide_distance(plane, wide[i], view), exact_e = wide_distance(plane, wide[j], view);
             float d = far ? (float)exact_d : plane_distance(plane, x[i], y[i], z[i], view);
             float e = far_next ? (float)exact_e : plane_distance(plane, x[j], y[j], z[j], view);
-            // At most one corner more for each plane; rounding must not make it more.
+            // Each plane adds at most one corner; rounding must not add more.
             if (d >= 0.0f && kept < 8) {
                 px[kept] = x[i];
                 py[kept] = y[i];
@@ -251,8 +251,8 @@ int clip(float *x, float *y, float *z, real (*wide)[3], __constant float *view)
     return n;
 }
 
-// Whether float32 may be wrong about the plane of a triangle with a corner `far` away; `plane` then gets it. In the
-// world's axes, where differences of corners are exact.
+// Whether float32 is too inaccurate for the plane of a triangle with a corner `far` away; `plane` then gets it in
+// double. Computed in world axes, in which differences of corners are exact.
 int is_wide(__global const float *record, float far, __constant float *view, real *plane)
 {
     real o[3], a[3], b[3], size = 0.0f;
@@ -261,7 +261,7 @@ int is_wide(__global const float *record, float far, __constant float *view, rea
         size = MAX(size, MAX(LENGTH(a[axis]), LENGTH(b[axis])));
     CROSS(real, nx, ny, nz, a[0], a[1], a[2], b[0], b[1], b[2])
     DOT(real, determinant, nx, ny, nz, o[0], o[1], o[2])
-    for (int row = 0; row < 3; row++) { // per unit, per unit, and at the principal point
+    for (int row = 0; row < 3; row++) { // slopes per unit along u and v, and the value at the principal point
         real dx = EXACT_RAY(view, 3 * row), dy = EXACT_RAY(view, 3 * row + 1), dz = EXACT_RAY(view, 3 * row + 2);
         DOT(real, along, nx, ny, nz, dx, dy, dz)
         plane[row] = along / determinant * (row < 2 ? 1.0f / UNIT : 1.0f);
@@ -269,7 +269,7 @@ int is_wide(__global const float *record, float far, __constant float *view, rea
     return !((real)far * (real)far * size <= UNCERTAIN * LENGTH(determinant));
 }
 
-// 1 / z of an outline that is wide.
+// 1 / z of a wide outline.
 float wide_depth(const Outline *o, int x, int y, __constant float *view)
 {
     real u = (real)((x << SUBPIXEL_BITS) + HALF) - ((real)view[PRINCIPAL] - 0.5f);
@@ -311,7 +311,7 @@ Outline make_outline(__global const float *record, __constant float *view)
         v_low = MIN(v_low, o.v[i]);
         v_high = MAX(v_high, o.v[i]);
     }
-    // As zbuffer_block.cl decides: there all is float32.
+    // The same decision as in zbuffer_block.cl, which uses float32 throughout.
     int small = !clipped && u_high - u_low < SMALL_EXTENT && v_high - v_low < SMALL_EXTENT && !DEEP(o.low, o.high);
     o.wide = !small && far > FAR && is_wide(record, far, view, o.plane);
     o.u_reference = o.u[0];
@@ -319,7 +319,7 @@ Outline make_outline(__global const float *record, __constant float *view)
     o.reference = reference;
     if (!clipped)
         return o;
-    // The corners may be behind the camera: the plane is known at the principal point.
+    // Corners may be behind the camera, so the plane is evaluated at the principal point.
     float cu = view[PRINCIPAL] - 0.5f, cv = view[PRINCIPAL + 1] - 0.5f;
     o.u_reference = (int)(cu > -(float)GUARD ? (cu < (float)GUARD ? cu : (float)GUARD) : -(float)GUARD);
     o.v_reference = (int)(cv > -(float)GUARD ? (cv < (float)GUARD ? cv : (float)GUARD) : -(float)GUARD);
@@ -339,17 +339,17 @@ Outline make_outline(__global const float *record, __constant float *view)
     return o;
 }
 
-// Edge functions of one triangle in exact integers: e(x, y) = (e + x dx ... ) below 0 outside. Each is positive
-// inside; where it is zero the sample belongs to the triangle only if the edge is a left or a top one, so of
-// two triangles that share an edge exactly one takes the sample. Divided by UNIT, which keeps the sign since
-// steps of a pixel are multiples of it.
+// Edge functions of one triangle in exact integers; negative outside. On an edge they are 0, and the sample
+// belongs to the triangle only if the edge is a left or a top edge, so exactly one of two triangles that share an
+// edge takes the sample. They are divided by UNIT, which keeps the sign because steps of a pixel are multiples of
+// UNIT.
 typedef struct {
     long e[3];        // at the centre of pixel (x, y)
     long dx[3], dy[3]; // e changes by -dy to the right, by +dx downwards
     int x0, y0, x1, y1; // pixels of the box, ends included; empty where x0 > x1 or y0 > y1
 } Edges;
 
-// The triangle of corners 0, k, k + 1 of an outline, within pixels [left, right) x [top, bottom).
+// The triangle with corners 0, k, k + 1 of an outline, within pixels [left, right) x [top, bottom).
 Edges make_edges(const Outline *o, int k, int left, int top, int right, int bottom)
 {
     Edges s;
@@ -383,9 +383,9 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
 
 // ---- colours
 
-// Weights of the corners where the ray meets the triangle's plane (Moeller and Trumbore 1997), from the stored
-// corners, not the snapped ones; clamped to the triangle, since a sample may lie outside by the snapping.
-// A triangle seen from its very edge has no weights: its first corner counts.
+// Weights of the corners at the intersection of the ray with the plane of the triangle (Moeller and Trumbore
+// 1997), from the stored corners, not the snapped ones; clamped to the triangle, because snapping may put a sample
+// outside. A triangle seen edge-on has no weights: its first corner counts.
 #define WEIGHTS(REAL, view, c0, c1, c2, c3, c4, c5, c6, c7, c8, px, py, w, u, v)                                \
     REAL w, u, v;                                                                                               \
     {                                                                                                           \
@@ -422,8 +422,8 @@ Edges make_edges(const Outline *o, int k, int left, int top, int right, int bott
         to = MAD(w, a, MAD(u, b, last));                                                                        \
     }
 
-// The same in double and from the corner nearest to the camera, for a long triangle of which float32 is uncertain: it
-// is nearly parallel to the ray, or its sides to each other. Return whether it is.
+// The same in double precision, from the corner nearest to the camera, for a long triangle that float32 handles
+// inaccurately: it is nearly parallel to the ray, or its sides are nearly parallel. Return whether this is so.
 int wide_weights(__global const float *record, __constant float *view, real px, real py, float *weights)
 {
     real o[3], a[3], b[3], away = 0.0f, size = 0.0f;
@@ -456,7 +456,7 @@ int wide_weights(__global const float *record, __constant float *view, real px, 
     return 1;
 }
 
-// Whether a triangle may reach so far that weights of its corners need double precision.
+// Whether a triangle is so long that the weights of its corners may need double precision.
 int is_long(__global const float *corners)
 {
     float size = 0.0f;

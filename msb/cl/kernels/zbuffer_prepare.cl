@@ -7,9 +7,9 @@
 #define TEXTURE_ARGUMENTS
 #endif
 
-// Once for each asset: triangles as the z-buffer reads them (zbuffer_math.cl), and boxes of clusters of them.
+// Runs once per asset: records of triangles for the z-buffer (zbuffer_math.cl), and boxes of clusters.
 
-// Spread the low ten bits of x: two zeros before each.
+// Spread the low ten bits of x, with two zeros before each.
 uint spread(uint x)
 {
     x = (x | x << 16) & 0x030000ff;
@@ -18,8 +18,8 @@ uint spread(uint x)
     return (x | x << 2) & 0x09249249;
 }
 
-// Place of a centroid along the Morton curve of 1024^3 cells, 30 bits. `origin` and `scale` map the cells;
-// what lies outside goes to the cells at the border.
+// Write the position of each centroid along the Morton curve of 1024^3 cells, 30 bits. `origin` and `scale` map to
+// cells; points outside are moved to border cells.
 __kernel void place(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global uint *keys, float4 origin, float scale, uint count)
 {
@@ -42,7 +42,7 @@ __kernel void place(__global const float *positions, __global const uint *indice
     keys[i] = spread(cell[0]) | spread(cell[1]) << 1 | spread(cell[2]) << 2;
 }
 
-// Whether corner a comes before b: by x, then y, then z.
+// Whether corner a precedes b: by x, then y, then z.
 int before(const float *a, const float *b)
 {
     for (int axis = 0; axis < 3; axis++)
@@ -51,10 +51,10 @@ int before(const float *a, const float *b)
     return 0;
 }
 
-// Write the records. Corners are put in an order that depends on their places alone, so that faces in the same
-// place have equal depths to the last bit, whatever corner each starts with. Slots from `count` on, up to a whole
-// block, get triangles without area. With textures `colors` has u, v of each corner, `tint` linear light and alpha
-// if `is_tinted`, and `shown`, if there are `several`, the texture of each face.
+// Write the records. Corners are sorted by position, so that faces in the same place have bit-identical depths,
+// whichever corner each starts with. Slots from `count` on, up to a whole block, get zero-area triangles. With
+// textures, `colors` has u, v of each corner, `tint` linear light and alpha if `is_tinted`, and `shown`, if there
+// are `several` textures, the texture of each face.
 __kernel void records(__global const float *positions, __global const uint *indices, __global const uint *listed,
     int all, __global const uint *order, int ordered, COLOR_TYPE colors, int domain, __global float *triangles,
     __global float *corner_colors, uint count, uint slots TEXTURE_ARGUMENTS)
@@ -75,7 +75,7 @@ __kernel void records(__global const float *positions, __global const uint *indi
             corner[k][axis] = positions[3 * vertex + axis];
         row[k] = domain == 0 ? vertex : 3 * face + k;
     }
-    for (int pass = 0; pass < 3; pass++) { // three exchanges sort three
+    for (int pass = 0; pass < 3; pass++) { // three exchanges sort three corners
         int k = pass & 1;
         if (before(corner[k + 1], corner[k])) {
             for (int axis = 0; axis < 3; axis++) {
@@ -120,7 +120,7 @@ __kernel void records(__global const float *positions, __global const uint *indi
 #endif
 }
 
-// Copy the records, but those of faces that are not to be shown without area, and so without a pixel.
+// Copy the records; faces that are not shown get zero area, and so no pixels.
 __kernel void some_records(__global const float *triangles, __global const uchar *shown, __global float *copies,
     uint slots)
 {
@@ -133,7 +133,7 @@ __kernel void some_records(__global const float *triangles, __global const uchar
         to[k] = from[k < 9 && !is_shown ? k % 3 : k];
 }
 
-// Centre and half extent of clusters of `size` triangles, six rows of `stride`.
+// Centre and half extent of clusters of `size` triangles, in six rows of `stride`.
 __kernel void bound(__global const float *triangles, __global float *boxes, int size, int slots, int count, int stride)
 {
     int cluster = get_global_id(0);
@@ -147,7 +147,7 @@ __kernel void bound(__global const float *triangles, __global float *boxes, int 
                 low = at < low ? at : low;
                 high = at > high ? at : high;
             }
-        // Halved first: the sum of two large numbers may overflow. The extent grows by what rounding takes.
+        // Halved first, because the sum of two large numbers may overflow. The extent grows by the rounding error.
         float center = 0.5f * low + 0.5f * high;
         float reach = high - center > center - low ? high - center : center - low;
         boxes[axis * stride + cluster] = center;

@@ -1,23 +1,24 @@
-// Textures for the opaque z-buffer: what they show of a face at a sample, eight samples at once (LANES 8) or one.
-// The rules are in docs/standard.md, the readable twin is `sample` in msb/asset/texture.py.
+// Textures for the opaque z-buffer: the colour of a face at a sample, eight samples at once (LANES 8) or one.
+// docs/standard.md has the rules; the readable twin is `sample` in msb/asset/texture.py.
 //
-// A record has u, v of the corners in UV_WORD and behind FACE_WORD. `tints` has, if there are any, linear light and
-// alpha of each slot's corners, `numbers` the texture of each slot if there are several, `texels` all levels of all
-// textures with a column and a row more, linear light and alpha in 16 bits each. `rows` says how to read them:
-//   row 0       whether texels are not blended, whether smaller levels are read, wrap of u, wrap of v
-//   row 1       alpha below which there is nothing, as a float; whether there are tints; several textures
-//   row 2 + 5t  texture t: width, height, last level; in the next four rows the first texels of levels 0 to 15
+// A record has u, v of its corners in UV_WORD and after FACE_WORD. `tints`, if used, holds linear light and alpha of
+// the corners of each slot, `numbers`, with several textures, the texture of each slot, `texels` all levels of all
+// textures with an extra column and row, as linear light and alpha with 16 bits each. `rows` describes how to read:
+//   row 0       whether the nearest texel is used, whether smaller levels are used, wrap of u, wrap of v
+//   row 1       alpha cutoff as a float; whether there are tints; whether there are several textures
+//   row 2 + 5t  texture t: width, height, last level; the next four rows: first texels of levels 0 to 15
 
-// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wraps CLAMPED and MIRRORED; any other repeats.
+// msb/render/standard/texels.py defines FIRST_ROW, TEXTURE_ROWS and the wraps CLAMPED and MIRRORED; any other
+// value repeats.
 #define TINT_WORDS 12
-// Within the loops of a row what is the same for all pixels is computed once.
+// Inlining hoists values that are constant along a row out of its loops.
 #if LANES == 8 && defined(__clang__)
 #define INLINED __attribute__((always_inline))
 #else
 #define INLINED
 #endif
 #if CUTOFF
-#define SEEN 4 // channels
+#define SEEN 4 // number of channels
 #else
 #define SEEN 3
 #endif
@@ -31,7 +32,7 @@ typedef struct {
 #define CUTOFF_OF(t) as_float((t)->rows[4])
 #define IS_TINTED(t) ((t)->rows[5])
 #define ARE_SEVERAL(t) ((t)->rows[6])
-// The arguments of a kernel that draws, and what they are to it.
+// Arguments of a kernel that draws, and their use.
 #define TEXTURE_ARGUMENTS                                                                                       \
     , __global const uint *numbers, __global const ushort4 *texels, __global const int *level_rows
 #define TEXTURES_OF(triangles, tints) {triangles, tints, numbers, texels, level_rows}
@@ -94,11 +95,11 @@ floats floor_of(floats x)
 {
     floats whole = FLOATS_OF(INTS_OF(x));
     whole = whole > x ? whole - 1.0f : whole;
-    return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // beyond, floats are whole
+    return x < 8388608.0f ? (x > -8388608.0f ? whole : x) : x; // larger floats are integers
 }
 
-// A polynomial in the mantissa, which is taken from sqrt(1/2) to sqrt(2), less 1. Right to 3e-6 for positive normal
-// numbers.
+// A polynomial in the mantissa minus 1, with the mantissa in [sqrt(1/2), sqrt(2)). Accurate to 3e-6 for positive
+// normal numbers.
 floats log2_of(floats x)
 {
     ints bits = AS_INTS(x), exponent = (bits - 0x3f3504f3) >> 23;
@@ -109,7 +110,7 @@ floats log2_of(floats x)
     return MAD(t, low, FLOATS_OF(exponent));
 }
 
-// Linear light to sRGB (IEC 61966-2-1); above its straight part a polynomial in the fourth root, right to 2e-6.
+// Linear light to sRGB (IEC 61966-2-1); above the linear part a polynomial in the fourth root, accurate to 2e-6.
 floats encoded(floats x)
 {
     floats root = ROOT(ROOT(x));
@@ -119,11 +120,11 @@ floats encoded(floats x)
     curve = MAD(root, curve, (floats)1.36592304f);
     curve = MAD(root, curve, (floats)0.13960362f);
     curve = MAD(root, curve, (floats)(-0.05954656f));
-    floats made = x > 0.0031308f ? curve : 12.92f * x;
-    return made < 1.0f ? made : (floats)1.0f;
+    floats result = x > 0.0031308f ? curve : 12.92f * x;
+    return result < 1.0f ? result : (floats)1.0f;
 }
 
-// A texture coordinate as one within the texture: 0 to 1, whatever it was.
+// Map a texture coordinate into the texture, 0 to 1, according to the wrap mode.
 floats folded(floats u, int wrap)
 {
     if (wrap == MIRRORED) {
@@ -134,7 +135,7 @@ floats folded(floats u, int wrap)
     return u > 0.0f ? (u < 1.0f ? u : (floats)1.0f) : (floats)0.0f;
 }
 
-// The textures of the faces in `slot`: how far behind the first their numbers are, their sides, and their last level.
+// The textures of the faces in `slot`: offset of their rows from the first texture, sides, and last level.
 typedef struct {
     ints at, width, height, last_level;
 } Image;
@@ -152,15 +153,15 @@ Image image_of(const Textures *t, ints slot)
     return image;
 }
 
-// Where a level is read: the upper left one of four texels, what lies below it, and the shares of the upper two, the
-// lower two, and of the right ones in both.
+// The texels read in a level: the upper left one of four, the offset of the lower ones, and the shares of the
+// upper two, of the lower two, and of the right ones in both.
 typedef struct {
     ints at, below;
     floats upper, lower, right;
 } Taps;
 
-// The taps of a level, times a share; u, v are folded. Past the last column and row of a level there are once more
-// those that blend with them, so that the four are always neighbours.
+// The taps of a level, times a share; u, v are mapped. Each level has an extra column and row with the texels that
+// blend with the last ones, so the four are always neighbours.
 Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats v, floats share)
 {
     Taps taps;
@@ -171,7 +172,7 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     height = height > 1 ? height : (ints)1;
     ints x0, y0;
     share *= 1.0f / 65535.0f;
-    if (t->rows[0]) { // a texel that is read alone is the left and upper one of four
+    if (t->rows[0]) { // a single texel is the upper left one of four
         x0 = INTS_OF(u * FLOATS_OF(width));
         y0 = INTS_OF(v * FLOATS_OF(height));
         x0 = x0 < width ? x0 : width - 1;
@@ -180,7 +181,7 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     } else {
         floats x = MAD(u, FLOATS_OF(width), (floats)(-0.5f));
         floats y = MAD(v, FLOATS_OF(height), (floats)(-0.5f));
-        // Before an edge that is not repeated lies the edge itself.
+        // Beyond an edge that does not repeat, the edge itself continues.
         if (t->rows[2] != 0)
             x = x > 0.0f ? x : (floats)0.0f;
         if (t->rows[3] != 0)
@@ -199,10 +200,10 @@ Taps taps_of(const Textures *t, const Image *image, ints level, floats u, floats
     return taps;
 }
 
-// Add what the taps show.
+// Add the colour of the taps.
 INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *light)
 {
-    float8 seen[LANES]; // the left texels, and the right ones
+    float8 seen[LANES]; // left texels, then right texels
 #pragma unroll
     for (int l = 0; l < LANES; l++) {
         __global const ushort4 *four = texels + LANE(taps->at, l);
@@ -215,9 +216,9 @@ INLINED void add_taps(__global const ushort4 *texels, const Taps *taps, floats *
         light[k] += MAD(taps->right, COLUMN(seen, k + 4) - COLUMN(seen, k), COLUMN(seen, k));
 }
 
-// Weights of the second and third corner at a sample, and their steps to the next pixel along x and along y: in all
-// w[0], w[1], w[0] along x, w[1] along x, w[0] along y, w[1] along y. As WEIGHTS; the volumes are written as products
-// of the ray with vectors that are the same for the whole face, so their steps are those of the ray's.
+// Weights of the second and third corner at a sample, and their steps to the next pixel along x and y: w[0], w[1],
+// w[0] along x, w[1] along x, w[0] along y, w[1] along y. As in WEIGHTS; the volumes are written as products of
+// the ray with vectors that are constant for a face, so their steps follow from the steps of the ray.
 void weights_and_steps(const floats *c, __constant float *view, floats px, floats py, floats *w)
 {
     floats ax = c[3] - c[0], ay = c[4] - c[1], az = c[5] - c[2];
@@ -256,7 +257,7 @@ void weights_and_steps(const floats *c, __constant float *view, floats px, float
     }
 }
 
-// The same in double where wide_weights says that it has to be.
+// The same in double precision if wide_weights requires it.
 void wide_weights_and_steps(__global const float *record, __constant float *view, real px, real py, float *w)
 {
     float exact[3];
@@ -287,19 +288,19 @@ void wide_weights_and_steps(__global const float *record, __constant float *view
     }
 }
 
-// What a sample shows: its place in the texture, from 0 to 1, the level, and the weights of the second and third corner.
+// The texture position of a sample, from 0 to 1, its level, and the weights of the second and third corner.
 typedef struct {
     floats u, v, lod, w0, w1;
 } Place;
 
-// Find what the faces in `slot` show at px, py from the principal point, clamped to the faces.
+// Find the texture position of the faces in `slot` at px, py from the principal point, clamped to the faces.
 INLINED void look(const Textures *t, __constant float *view, ints slot, floats px, floats py, Place *place)
 {
     floats c[16], w[6];
     EIGHT_WORDS(t->triangles, WORDS, slot, 0, c)
     EIGHT_WORDS(t->triangles, WORDS, slot, 8, (c + 8))
     weights_and_steps(c, view, px, py, w);
-    floats size = (floats)0.0f; // as is_long in zbuffer_prepare.cl
+    floats size = (floats)0.0f; // as is_long in zbuffer_math.cl
 #pragma unroll
     for (int k = 3; k < 9; k++) {
         floats side = MAGNITUDE(c[k] - c[k % 3]);
@@ -349,10 +350,10 @@ INLINED void look(const Textures *t, __constant float *view, ints slot, floats p
     place->w1 = w[1];
 }
 
-// Where a place is read: in one level, or in two.
+// The taps of a texture position, in one level or two.
 typedef struct {
     Taps near, far;
-    int blends; // whether far counts
+    int blends; // whether `far` counts
 } Sight;
 
 INLINED void aim(const Textures *t, ints slot, const Place *place, Sight *sight)
@@ -367,7 +368,7 @@ INLINED void aim(const Textures *t, ints slot, const Place *place, Sight *sight)
         sight->far = taps_of(t, &image, level, place->u, place->v, share);
 }
 
-// Linear light that is seen there, and with a cut-off alpha.
+// The linear light at a texture position, and with a cutoff its alpha.
 INLINED void show(const Textures *t, ints slot, const Place *place, const Sight *sight, floats *light)
 {
 #pragma unroll

@@ -1,45 +1,39 @@
-"""What six peer libraries say of the same mesh, and whether each agrees or differs by definition.
+"""Compare the audit of a mesh with six peer libraries: do they agree, or differ by definition?
 
-Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's validator of
-USD. `peers.py` asks these peers, each in a process of its own; `expected.py` computes from their definitions
-what they should say; this module compares the two.
+Only this package uses libigl, PyMeshLab, manifold3d, trimesh (as a judge), NetworkX and NVIDIA's USD
+validator. `peers.py` runs each peer in a separate process, `expected.py` predicts its answers from its
+definitions, and this module compares the two.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+from numpy.typing import ArrayLike
 
 from msb.base.extras import install, is_installed, need_extra
+from msb.topology.analysis import Analysis
 from msb.topology.arrays import mesh_arrays
+from msb.topology.audit import Audit
 from msb.topology.crosscheck.expected import EXPECTED, Expected, Facts
-from msb.topology.crosscheck.peers import PEERS, ask_peers
+from msb.topology.crosscheck.peers import PEERS, Answer, Answers, ask_peers
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from msb.topology.analysis import Analysis
-    from msb.topology.audit import Audit
-    from msb.topology.crosscheck.peers import Answer, Answers
-
-__all__ = ["PEERS", "CrossCheck", "Row", "compare", "cross_check"]
+__all__ = ["PEERS", "Comparison", "CrossCheck", "compare", "cross_check"]
 
 Verdict = Literal["agrees", "differs_by_definition", "disagrees"]
-# Seconds that a peer is given, and as many again for each million faces; libigl needs 12 seconds for a
-# million.
+# Time limit of a peer in seconds, plus the same again per million faces; libigl needs 12 s per million.
 PATIENCE = 60.0
-# Peers that are installed without the extra: a dependency of scikit-image (extra bench).
+# Peers that may be installed without the extra: NetworkX is a dependency of scikit-image (extra bench).
 ANYWAY = {"NetworkX"}
 
 
 @dataclass(frozen=True)
-class Row:
-    """One number of ours beside a peer's.
+class Comparison:
+    """One of our numbers beside the number of a peer.
 
-    `why` says how the definitions differ on this mesh and by how much, or what was expected instead; it is
-    empty where the two agree. `call` is how the peer's number was obtained. A disagreement, which no
-    difference of definition explains, is a bug in the peer or in our audit.
+    `why` explains how the definitions differ on this mesh and by how much, or what was expected instead; it
+    is empty if the numbers agree. `call` names the function of the peer. A disagreement is not explained by
+    definitions, so it is a bug in the peer or in our audit.
     """
 
     peer: str
@@ -54,9 +48,9 @@ class Row:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """All comparisons; `skipped` says why a peer, or "PEER QUANTITY", was not asked or did not answer."""
+    """All comparisons; `skipped` maps a peer, or "PEER QUANTITY", to the reason why it has no answer."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[Comparison, ...]
     skipped: dict[str, str]
 
     def to_rows(self) -> list[dict[str, Any]]:
@@ -67,56 +61,57 @@ class CrossCheck:
 def cross_check(
     vertices: ArrayLike, faces: ArrayLike, report: Audit, analysis: Analysis, *, timeout: float | None = None
 ) -> CrossCheck:
-    """Ask every installed peer about a mesh and compare with our audit of it.
+    """Ask every installed peer about a mesh and compare the answers with our audit.
 
-    `report` and `analysis` are what `audit_arrays` made of the same arrays. Each peer is given `timeout`
-    seconds; by default a minute, and one more for each million faces.
+    `report` and `analysis` are the results of `audit_arrays` for the same arrays. Each peer has `timeout`
+    seconds; the default is a minute, plus one per million faces.
     """
     points, triangles = mesh_arrays(vertices, faces)
-    here = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
-    if not set(here) - ANYWAY:
-        wanted = (PEERS[peer].module for peer in PEERS if peer not in ANYWAY)
-        need_extra("crosscheck", *wanted, what="a cross-check")
-    skipped = {peer: f"it is not installed; {install('crosscheck')}" for peer in PEERS if peer not in here}
+    installed = [peer for peer in PEERS if is_installed(PEERS[peer].module)]
+    if not set(installed) - ANYWAY:
+        modules = (PEERS[peer].module for peer in PEERS if peer not in ANYWAY)
+        need_extra("crosscheck", *modules, what="a cross-check")
+    skipped = {peer: f"not installed; {install('crosscheck')}" for peer in PEERS if peer not in installed}
     to_ask = []
-    for peer in here:
-        most = PEERS[peer].max_faces
+    for peer in installed:
+        limit = PEERS[peer].max_faces
         if len(triangles) == 0:
-            skipped[peer] = "there are no faces to count, and some peers abort on none"
-        elif most is not None and len(triangles) > most:
-            skipped[peer] = f"it is asked about meshes of at most {most:,} faces; this has {len(triangles):,}"
+            skipped[peer] = "the mesh has no faces, and some peers abort on empty meshes"
+        elif limit is not None and len(triangles) > limit:
+            skipped[peer] = f"limited to meshes of {limit:,} faces; this one has {len(triangles):,}"
         else:
             to_ask.append(peer)
     if timeout is None:
         timeout = PATIENCE * (1 + len(triangles) / 1e6)
     replies = ask_peers(to_ask, points, triangles, timeout)
     facts = Facts(report, analysis) if replies else None
-    rows: list[Row] = []
+    rows: list[Comparison] = []
     for peer in to_ask:
         answers = replies[peer]
         if isinstance(answers, str) or facts is None:
             skipped[peer] = str(answers)
             continue
-        compared, left_out = compare(peer, answers, facts)
+        compared, not_compared = compare(peer, answers, facts)
         rows += compared
-        skipped |= left_out
+        skipped |= not_compared
     return CrossCheck(tuple(rows), skipped)
 
 
-def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Row], dict[str, str]]:
-    """Return the rows of one peer, and what it left out."""
-    rows, left_out = [], {}
+def compare(peer: str, answers: Answers, facts: Facts) -> tuple[list[Comparison], dict[str, str]]:
+    """Return the rows of a peer, and the reasons why other numbers were not compared."""
+    rows, not_compared = [], {}
     release = version(PEERS[peer].distribution)
     for expected in EXPECTED[peer](facts):
         if expected.unfit:
-            left_out[f"{peer} {expected.quantity}"] = f"{expected.call}: {expected.unfit}"
+            not_compared[f"{peer} {expected.quantity}"] = f"{expected.call}: {expected.unfit}"
             continue
         theirs = answers.get(expected.answer)
         if theirs is not None and expected.plus:
             theirs += expected.plus
         verdict, why = _judge(expected, theirs)
-        rows.append(Row(peer, release, expected.quantity, expected.ours, theirs, verdict, why, expected.call))
-    return rows, left_out
+        numbers = expected.quantity, expected.ours, theirs
+        rows.append(Comparison(peer, release, *numbers, verdict, why, expected.call))
+    return rows, not_compared
 
 
 def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
@@ -126,10 +121,10 @@ def _judge(expected: Expected, theirs: Answer) -> tuple[Verdict, str]:
     if expected.why and _near(theirs, expected.theirs, expected.slack):
         return "differs_by_definition", expected.why
     reason = f" ({expected.why})" if expected.why else ""
-    return "disagrees", f"{expected.call} should give {expected.theirs}{reason}, and gives {theirs}"
+    return "disagrees", f"{expected.call} returned {theirs} instead of {expected.theirs}{reason}"
 
 
-def _near(one: Answer, other: Answer, slack: float) -> bool:
-    if one is None or other is None:
-        return one is other
-    return abs(one - other) <= slack
+def _near(first: Answer, second: Answer, slack: float) -> bool:
+    if first is None or second is None:
+        return first is second
+    return abs(first - second) <= slack

@@ -1,50 +1,45 @@
-"""What each peer should answer about a mesh, given where its definitions differ from ours.
+"""Predict the answers of each peer about a mesh from the differences between its definitions and ours.
 
-A prediction is our number plus a shift that follows from the mesh. So a wrong number of ours gives a
-disagreement even where definitions differ. Almost every shift comes from repeated-index rows, which have no
-edges for us and three vertex pairs for most peers. docs/definitions.md has the table in words.
+A prediction is our number plus a shift computed from the mesh, so a wrong number of ours causes a
+disagreement even if definitions differ. Almost every shift comes from repeated-index rows, which have no
+edges in our definitions and three vertex pairs for most peers. docs/definitions.md has the table in words.
 """
-
-from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from msb.topology.analysis import Analysis
+from msb.topology.audit import Audit
 from msb.topology.components import label_components
 from msb.topology.crosscheck.pairs import pair_numbers
-
-if TYPE_CHECKING:
-    from msb.topology.analysis import Analysis
-    from msb.topology.audit import Audit
-    from msb.topology.crosscheck.peers import Answer
-    from msb.topology.findings import Counts
+from msb.topology.crosscheck.peers import Answer
+from msb.topology.findings import Counts
 
 
 @dataclass(frozen=True)
 class Expected:
-    """One number of ours, the number that a peer should give for it, and why they differ.
+    """One of our numbers, the number that a peer should give for it, and the reason for the difference.
 
     Attributes
     ----------
     quantity : str
         Key of the audit's JSON.
     call, answer : str
-        How the peer's number is obtained, and its name among the peer's answers.
+        The function of the peer, and the name of its number among the peer's answers.
     ours, theirs : number, flag or None
-        Our value, and the one that the peer's definition gives on this mesh.
+        Our value, and the value that the peer's definition gives on this mesh.
     why : str
-        The difference of definition; empty where the two coincide.
+        The difference between the definitions; empty if they agree on this mesh.
     plus : int
-        A number that is added to the peer's answer before comparing (in derived rows).
+        A number added to the peer's answer before comparing (in derived rows).
     slack : float
-        The largest allowed difference between the answer and `theirs`: rounding of areas, or the bound of a
+        The largest accepted difference between the answer and `theirs`: rounding of areas, or the bound of a
         documented quirk.
     unfit : str
-        Why the peer's answer means nothing on this mesh; empty if it does mean something.
+        Why the peer's answer is meaningless on this mesh; empty if it is meaningful.
     """
 
     quantity: str
@@ -59,7 +54,7 @@ class Expected:
 
 
 class Facts:
-    """The facts about one mesh on which the definitions of the peers and ours differ."""
+    """The properties of a mesh that the definitions of the peers and ours treat differently."""
 
     def __init__(self, report: Audit, analysis: Analysis) -> None:
         self.report = report
@@ -75,53 +70,54 @@ class Facts:
             self.shift = {key: n - proper[key] for key, n in self.with_all_rows.items()}
 
     def same(self, quantity: str, call: str, shift: str | None = None) -> Expected:
-        """Expect our count, shifted by what the peer makes of repeated-index rows."""
+        """Expect our count, shifted by the effect of repeated-index rows in the peer."""
         ours = getattr(self.counts, quantity)
         by = self.shift[shift] if shift else 0
         return Expected(quantity, call, quantity, ours, ours + by, self.rows_kept(by))
 
     def rows_kept(self, by: int) -> str:
-        """Return in words that the peer counts repeated-index rows, or nothing if that changes no number."""
+        """Return the reason "it counts repeated-index rows", or nothing if that changes no number."""
         if by == 0:
             return ""
-        return f"it keeps the vertex pairs and corners of {self.rows}, which we leave out"
+        return f"it counts the vertex pairs and corners of {self.rows}, which we exclude"
 
     @property
     def rows(self) -> str:
-        """The repeated-index rows in words."""
+        """The number of repeated-index rows in words."""
         return some(self.repeated, "repeated-index row")
 
     def area(self, call: str) -> Expected:
-        """Expect our area, or none if a corner is not finite, because a peer's sum is then NaN."""
+        """Expect our area, or None if a corner is not finite, which makes the sum of a peer NaN."""
         ours = self.report.metrics.total_area
         if self.counts.nonfinite_faces:
-            bad = some(self.counts.nonfinite_faces, "face")
-            why = f"its sum is not finite because of {bad} that we count as 0"
+            faces = some(self.counts.nonfinite_faces, "face")
+            why = f"its sum is not finite because of {faces} with an area that we count as 0"
             return Expected("total_area", call, "total_area", ours, None, why)
         points = self.analysis.vertices[np.unique(self.analysis.mesh.faces)].astype(np.float64)
         with np.errstate(over="ignore"):
             extent = float(np.ptp(points, axis=0).max())
-        # Sums in another order agree to 1e-9; slivers may cancel down to the rounding of their sides.
+        # Sums in a different order agree to 1e-9. The area of a sliver may cancel down to the rounding of its
+        # sides.
         slack = 1e-9 * ours + 1e-14 * extent * extent * self.counts.faces
         return Expected("total_area", call, "total_area", ours, ours, "", slack=slack)
 
     def loops(self, call: str, unfit: str = "") -> Expected:
-        """Expect our loops, on meshes for which the peer defines them."""
+        """Expect our boundary loops, only on meshes for which the peer defines them."""
         if self.repeated:
-            unfit = "it is not made for meshes with repeated-index rows"
+            unfit = "not defined for meshes with repeated-index rows"
         elif self.counts.nonmanifold_vertices:
-            unfit = "it is defined on manifold meshes only"
+            unfit = "defined for manifold meshes only"
         return replace(self.same("boundary_loops", call), unfit=unfit)
 
     def without_seams(self, flag: Expected, holds: Callable[[Counts], bool]) -> Expected:
-        """Expect of a mesh with seams, which peers are handed as it is stored, that it is open to them."""
+        """Expect a peer to find a mesh with seams open, because it gets the mesh as stored."""
         if flag.ours or flag.theirs or not holds(self.report.judged.counts):
             return flag
-        doubled = some(self.counts.seam_vertices, "row")
-        return replace(flag, ours=True, why=f"it takes the {doubled} doubled at seams for a border")
+        rows = some(self.counts.seam_vertices, "row")
+        return replace(flag, ours=True, why=f"it treats the {rows} duplicated at seams as a border")
 
     def euler(self, call: str, vertices: int, which: str, edges: str) -> Expected:
-        """Expect V - E + F with another V, and with the pairs of repeated-index rows among E."""
+        """Expect V - E + F with a different V, and with the vertex pairs of repeated-index rows in E."""
         ours = self.report.metrics.euler_characteristic
         fewer = vertices - self.counts.vertices
         parts = [f"it counts the vertices {which}, {vertices} of {self.counts.vertices}"] if fewer else []
@@ -132,7 +128,7 @@ class Facts:
 
 
 def expect_libigl(facts: Facts) -> list[Expected]:
-    """Return what libigl should say."""
+    """Return the expected answers of libigl."""
     highest = int(facts.analysis.mesh.faces.max()) + 1
     pairs = "igl.unique_edge_map"
     rows = [
@@ -154,14 +150,14 @@ def expect_libigl(facts: Facts) -> list[Expected]:
 
 
 def expect_pymeshlab(facts: Facts) -> list[Expected]:
-    """Return what PyMeshLab's get_topological_measures should say."""
+    """Return the expected answers of PyMeshLab's get_topological_measures."""
     ours, endpoints = facts.counts.nonmanifold_vertices, facts.counts.nonmanifold_edge_endpoints
     faces = facts.analysis.mesh.faces
     vague = len(np.unique(faces[facts.analysis.mesh.repeated_index]))
-    # How it counts the corners of a repeated-index row cannot be told in advance; other vertices are safe.
-    quirk = f"; it may say anything of the {vague} vertices of {facts.rows}" if vague else ""
+    # Its count at the corners of a repeated-index row is unpredictable; other vertices are reliable.
+    quirk = f"; its result is arbitrary for the {vague} vertices of {facts.rows}" if vague else ""
     crowded = facts.same("nonmanifold_edges", "non_two_manifold_edges (first call)", "crowded_by_rows")
-    again = "it may count an edge again for each such row there" if facts.repeated else ""
+    again = "it may count an edge again for each such row at it" if facts.repeated else ""
     skips = f"it skips {some(endpoints, 'endpoint')} of non-manifold edges" if endpoints else ""
     rows = [
         facts.same("vertices", "vertices_number"),
@@ -184,7 +180,7 @@ def expect_pymeshlab(facts: Facts) -> list[Expected]:
 
 
 def expect_trimesh(facts: Facts) -> list[Expected]:
-    """Return what trimesh should say."""
+    """Return the expected answers of trimesh."""
     mesh, counts = facts.analysis.mesh, facts.counts
     bodies, _ = label_components(
         mesh.vertex_count, mesh.faces[:, :2].T.reshape(-1), mesh.faces[:, 1:].T.reshape(-1)
@@ -195,9 +191,9 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
     consistent = counts.inconsistent_winding_edges == 0
     sees_closed, sees_consistent = closed, consistent
     if facts.repeated:
-        every = facts.with_all_rows
-        sees_closed = every["single"] == every["crowded"] == 0
-        sees_consistent = every["inconsistent"] == 0
+        pair_counts = facts.with_all_rows
+        sees_closed = pair_counts["single"] == pair_counts["crowded"] == 0
+        sees_consistent = pair_counts["inconsistent"] == 0
     return [
         facts.same("referenced_vertices", "referenced_vertices", "used"),
         facts.same("edges", "edges_unique", "pairs"),
@@ -219,15 +215,15 @@ def expect_trimesh(facts: Facts) -> list[Expected]:
 
 def _flag(quantity: str, call: str, ours: bool, theirs: bool, facts: Facts) -> Expected:
     """Expect a flag that only repeated-index rows can change."""
-    why = "" if ours == theirs else f"it keeps the vertex pairs of {facts.rows}"
+    why = "" if ours == theirs else f"it counts the vertex pairs of {facts.rows}"
     return Expected(quantity, call, quantity, ours, theirs, why)
 
 
 def expect_manifold3d(facts: Facts) -> list[Expected]:
     """Return whether manifold3d should accept the mesh.
 
-    manifold3d pairs half-edges that run in opposite directions, so it accepts an edge with two faces each
-    way. It requires at least four vertices and four faces.
+    It pairs half-edges in opposite directions, so it accepts an edge with two faces in each direction. It
+    requires at least four vertices and four faces.
     """
     counts, mesh = facts.counts, facts.analysis.mesh
     ours = _is_oriented(counts)
@@ -238,9 +234,9 @@ def expect_manifold3d(facts: Facts) -> list[Expected]:
     theirs = not surplus.any() and counts.vertices >= 4 and counts.faces >= 4
     why = ""
     if theirs and not ours:
-        why = "it pairs opposite half-edges, so an edge with as many faces each way passes"
+        why = "it pairs opposite half-edges, so it accepts an edge with equally many faces in both directions"
     elif ours and not theirs:
-        why = "it refuses fewer than four vertices or faces"
+        why = "it rejects fewer than four vertices or faces"
     expected = Expected("closed_oriented", "status", "closed_oriented", ours, theirs, why)
     return [facts.without_seams(expected, _is_oriented)]
 
@@ -254,7 +250,7 @@ def _is_oriented(counts: Counts) -> bool:
 
 
 def expect_networkx(facts: Facts) -> list[Expected]:
-    """Return what the graphs of our own definitions should give, which is our own numbers."""
+    """Return the expected answers of NetworkX, which are our numbers: the graphs follow our definitions."""
     names = {
         "edges": "vertex graph",
         "nonmanifold_edges": "vertex graph, three faces and more",
@@ -269,20 +265,20 @@ def expect_networkx(facts: Facts) -> list[Expected]:
 
 
 def expect_nvidia(facts: Facts) -> list[Expected]:
-    """Return what the ManifoldChecker of NVIDIA's validator should say.
+    """Return the expected answers of the ManifoldChecker of NVIDIA's validator.
 
-    It joins the faces at a vertex across two-face edges alone, which leaves several groups at every end of a
-    non-manifold edge: that is the strict count.
+    It joins the faces at a vertex across two-face edges only, which leaves several groups at every end of a
+    non-manifold edge. That is our strict count.
     """
     counts = facts.counts
     unused = counts.unreferenced_vertices - facts.shift["used"]
     vertices = facts.same("nonmanifold_vertices", "ManifoldChecker", "double_fans")
     theirs = counts.nonmanifold_vertices + facts.shift["double_fans"] + unused
-    idle = f"it calls {some(unused, 'vertex', 'vertices')} without faces non-manifold" if unused else ""
+    idle = f"it counts {some(unused, 'vertex', 'vertices')} without faces as non-manifold" if unused else ""
     consistent = sees_consistent = counts.inconsistent_winding_edges == 0
     if facts.repeated:
-        every = facts.with_all_rows
-        sees_consistent = every["inconsistent"] == every["double_loops"] == 0
+        pair_counts = facts.with_all_rows
+        sees_consistent = pair_counts["inconsistent"] == pair_counts["double_loops"] == 0
     return [
         facts.same("nonmanifold_edges", "ManifoldChecker", "crowded"),
         replace(vertices, theirs=theirs, why="; ".join(filter(None, [vertices.why, idle]))),
@@ -291,11 +287,11 @@ def expect_nvidia(facts: Facts) -> list[Expected]:
 
 
 def some(count: int, noun: str, several: str = "") -> str:
-    """Return a count of things in words."""
+    """Return a number of things in words, such as "1 row" or "2 rows"."""
     return f"{count:,} {noun}" if count == 1 else f"{count:,} {several or noun + 's'}"
 
 
-# Peer -> what to compare.
+# Peer -> function that returns its expected answers.
 EXPECTED = {
     "libigl": expect_libigl,
     "PyMeshLab": expect_pymeshlab,

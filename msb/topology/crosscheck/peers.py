@@ -1,10 +1,9 @@
-"""The questions to each peer library. Only this module and `repairs.py` import the peers.
+"""Ask each peer library about a mesh. Only this module and `repairs.py` import the peers.
 
-Every function here takes a mesh that has at least one face and no index out of range, and returns the
-peer's own answers under the names `expected.py` compares them by. It runs in a process of its own
-(`ask_peers`), because peers print, hang or crash on meshes that an audit must survive. These notes were
-made with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4, trimesh 5.2.0, NetworkX 3.6.1 and
-usd-validation-nvidia 1.22.0 with usd-core 26.8.
+Every function takes a mesh with at least one face and valid indices, and returns the peer's answers under the
+names that `expected.py` uses. It runs in a separate process (`ask_peers`), because peers print, hang or crash
+on meshes that an audit must survive. Tested with libigl 2.6.3, PyMeshLab 2025.7.post1, manifold3d 3.5.4,
+trimesh 5.2.0, NetworkX 3.6.1 and usd-validation-nvidia 1.22.0 with usd-core 26.8.
 """
 
 import math
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from msb.base.children import run_each
 from msb.base.limits import Limits
 
-# Peers that are asked at once: each uses one core and a multiple of the mesh's memory.
+# Number of peers that run at the same time: each uses one core and a multiple of the size of the mesh.
 AT_ONCE = 2
 Answer = bool | int | float | None
 Answers = dict[str, Answer]
@@ -30,7 +29,7 @@ Answers = dict[str, Answer]
 class Peer:
     """A library that is asked about a mesh: (V, 3) float64 vertices and (F, 3) int64 faces.
 
-    For a mesh of more than `max_faces` it would take too long or too much memory.
+    Meshes with more than `max_faces` faces would take too much time or memory.
     """
 
     module: str
@@ -43,7 +42,7 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
     """Return libigl's counts."""
     import igl
 
-    # It takes a vertex no face uses, below the largest index used, for a non-manifold one: leave them out.
+    # libigl calls unreferenced vertices below the largest used index non-manifold: remove them.
     used, compact = np.unique(faces, return_inverse=True)
     multifan = used[~igl.is_vertex_manifold(compact.reshape(-1, 3))]
     _, edges, _, offsets, _ = igl.unique_edge_map(faces)
@@ -72,8 +71,9 @@ def ask_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answe
 def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return PyMeshLab's topological measures.
 
-    They are right in a fresh process only: from the fifth call on `non_two_manifold_edges` is the sum of
-    multiplicities. A row (a, b, a) makes PyMeshLab loop for ever, so such rows are turned to (a, a, b).
+    They are correct in a fresh process only: from the fifth call on, `non_two_manifold_edges` is the sum of
+    multiplicities. A row (a, b, a) puts PyMeshLab into an endless loop, so such rows are rotated to (a, a,
+    b).
     """
     import pymeshlab
 
@@ -93,7 +93,7 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
         "off_edge_vertices": int(measures["non_two_manifold_vertices"]),
         "components": int(measures["connected_components_number"]),
     }
-    if measures["number_holes"] >= 0:  # -1 on a mesh it does not call two-manifold
+    if measures["number_holes"] >= 0:  # -1 on meshes that are not two-manifold
         answers["boundary_loops"] = int(measures["number_holes"])
     return answers
 
@@ -101,8 +101,8 @@ def ask_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> An
 def ask_manifold3d(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
     """Return whether manifold3d accepts the faces as a solid.
 
-    manifold3d also refuses coordinates that are not finite in float32. The question here is about
-    connectivity, so it gets zeros for them. It crashes on some meshes whose half-edges cannot pair up.
+    manifold3d also rejects coordinates that are not finite in float32. Only connectivity is tested here, so
+    all coordinates are zero. It crashes on some meshes whose half-edges cannot be paired.
     """
     import manifold3d
 
@@ -138,11 +138,11 @@ def ask_trimesh(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answ
 
 
 def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
-    """Return what NetworkX finds in the graphs of the definitions, built here in plain Python.
+    """Return the counts of NetworkX on the graphs of our definitions, which are built here in plain Python.
 
-    The vertex graph (edges), the face graph with one arc between consecutive faces of an edge (components),
-    and all vertex links in one graph: node (v, w) is the edge v-w seen from v, each face one arc at each of
-    its corners.
+    These are the vertex graph (edges), the face graph with an arc between consecutive faces of an edge
+    (components), and the union of all vertex links: node (v, w) is the edge v-w seen from v, and each face is
+    an arc at each of its corners.
     """
     import networkx
 
@@ -171,7 +171,7 @@ def ask_networkx(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Ans
 
 
 def _split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
-    """Return the vertices whose link is in several pieces."""
+    """Return the vertices with a link in several pieces."""
     import networkx
 
     links = networkx.Graph()
@@ -186,16 +186,16 @@ def _split_links(rows: Iterable[list[int]], vertex_count: int) -> set[int]:
 
 
 def ask_nvidia(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Answers:
-    """Return what the ManifoldChecker of NVIDIA's validator says of a stage that holds the mesh.
+    """Return the result of the ManifoldChecker of NVIDIA's validator for a stage with the mesh.
 
-    It warns in sentences, of what is not there in none.
+    It reports faults as sentences and nothing otherwise.
     """
     from pxr import Usd, UsdGeom, Vt
     from usd_validation_nvidia import ManifoldChecker, ValidationEngine
 
     stage = Usd.Stage.CreateInMemory()
     mesh = UsdGeom.Mesh.Define(stage, "/mesh")
-    # It never looks at coordinates.
+    # The checker ignores coordinates.
     mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(np.zeros((len(vertices), 3), np.float32)))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(faces), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(faces.astype(np.int32).reshape(-1)))
@@ -219,15 +219,15 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-# The peers by name, in the order of reports.
+# Peers by name, in the order of reports.
 PEERS: dict[str, Peer] = {
     "libigl": Peer("igl", "libigl", ask_libigl),
     "PyMeshLab": Peer("pymeshlab", "pymeshlab", ask_pymeshlab),
     "manifold3d": Peer("manifold3d", "manifold3d", ask_manifold3d),
     "trimesh": Peer("trimesh", "trimesh", ask_trimesh),
-    # Plain Python objects per element: about 10 s and 0.9 GB at the limit.
+    # Plain Python objects for each element: about 10 s and 0.9 GB at the limit.
     "NetworkX": Peer("networkx", "networkx", ask_networkx, max_faces=200_000),
-    # As much again: 10 s and 0.9 GB for a million faces.
+    # 10 s and 0.9 GB per million faces.
     "NVIDIA": Peer("usd_validation_nvidia", "usd-validation-nvidia", ask_nvidia, max_faces=2_000_000),
 }
 
@@ -235,9 +235,9 @@ PEERS: dict[str, Peer] = {
 def ask_peers(
     names: Sequence[str], vertices: NDArray[Any], faces: NDArray[Any], timeout: float
 ) -> dict[str, Answers | str]:
-    """Return each peer's answers about a mesh of at least one face, or why there are none.
+    """Return each peer's answers about a mesh with at least one face, or the reason for a failure.
 
-    Each has `timeout` seconds, in a process of its own: a crash or a hang costs that peer alone.
+    Each peer has `timeout` seconds in a separate process, so a crash or hang affects only that peer.
     """
     mesh = {"vertices": vertices.astype(np.float64), "faces": faces.astype(np.int64)}
     replies = run_each(ask, names, mesh, Limits(timeout, None), at_once=AT_ONCE)
@@ -245,5 +245,5 @@ def ask_peers(
 
 
 def ask(peer: str, mesh: Mapping[str, NDArray[Any]]) -> tuple[Answers, dict[str, NDArray[Any]]]:
-    """Ask the peer of this name about a mesh; runs in the child process."""
+    """Ask the peer `peer` about a mesh. This function runs in the child process."""
     return PEERS[peer].ask(mesh["vertices"], mesh["faces"]), {}

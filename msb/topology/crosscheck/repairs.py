@@ -1,4 +1,4 @@
-"""Steps of a repair done by a peer library, in a child process with limits of time and memory."""
+"""Repair steps by peer libraries, in a child process with limits of time and memory."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from msb.errors import Unsupported
 from msb.topology.faces import names_vertex_twice
 from msb.topology.steps.change import Change, unchanged
 
+# New faces, vertex map and face map.
 Repaired = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
-"""New faces, vertex map and face map."""
 
 
 @dataclass(frozen=True)
 class PeerStep:
-    """A step of a peer: `work` takes vertices and faces and returns new faces, vertex map and face map."""
+    """A step of a peer: `work` takes vertices and faces, and returns new faces, vertex map and face map."""
 
     module: str
     distribution: str
@@ -29,7 +29,7 @@ class PeerStep:
 
 
 def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
-    """Return what `igl.split_nonmanifold` makes of the faces; it also cuts where the winding flips."""
+    """Return the result of `igl.split_nonmanifold`, which also cuts where the winding flips."""
     import igl
 
     new, vertex_map = igl.split_nonmanifold(faces)
@@ -39,7 +39,7 @@ def cut_by_libigl(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Re
 def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Repaired:
     """Return the faces left by PyMeshLab's repair of edges (Remove Faces), then of vertices.
 
-    Vertices and faces carry their numbers as a scalar, which the filters keep.
+    Vertices and faces carry their numbers as a scalar attribute, which the filters keep.
     """
     import pymeshlab
 
@@ -58,7 +58,7 @@ def drop_by_pymeshlab(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -
     return left.face_matrix().astype(np.int64), next(maps), next(maps)
 
 
-# The peers' steps, by PEER-STEP.
+# Steps of peers by PEER-STEP.
 PEER_STEPS: dict[str, PeerStep] = {
     "igl-cut": PeerStep("igl", "libigl", cut_by_libigl),
     "pymeshlab-drop": PeerStep("pymeshlab", "pymeshlab", drop_by_pymeshlab),
@@ -66,15 +66,15 @@ PEER_STEPS: dict[str, PeerStep] = {
 
 
 def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[Any], limits: Limits) -> Change:
-    """Return what a peer's step, together a key of `PEER_STEPS`, does to a mesh.
+    """Return the change made by step `step` of peer `peer`; PEER-STEP is a key of `PEER_STEPS`.
 
-    Faces that name a vertex twice are left out.
+    Faces with a repeated index are removed.
     """
     name = f"{peer}-{step}"
     chosen = PEER_STEPS[name]
     need_extra("crosscheck", chosen.module, what=f"{step} by {peer}")
     proper = np.flatnonzero(~names_vertex_twice(faces))
-    if len(proper) == 0:  # some peers abort on no faces
+    if len(proper) == 0:  # some peers abort on empty meshes
         return unchanged(faces, len(points))
     given = {"vertices": points.astype(np.float64), "faces": faces[proper].astype(np.int64)}
     reply = run_apart(repair, name, given, limits)
@@ -82,15 +82,15 @@ def repair_by_peer(peer: str, step: str, points: NDArray[Any], faces: NDArray[An
         raise Unsupported("PEER_FAILED", f"{step} by {peer}: {reply.why}")
     new, vertex_map, face_map = (reply.arrays[key] for key in ("faces", "vertex_map", "face_map"))
     if not (vertex_map[new] == faces[proper][face_map]).all():
-        raise Unsupported("PEER_FAILED", f"{step} by {peer}: its faces have corners in another order")
-    limit = "" if limits.limits_memory else "; this system sets no limit of memory"
+        raise Unsupported("PEER_FAILED", f"{step} by {peer}: it returned faces with reordered corners")
+    limit = "" if limits.limits_memory else "; this system cannot limit memory"
     notes = (f"by {peer} {version(chosen.distribution)}{limit}",)
     turned = np.zeros(len(new), bool)
     return Change(new.astype(faces.dtype), vertex_map, proper[face_map], turned, notes=notes)
 
 
 def repair(name: str, mesh: Mapping[str, NDArray[Any]]) -> tuple[None, dict[str, NDArray[np.int64]]]:
-    """Do the step of this name; runs in the child process."""
-    made = PEER_STEPS[name].work(mesh["vertices"], mesh["faces"])
+    """Run the step `name`. This function runs in the child process."""
+    results = PEER_STEPS[name].work(mesh["vertices"], mesh["faces"])
     keys = ("faces", "vertex_map", "face_map")
-    return None, {key: np.asarray(array, np.int64) for key, array in zip(keys, made, strict=True)}
+    return None, {key: np.asarray(array, np.int64) for key, array in zip(keys, results, strict=True)}

@@ -1,7 +1,7 @@
-"""The steps of a repair, each a function of arrays that returns a `Change`.
+"""The steps of a repair: functions of arrays that return a `Change`.
 
-Every step takes arrays that `mesh_arrays` has checked, whose positions are finite, and changes no vertex's
-place. docs/repair.md says what each step guarantees. Carrying what vertices and faces hold is `msb.repair`.
+Every step takes arrays that `mesh_arrays` has checked, with finite positions, and moves no vertex.
+docs/repair.md gives the guarantees of each step. `msb.repair` transfers the attributes of vertices and faces.
 """
 
 from msb.topology.steps.change import Change

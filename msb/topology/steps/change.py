@@ -1,4 +1,4 @@
-"""The record of a repair step: the new faces, and where each vertex, face and corner comes from."""
+"""The result of a repair step: the new faces and the origin of each vertex, face and corner."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,9 +11,9 @@ from msb.topology.halfedge import NONE
 
 @dataclass(frozen=True)
 class Rims:
-    """The vertices around each new vertex: its values are their mean.
+    """The vertices around each added vertex, which gets the average of their values.
 
-    New vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]`` of old ones.
+    Added vertex i has the rim ``vertices[offsets[i] : offsets[i + 1]]`` of old vertices.
     """
 
     offsets: NDArray[Any] = field(default_factory=lambda: np.zeros(1, np.int64))
@@ -21,7 +21,7 @@ class Rims:
 
     @property
     def count(self) -> int:
-        """Number of new vertices."""
+        """Number of added vertices."""
         return len(self.offsets) - 1
 
 
@@ -32,19 +32,19 @@ class Change:
     Attributes
     ----------
     faces : (F', 3) integers
-        The new faces, by new vertex numbers.
+        The new faces, with new vertex numbers.
     vertex_map : (V',) integers
-        The old vertex of each new one; NONE where a vertex was added. Those come last.
+        The old vertex of each new vertex; NONE for added vertices, which come last.
     face_map : (F',) integers
-        The old face of each new one; NONE where a face was added. Those come last.
+        The old face of each new face; NONE for added faces, which come last.
     turned : (F',) bool
-        Whether the second and the third corner of the old face changed places.
+        Whether the second and third corner of the old face were swapped.
     rims : Rims
-        The rims of the added vertices, in their order.
+        The rims of the added vertices, in order.
     added_from : (n,) integers
-        The old face whose values each added face takes.
+        The old face that each added face copies its values from.
     notes : tuple of str
-        What a person should know of the step, each a sentence without a full stop.
+        Sentences for the user about the step, without full stops.
     """
 
     faces: NDArray[Any]
@@ -57,7 +57,7 @@ class Change:
 
     @property
     def corner_map(self) -> NDArray[Any]:
-        """(3F',) the old corner of each new one; NONE in added faces."""
+        """(3F',) the old corner of each new corner; NONE in added faces."""
         corners = self.face_map[:, None] * 3 + np.arange(3)
         corners[self.turned, 1:] = corners[self.turned, :0:-1]
         corners[self.face_map == NONE] = NONE
@@ -65,18 +65,18 @@ class Change:
 
 
 def unchanged(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Return the change that changes nothing."""
+    """Return a change that keeps the mesh as it is."""
     return with_vertices(faces, np.arange(vertex_count))
 
 
 def with_vertices(faces: NDArray[Any], vertex_map: NDArray[Any], notes: tuple[str, ...] = ()) -> Change:
-    """Return the change that gives the same faces other vertices."""
+    """Return a change that keeps the faces and replaces the vertices according to `vertex_map`."""
     face_count = len(faces)
     return Change(faces, vertex_map, np.arange(face_count), np.zeros(face_count, bool), notes=notes)
 
 
 def with_faces(faces: NDArray[Any], keep: NDArray[np.bool_], vertex_count: int) -> Change:
-    """Return the change that keeps the faces `keep` (F,) and removes the vertices that only others used."""
+    """Return a change that keeps the faces `keep` (F,) and removes the vertices that only other faces use."""
     if keep.all():
         return unchanged(faces, vertex_count)
     lost = np.zeros(vertex_count, bool)
@@ -93,7 +93,7 @@ def with_faces(faces: NDArray[Any], keep: NDArray[np.bool_], vertex_count: int) 
 
 
 def followed_by(first: Change, second: Change) -> Change:
-    """Return both changes, one after the other, as one; neither may have added anything."""
+    """Return two successive changes as one; neither may add vertices or faces."""
     return Change(
         second.faces,
         first.vertex_map[second.vertex_map],

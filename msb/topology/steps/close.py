@@ -1,4 +1,4 @@
-"""Close small holes: rims of few edges whose cap is small beside the piece it is in."""
+"""Close small holes: rims with few edges and a cap much smaller than the surrounding piece."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +10,10 @@ from msb.topology.analysis import Analysis
 from msb.topology.halfedge import NONE, face_of, next_in_face
 from msb.topology.steps.change import Change, Rims, unchanged
 
-# Rims of more edges stay open, if nothing else is said.
+# Default maximum number of edges of a rim that is closed.
 MOST_EDGES = 8
-# A cap of more than this share of its component's area would close an outline rather than a hole.
+# Default maximum area of a cap, as a share of the area of its component. A larger cap would close the outline
+# of a piece instead of a hole.
 MOST_SHARE = 0.25
 
 
@@ -23,18 +24,22 @@ def close(
     most_edges: int = MOST_EDGES,
     most_share: float = MOST_SHARE,
 ) -> Change:
-    """Close the holes of at most `most_edges` edges; added faces and vertices come last.
+    """Close the holes with at most `most_edges` edges; added faces and vertices come last.
 
-    A rim of three edges gets a face, one of four gets two faces along its shorter diagonal that is no edge
-    yet, and a longer one a vertex in its middle. Rims whose cap has a larger share than `most_share` of the
-    area of their component stay open: they are the outline of a piece (the cap of a lone triangle has the
-    share 1, that of a hemisphere 1/2). So do rims that meet themselves in a vertex, along which the winding
-    flips, or which end at an edge of more than two faces. Edges keep at most two faces, and vertices their
-    number of fans. O(F log F) time.
+    A rim of three edges gets one face. A rim of four edges gets two faces along its shorter diagonal that is
+    not yet an edge. A longer rim gets a vertex in its middle. Rims stay open if
+
+    - their cap exceeds the share `most_share` of the area of their component, because they are the outline of
+      a piece (the cap of a single triangle has the share 1, the cap of a hemisphere 1/2);
+    - they pass through a vertex twice, the winding flips along them, or they end at an edge with more than
+      two faces.
+
+    Edges keep at most two faces, and vertices keep their number of fans. Takes O(F log F) time.
     """
     analysis = Analysis(points, faces)
     rim = _find_rims(analysis)
     small = rim.whole & (rim.sizes <= most_edges)
+    # Compare the area of each cap with the area of the component around it.
     cap = np.bincount(rim.loop, weights=_wedges(points, rim), minlength=len(rim.sizes))
     parts = analysis.components
     around = np.zeros(len(rim.sizes))
@@ -42,6 +47,7 @@ def close(
     small &= cap <= most_share * around
     if not small.any():
         return unchanged(faces, len(points))
+    # first: a rim edge of each loop, where the construction of its cap starts.
     first = np.zeros(len(rim.sizes), np.intp)
     first[rim.loop[::-1]] = np.arange(len(rim.loop))[::-1]
     caps = [_triangles(rim, first[small & (rim.sizes == 3)])]
@@ -61,17 +67,26 @@ def close(
     )
 
 
-# New faces (n, 3), and the old face beside each.
+# New faces (n, 3), and the adjacent old face of each.
 Cap = tuple["NDArray[Any]", "NDArray[Any]"]
 
 
 @dataclass(frozen=True)
 class _RimEdges:
-    """Boundary half-edges with what follows them.
+    """Boundary half-edges in their rims. The first five arrays are by rim edge, the last two by loop.
 
-    `start` and `end` are their vertices, `follows` is the place of the next one around the same fan, `loop`
-    the number of the loop or chain. `sizes` and `whole` are of loops: the number of edges, and whether they
-    can be closed.
+    Attributes
+    ----------
+    halfedge, start, end : (B,) integers
+        The half-edge of each rim edge and its vertices.
+    follows : (B,) integers
+        The position of the next rim edge around the same fan, or NONE.
+    loop : (B,) integers
+        The number of the loop or chain.
+    sizes : (n,) integers
+        The number of edges of each loop.
+    whole : (n,) bool
+        Whether the loop can be closed.
     """
 
     halfedge: NDArray[Any]
@@ -88,13 +103,15 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
     halfedge = mesh.edge_halfedges[mesh.edge_offsets[boundary.edges]]
     after = next_in_face(halfedge)
     leaves, enters = fans.corner_fan[halfedge], fans.corner_fan[after]
+    # begins_at: the rim edge that leaves each fan; the edge that enters the fan is followed by it.
     begins_at = np.full(len(fans.fan_vertex), NONE, np.intp)
     begins_at[leaves] = np.arange(len(halfedge))
     follows = begins_at[enters]
     loop, start = boundary.chain, mesh.origin[halfedge]
     whole = boundary.closed.copy()
-    # Where winding flips along a rim, two half-edges leave one fan, and none leaves another.
+    # At a flip of the winding, two half-edges leave one fan and no half-edge leaves another.
     whole[loop[(np.bincount(leaves, minlength=len(begins_at))[leaves] > 1) | (follows == NONE)]] = False
+    # A loop that passes through a vertex twice cannot be closed.
     order = np.lexsort((start, loop))
     twice = (loop[order][1:] == loop[order][:-1]) & (start[order][1:] == start[order][:-1])
     whole[loop[order][1:][twice]] = False
@@ -103,12 +120,12 @@ def _find_rims(analysis: Analysis) -> _RimEdges:
 
 
 def _wedges(points: NDArray[Any], rim: _RimEdges) -> NDArray[np.float64]:
-    """Return the area between each rim edge and the middle of its rim."""
+    """Return the area (B,) of the triangle between each rim edge and the average of its rim."""
     places = points[rim.start].astype(np.float64)
     middle = np.stack([np.bincount(rim.loop, axis, len(rim.sizes)) for axis in places.T], axis=1)
     middle = middle / np.maximum(rim.sizes, 1)[:, None]
-    one, other = places - middle[rim.loop], points[rim.end].astype(np.float64) - middle[rim.loop]
-    return np.asarray(np.linalg.norm(np.cross(one, other), axis=1) / 2)
+    to_start, to_end = places - middle[rim.loop], points[rim.end].astype(np.float64) - middle[rim.loop]
+    return np.asarray(np.linalg.norm(np.cross(to_start, to_end), axis=1) / 2)
 
 
 def _triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
@@ -117,13 +134,15 @@ def _triangles(rim: _RimEdges, first: NDArray[Any]) -> Cap:
 
 
 def _quadrangles(analysis: Analysis, rim: _RimEdges, first: NDArray[Any]) -> tuple[list[Cap], NDArray[Any]]:
-    """Return the caps of two faces, and the loops whose diagonals both are edges already."""
+    """Return the caps of two faces each, and the loops with both diagonals taken by edges."""
     count = len(analysis.vertices)
+    # corner, beside (n, 4): vertices of each loop in order, and the face at each rim edge.
     places = _around(rim, first, 4)
     corner = np.stack([rim.start[place] for place in places], axis=1)
     beside = np.stack([face_of(rim.halfedge[place]) for place in places], axis=1)
     where = analysis.vertices[corner].astype(np.float64)
     length = np.linalg.norm(where[:, :2] - where[:, 2:], axis=2)
+    # Try the shorter diagonal first, then the longer one, unless it is already an edge.
     taken = analysis.mesh.edge_vertices.astype(np.int64)
     taken = taken[:, 0] * count + taken[:, 1]
     caps: list[Cap] = []
@@ -135,7 +154,7 @@ def _quadrangles(analysis: Analysis, rim: _RimEdges, first: NDArray[Any]) -> tup
         )
         diagonal = np.sort(ring[:, ::2].astype(np.int64), axis=1)
         key = diagonal[:, 0] * count + diagonal[:, 1]
-        _, earliest = np.unique(key, return_index=True)  # two holes may have one diagonal
+        _, earliest = np.unique(key, return_index=True)  # two holes may share a diagonal
         free = np.zeros(len(left), bool)
         free[earliest] = True
         free &= ~np.isin(key, taken)
@@ -150,7 +169,10 @@ def _quadrangles(analysis: Analysis, rim: _RimEdges, first: NDArray[Any]) -> tup
 
 
 def _middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tuple[Cap, Rims]:
-    """Return the faces between each rim edge and a new vertex, and the rims of these vertices."""
+    """Return the faces between each rim edge and a new vertex, and the rims of the new vertices.
+
+    `wanted` (n,) marks the loops; new vertices are numbered from `vertex_count` on.
+    """
     inside = np.flatnonzero(wanted[rim.loop])
     inside = inside[np.argsort(rim.loop[inside], kind="stable")]
     number = np.cumsum(wanted) - 1
@@ -161,7 +183,7 @@ def _middles(rim: _RimEdges, wanted: NDArray[np.bool_], vertex_count: int) -> tu
 
 
 def _around(rim: _RimEdges, first: NDArray[Any], count: int) -> list[NDArray[Any]]:
-    """Return `first` and the places that follow it."""
+    """Return the positions `first` (n,) and the next count - 1 positions around each rim."""
     places = [first]
     for _ in range(count - 1):
         places.append(rim.follows[places[-1]])

@@ -1,4 +1,4 @@
-"""Cut a mesh until it is manifold: vertices get copies, faces keep their places and lose nothing."""
+"""Cut a mesh until it is manifold: vertices get copies, and faces keep their positions and attributes."""
 
 from typing import Any
 
@@ -11,31 +11,33 @@ from msb.topology.steps.change import Change, with_vertices
 
 
 def cut(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Give every fan a vertex of its own, by copies at the end; edges of more than two faces come apart.
+    """Give every fan its own vertex; copies come last, and edges with more than two faces are separated.
 
-    Edges of two faces are kept, so the walk around a vertex that `find_fans` makes is the walk across what
-    remains. Two fans of a vertex share no edge afterwards. At an edge of more than two faces at most two stay
-    together, namely where one fan begins and ends at it at both of its vertices: a fan that is a path has two
-    ends. So the result is manifold, and a manifold mesh is not changed. O(F log F) time.
+    Two-face edges are kept, so `find_fans` walks around a vertex across exactly the edges that remain.
+    Afterwards, two fans of a vertex share no edge. At an edge with more than two faces at most two faces stay
+    together, namely if one fan begins and ends there at both of its vertices, because a fan that is a path
+    has two ends. The result is therefore manifold, and a manifold mesh does not change. Takes O(F log F)
+    time.
     """
     mesh = build_half_edges(faces, vertex_count)
     return split_vertices(mesh, *mesh.two_face_halfedges)
 
 
-def split_vertices(mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any]) -> Change:
-    """Return the change that keeps faces together at the given pairs of half-edges alone.
+def split_vertices(mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any]) -> Change:
+    """Return the change that keeps faces together only at the given pairs of half-edges.
 
-    The first group of corners of a vertex keeps its number; each further one gets a copy. Faces that name a
-    vertex twice keep their vertices.
+    The first group of corners of a vertex keeps its number; each further group gets a copy. Faces with a
+    repeated index keep their vertices.
     """
     faces = mesh.faces
-    count, group = group_corners(mesh, one, other)
+    count, group = group_corners(mesh, first, second)
     corners = np.flatnonzero(group != NONE)
+    # The first group of each vertex keeps the number, all others get numbers from vertex_count on.
     group_vertex = np.zeros(count, faces.dtype)
     group_vertex[group[corners]] = mesh.origin[corners]
-    _, first = np.unique(group_vertex, return_index=True)  # groups are numbered by their first corner
+    _, keeps = np.unique(group_vertex, return_index=True)  # groups are numbered by their first corner
     copied = np.ones(count, bool)
-    copied[first] = False
+    copied[keeps] = False
     copies = group_vertex[copied]
     total = mesh.vertex_count + len(copies)
     number = group_vertex if total < 2**31 else group_vertex.astype(np.int64)
@@ -47,9 +49,9 @@ def split_vertices(mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any]) -
 
 
 def cut_edges(faces: NDArray[Any], vertex_map: NDArray[Any]) -> NDArray[Any]:
-    """Return the (n, 2) old vertices of the edges that became several, for faces by new vertices.
+    """Return the (n, 2) old vertices of the edges that became several edges, for faces with new vertices.
 
-    `vertex_map` has the old vertex of each new one; edges with an added vertex (NONE) are left out.
+    `vertex_map` gives the old vertex of each new vertex; edges with an added vertex (NONE) are ignored.
     """
     mesh = build_half_edges(faces, len(vertex_map))
     ends = np.sort(vertex_map[mesh.edge_vertices], axis=1)

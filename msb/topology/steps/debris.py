@@ -1,4 +1,4 @@
-"""Remove small pieces: components of few faces, or of little area, or that cameras hardly see."""
+"""Remove small pieces: components with few faces, little area, or few covered pixels."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from msb.topology.faces import added_areas, face_areas
 from msb.topology.halfedge import build_half_edges, face_of
 from msb.topology.steps.change import Change, with_faces
 
-# Components of fewer faces are debris, if nothing else is said.
+# Default: components with fewer faces are debris.
 FEWEST_FACES = 10
 
 
@@ -22,16 +22,16 @@ def debris(
     least_share: float = 0.0,
     weights: NDArray[Any] | None = None,
 ) -> Change:
-    """Remove the components of fewer than `least_faces` faces, or of less than `least_share` of the weight.
+    """Remove components with fewer than `least_faces` faces, or less than `least_share` of the weight.
 
-    The weight (F,) of each face is not negative, such as the number of pixels it covers; the area if not
-    given. Faces that name a vertex twice belong to no component and stay. A second run removes nothing,
-    because the shares of what stays grow. O(F log F) time.
+    `weights` (F,) are non-negative, for example the pixels that each face covers; the default is the area.
+    Faces with a repeated index belong to no component and are kept. A second run removes nothing, because the
+    shares of the remaining components grow. Takes O(F log F) time.
     """
     mesh = build_half_edges(faces, len(points))
     pairs = zip(mesh.two_face_halfedges, mesh.chained_halfedges, strict=True)
-    one, other = (face_of(np.concatenate(ends)) for ends in pairs)
-    count, label = label_components(len(faces), one, other)
+    first, second = (face_of(np.concatenate(ends)) for ends in pairs)
+    count, label = label_components(len(faces), first, second)
     small = np.bincount(label, minlength=count) < least_faces
     if least_share > 0:
         weight = face_areas(points, faces)[0] if weights is None else np.asarray(weights, np.float64)

@@ -1,11 +1,12 @@
-"""Cut what is one-sided, like a Moebius strip, along short loops of edges until it has two sides.
+"""Cut one-sided surfaces, such as Moebius strips, along short loops of edges until they have two sides.
 
-Walking along edges carries a sense of rotation from vertex to vertex. A loop that comes back with the other
-one is one-sided, and a surface cut along it is one-sided at fewer places. A hole of a surface counts as one
-vertex with all of its rim, so that a cut from rim to rim is a loop, too: a strip is cut across and not
-lengthwise. The edges across which the windings of two faces disagree, whichever faces are turned, meet every
-such loop, so the shortest begins at one of their ends. Many loops are found at once, and those are cut
-without which the pieces between them would not fit together.
+Walking along edges carries a sense of rotation from vertex to vertex. A loop that returns with the opposite
+sense is one-sided, and a cut along it removes that loop. The whole rim of a hole counts as one vertex, so a
+cut from rim to rim is a loop too: a strip is cut across, not lengthwise.
+
+However faces are turned, every one-sided loop passes an edge whose two faces have clashing windings. Searches
+for the shortest loops therefore start at the ends of these edges. Many loops are found at once; a loop is cut
+only if the pieces on both sides of it cannot be wound consistently.
 """
 
 from __future__ import annotations
@@ -22,18 +23,18 @@ from msb.topology.steps.change import Change, followed_by, unchanged
 from msb.topology.steps.cut import split_vertices
 from msb.topology.steps.sides import Sides, find_sides, sides_of_faces
 
-# From so many visited places on, a search for loops goes on from every second start.
+# Visited places after which the search continues from every second start only.
 _VISITS = 500_000
 
 
 def cut_one_sided(
     faces: NDArray[Any], vertex_count: int, *, only_manifold: bool = False
 ) -> tuple[Change, int, int]:
-    """Return the change that leaves no one-sided component, how many cuts that takes, and of how many edges.
+    """Return the change, the number of cuts and the number of cut edges; no component stays one-sided.
 
-    Components are joined across edges of two faces. Vertices along a cut get copies at the end; faces keep
-    their places. A mesh without one-sided components is not changed, nor with `only_manifold` one with edges
-    of more than two faces: a cut parts all of these.
+    Components are joined across two-face edges. Vertices along a cut get copies at the end; faces keep their
+    positions. A mesh without one-sided components is not changed. With `only_manifold`, a mesh with edges of
+    more than two faces is not changed either, because a cut separates all of these.
     """
     change, cuts, edges = unchanged(faces, vertex_count), 0, 0
     while True:
@@ -41,26 +42,30 @@ def cut_one_sided(
         sides = sides_of_faces(mesh)
         if not sides.one_sided.any() or (only_manifold and (mesh.multiplicity > 2).any()):
             return change, cuts, edges
-        one, other = mesh.two_face_halfedges
-        loops = _loops_to_cut(mesh, one, other, sides)
-        keep = np.ones(len(one), bool)
+        first, second = mesh.two_face_halfedges
+        loops = _loops_to_cut(mesh, first, second, sides)
+        keep = np.ones(len(first), bool)
         keep[np.concatenate(loops)] = False
         cuts, edges = cuts + len(loops), edges + int((~keep).sum())
-        change = followed_by(change, split_vertices(mesh, one[keep], other[keep]))
+        change = followed_by(change, split_vertices(mesh, first[keep], second[keep]))
 
 
 def _loops_to_cut(
-    mesh: HalfEdgeMesh, one: NDArray[Any], other: NDArray[Any], sides: Sides
+    mesh: HalfEdgeMesh, first: NDArray[Any], second: NDArray[Any], sides: Sides
 ) -> list[NDArray[Any]]:
-    """Return shortest loops of each one-sided component, as numbers of its two-face edges, none to spare."""
-    differ = mesh.origin[one] == mesh.origin[other]
-    face, beyond = face_of(one), face_of(other)
+    """Return the shortest necessary loops of each one-sided component, as numbers of its two-face edges.
+
+    `first` and `second` are the half-edges (E2,) of the two-face edges.
+    """
+    differ = mesh.origin[first] == mesh.origin[second]
+    face, beyond = face_of(first), face_of(second)
     clash = differ ^ sides.other[face] ^ sides.other[beyond]
-    # Corners round a vertex are one node, and so are all along a rim. Those of a face turn in one sense.
-    (low, high), across = corners_at_ends(mesh, one), corners_at_ends(mesh, other)
+    # Nodes of the search: all corners around a vertex, or along a rim. Corners of one face have one sense.
+    (low, high), across = corners_at_ends(mesh, first), corners_at_ends(mesh, second)
     rim = mesh.edge_halfedges[np.repeat(mesh.multiplicity != 2, mesh.multiplicity)]
     pairs = np.concatenate([low, high, rim]), np.concatenate([*across, next_in_face(rim)])
     nodes = find_sides(mesh.faces.size, *pairs, np.r_[differ, differ, np.zeros(len(rim), bool)])
+    # One step for each two-face edge of a one-sided component; a step is odd if it reverses the sense.
     inside = np.flatnonzero(sides.one_sided[face])
     low, high = low[inside], high[inside]
     odd = nodes.other[low] != nodes.other[high]
@@ -68,9 +73,9 @@ def _loops_to_cut(
     steps = _Steps(nodes.label[low], nodes.label[high], odd, component, clash[inside], passed)
     loops = [inside[loop] for loop in _shortest_odd_loops(steps)]
 
-    # Between the pieces that all loops leave, those loops are to spare across which the pieces fit together.
+    # A loop is unnecessary if the pieces between all loops can be wound consistently across it.
     cut = np.concatenate(loops)
-    rest = np.delete(np.arange(len(one)), cut)
+    rest = np.delete(np.arange(len(first)), cut)
     pieces = find_sides(mesh.face_count, face[rest], beyond[rest], differ[rest])
     a, b = pieces.label[face[cut]], pieces.label[beyond[cut]]
     differ = differ[cut] ^ pieces.other[face[cut]] ^ pieces.other[beyond[cut]]
@@ -78,20 +83,30 @@ def _loops_to_cut(
     clash = differ ^ joined.other[a] ^ joined.other[b]
     needed = np.logical_or.reduceat(clash, np.cumsum([0, *map(len, loops[:-1])]))
     component = sides.label[face[[loop[0] for loop in loops]]]
-    first = np.unique(component, return_index=True)[1]
-    needed[first] |= ~np.isin(component[first], component[needed])
+    first_loops = np.unique(component, return_index=True)[1]
+    needed[first_loops] |= ~np.isin(component[first_loops], component[needed])
     return [loop for loop, is_needed in zip(loops, needed, strict=True) if is_needed]
 
 
 @dataclass(frozen=True)
 class _Steps:
-    """Steps (n,) between two nodes: whether each is odd, its component, whether a search starts there.
+    """Steps (n,) between nodes.
 
-    `passed` (n, 2) are the vertices at its ends: several may be one node.
+    Attributes
+    ----------
+    near, far : (n,) integers
+        The nodes at both ends.
+    odd : (n,) bool
+        Whether the step reverses the sense of rotation.
+    component : (n,) integers
+    start : (n,) bool
+        Whether searches start at this step.
+    passed : (n, 2) integers
+        The vertices at both ends; several vertices may be one node.
     """
 
-    one: NDArray[Any]
-    other: NDArray[Any]
+    near: NDArray[Any]
+    far: NDArray[Any]
     odd: NDArray[np.bool_]
     component: NDArray[Any]
     start: NDArray[np.bool_]
@@ -100,9 +115,10 @@ class _Steps:
 
 @dataclass(frozen=True)
 class _Level:
-    """The places (n,), sorted, that a search reaches at once, the row of the level before, and the step.
+    """The places (n,), sorted, that a breadth-first search reaches after the same number of steps.
 
-    A place is a start, a node, and whether an odd number of odd steps leads there, in one number.
+    A place encodes a start, a node, and the parity of odd steps from the start in one number. `before` is the
+    row of the previous level, `step` the step taken from there.
     """
 
     place: NDArray[np.int64]
@@ -114,17 +130,19 @@ class _Level:
 
 
 def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
-    """Return shortest loops of each component that take an odd number of odd steps and share no vertex.
+    """Return the shortest loops of each component with an odd number of odd steps that share no vertex.
 
-    Every odd loop takes a step that is a start. One breadth-first search goes out from all starts, and where
-    it reaches a node both ways from one, these ways are a loop. Loops are rows of `steps`.
+    Every odd loop takes a step marked as a start. A single breadth-first search runs from all starts; two
+    paths from one start to a node with different parity form a loop. Loops are rows of `steps`.
     """
-    nodes, ends = np.unique(np.concatenate([steps.one, steps.other]), return_inverse=True)
-    count, size = len(steps.one), 2 * len(nodes)
+    # Adjacency: the steps that leave each node, as ranges first[node] : first[node + 1].
+    nodes, ends = np.unique(np.concatenate([steps.near, steps.far]), return_inverse=True)
+    count, size = len(steps.near), 2 * len(nodes)
     leaving = np.argsort(ends, kind="stable")
     first = np.searchsorted(ends, np.arange(len(nodes) + 1), sorter=leaving)
     to, step = ends[(leaving + count) % (2 * count)], (leaving % count).astype(np.int32)
 
+    # Level 0: every start with even parity.
     starts, rows = np.unique(ends[:count][steps.start], return_index=True)
     component = steps.component[steps.start][rows]
     none = np.zeros(0, np.int32)
@@ -132,25 +150,26 @@ def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
     loops: list[NDArray[Any]] = []
     taken, visits = np.zeros(1 + steps.passed.max(), bool), 0
     while len(levels[-1].place):
+        # Take every step that leaves the current places, and keep places not reached before.
         here = levels[-1].place
         node = here % size // 2
-        ways = first[node + 1] - first[node]
-        before = np.repeat(np.arange(len(here), dtype=np.int32), ways)
-        way = np.arange(len(before)) + np.repeat(first[node] - np.cumsum(ways) + ways, ways)
-        to_there = step[way]
-        there = (here[before] + 2 * (to[way] - node[before])) ^ steps.odd[to_there]
-        reached = _Level(there, before, to_there)
+        exits = first[node + 1] - first[node]
+        before = np.repeat(np.arange(len(here), dtype=np.int32), exits)
+        exit_row = np.arange(len(before)) + np.repeat(first[node] - np.cumsum(exits) + exits, exits)
+        step_taken = step[exit_row]
+        there = (here[before] + 2 * (to[exit_row] - node[before])) ^ steps.odd[step_taken]
+        reached = _Level(there, before, step_taken)
         new = np.unique(there, return_index=True)[1]
         new = new[~np.isin(there[new], np.concatenate([level.place for level in levels[-2:]]))]
         levels.append(reached[new])
 
-        # A way and one that led to the same node by a number of the other kind close a loop.
+        # Two paths to the same node with different parity close a loop.
         alive = np.ones(len(new), bool)
         start = levels[-1].place // size
         for mirror in (len(levels) - 2, len(levels) - 1):
             closing = np.flatnonzero(np.isin(there ^ 1, levels[mirror].place))
             closing = closing[~np.isin(component[there[closing] // size], component[start[~alive]])]
-            closing = closing[np.unique(to_there[closing], return_index=True)[1]]
+            closing = closing[np.unique(step_taken[closing], return_index=True)[1]]
             back = np.searchsorted(levels[mirror].place, there[closing] ^ 1)
             both = [_steps_to([*levels[:-1], reached], closing), _steps_to(levels[: mirror + 1], back)]
             for loop in np.concatenate(both, axis=1):
@@ -160,6 +179,7 @@ def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
                     once, times = np.unique(loop, return_counts=True)
                     loops.append(once[times % 2 == 1])
             alive &= ~np.isin(component[start], component[there[closing] // size])
+        # Drop half of the starts when the search grows too large.
         visits += len(start)
         if visits > _VISITS and len(left := np.unique(start[alive])) > 1:
             visits //= 2
@@ -169,7 +189,7 @@ def _shortest_odd_loops(steps: _Steps) -> list[NDArray[Any]]:
 
 
 def _steps_to(levels: list[_Level], row: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the steps (rows, levels - 1) that led to rows of the last level."""
+    """Return the steps (rows, levels - 1) that lead to the given rows of the last level."""
     steps = np.zeros((len(row), len(levels) - 1), np.int32)
     for number in range(len(levels) - 1, 0, -1):
         steps[:, number - 1] = levels[number].step[row]

@@ -1,5 +1,6 @@
-"""Make the winding consistent across ordinary edges, turning as few faces as a component allows."""
+"""Make the winding consistent across two-face edges, turning as few faces per component as possible."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,30 +13,30 @@ from msb.topology.steps.sides import sides_of_faces
 
 
 def orient(faces: NDArray[Any], vertex_count: int, *, only_turn: bool = False) -> Change:
-    """Turn faces so that the two faces of every ordinary edge run along it in opposite directions.
+    """Turn faces so that the two faces of every two-face edge run along it in opposite directions.
 
-    Faces are joined across edges of exactly two faces. In each component the side of fewer faces is turned;
-    of equal ones the first face stays. A one-sided component (a Moebius strip) is cut before, which copies
-    vertices; a note says how often, and along how many edges. That parts edges of more than two faces, so a
-    mesh that has some is not cut if `only_turn`. O(F log F) time where nothing is one-sided.
+    Faces are joined across edges with exactly two faces. In each component the minority is turned; in a tie
+    the first face stays. A one-sided component (a Moebius strip) is first cut, which copies vertices; a note
+    gives the number of cuts and edges. Cuts separate edges with more than two faces, so with `only_turn` a
+    mesh that has such edges is not cut. Takes O(F log F) time if nothing is one-sided.
     """
-    cut, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
-    turned = turn_faces(cut.faces, len(cut.vertex_map))
+    change, cuts, edges = cut_one_sided(faces, vertex_count, only_manifold=only_turn)
+    turned = turn_faces(change.faces, len(change.vertex_map))
     if not cuts:
         return turned
     times = "once" if cuts == 1 else f"{cuts:,} times"
     along = f"along {edges:,} edge{'' if edges == 1 else 's'}"
-    note = f"what is one-sided, like a Moebius strip, is cut {times}, {along}, so that one winding fits"
-    return followed_by(Change(cut.faces, cut.vertex_map, cut.face_map, cut.turned, notes=(note,)), turned)
+    note = f"one-sided surfaces (Moebius strips) are cut {times}, {along}, to make the winding consistent"
+    return followed_by(replace(change, notes=(note,)), turned)
 
 
 def turn_faces(faces: NDArray[Any], vertex_count: int) -> Change:
-    """Turn faces as `orient` does and cut nothing, so that on what is one-sided some edges still disagree.
+    """Turn faces like `orient` without cutting, so some edges of a one-sided surface stay inconsistent.
 
-    Those are kept few by preferring edges that agree already, so a second run turns nothing.
+    They are kept few by preferring edges that are already consistent, so a second run turns nothing.
     """
     sides = sides_of_faces(build_half_edges(faces, vertex_count))
-    # In each component all faces end on the side that had more of them.
+    # All faces of a component end on the side that held the majority.
     count = int(sides.label.max(initial=-1)) + 1
     others = np.bincount(sides.label[sides.other], minlength=count)
     turned = sides.other ^ (2 * others > np.bincount(sides.label, minlength=count))[sides.label]

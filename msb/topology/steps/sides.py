@@ -1,4 +1,4 @@
-"""On which side of a surface its faces are wound, and what is one-sided."""
+"""The two sides of a surface: which faces are wound the other way, and which components are one-sided."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,10 +12,16 @@ from msb.topology.halfedge import HalfEdgeMesh, face_of
 
 @dataclass(frozen=True)
 class Sides:
-    """Which nodes of a graph lie on the same side, if every pair says "same side" or "other side".
+    """An assignment of graph nodes to two sides; each pair of nodes requires equal or opposite sides.
 
-    `label` (n,) is the connected component of each node, `other` (n,) whether it is on the other side than
-    the first node of that, `one_sided` (n,) whether no choice of sides fits all its pairs.
+    Attributes
+    ----------
+    label : (n,) integers
+        The connected component of each node.
+    other : (n,) bool
+        Whether the node is on the other side than the first node of its component.
+    one_sided : (n,) bool
+        Whether no assignment satisfies all pairs of its component.
     """
 
     label: NDArray[Any]
@@ -24,51 +30,56 @@ class Sides:
 
 
 def sides_of_faces(mesh: HalfEdgeMesh) -> Sides:
-    """Return which faces of each component, joined across ordinary edges, are wound the other way."""
-    one, other = mesh.two_face_halfedges
-    clash = mesh.origin[one] == mesh.origin[other]
-    return find_sides(mesh.face_count, face_of(one), face_of(other), clash)
+    """Return which faces of each component, joined across two-face edges, are wound the other way."""
+    first, second = mesh.two_face_halfedges
+    clash = mesh.origin[first] == mesh.origin[second]
+    return find_sides(mesh.face_count, face_of(first), face_of(second), clash)
 
 
-def find_sides(count: int, one: NDArray[Any], other: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
-    """Return the sides of `count` nodes from pairs whose ends must lie on the same side, or must `differ`.
+def find_sides(count: int, first: NDArray[Any], second: NDArray[Any], differ: NDArray[np.bool_]) -> Sides:
+    """Return the sides of `count` nodes, given pairs of nodes (n,) on equal sides, or on opposite ones
+    (`differ`).
 
-    Each node stands for two, itself on either side, and pairs join these (the double cover). A component that
-    falls into two halves has its sides; one that does not is one-sided, and there the pairs of a spanning
-    tree decide, after those that agree. O(n log n) time, O(n) where nothing is one-sided.
+    In the double cover, each node stands for two, one on either side, and pairs connect these. A component
+    that splits into two halves has two sides. Any other component is one-sided; there a spanning tree of the
+    opposite pairs decides, after the equal pairs. Takes O(n log n) time, or O(n) if nothing is one-sided.
     """
-    # What must agree is one node.
-    nodes, part = label_components(count, one[~differ], other[~differ])
-    parts = _sides_of_parts(nodes, part[one[differ]], part[other[differ]])
-    return Sides(parts.label[part], parts.other[part], parts.one_sided[part])
+    # Nodes that must be on equal sides become one node.
+    nodes, part = label_components(count, first[~differ], second[~differ])
+    sides = _sides_of_parts(nodes, part[first[differ]], part[second[differ]])
+    return Sides(sides.label[part], sides.other[part], sides.one_sided[part])
 
 
-def _sides_of_parts(count: int, one: NDArray[Any], other: NDArray[Any]) -> Sides:
-    """Return the sides of nodes from pairs whose ends must lie on different sides."""
-    labels = _double_cover(count, one, other)
+def _sides_of_parts(count: int, first: NDArray[Any], second: NDArray[Any]) -> Sides:
+    """Return the sides of `count` nodes from pairs of nodes on opposite sides."""
+    labels = _double_cover(count, first, second)
     one_sided = labels[:count] == labels[count:]
     if one_sided.any():
-        inside = np.flatnonzero(one_sided[one])
-        inside = inside[one[inside] != other[inside]]
-        tree = inside[spanning_tree(count, one[inside], other[inside], np.ones(len(inside)))]
-        used = np.concatenate([tree, np.flatnonzero(~one_sided[one])])
-        labels = _double_cover(count, one[used], other[used])
+        # Use only a spanning tree of the pairs inside one-sided components; others keep all pairs.
+        inside = np.flatnonzero(one_sided[first])
+        inside = inside[first[inside] != second[inside]]
+        tree = inside[spanning_tree(count, first[inside], second[inside], np.ones(len(inside)))]
+        used = np.concatenate([tree, np.flatnonzero(~one_sided[first])])
+        labels = _double_cover(count, first[used], second[used])
     return Sides(np.minimum(labels[:count], labels[count:]), labels[:count] > labels[count:], one_sided)
 
 
 def spanning_tree(
-    count: int, one: NDArray[Any], other: NDArray[Any], cost: NDArray[np.float64]
+    count: int, first: NDArray[Any], second: NDArray[Any], cost: NDArray[np.float64]
 ) -> NDArray[Any]:
-    """Return the numbers of the pairs of a spanning forest of least cost; ends differ, costs are positive."""
+    """Return the numbers of the pairs of a minimum spanning forest.
+
+    The ends of each pair differ, and all `cost` (n,) are positive.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import minimum_spanning_tree
 
-    low, high = np.minimum(one, other), np.maximum(one, other)
+    low, high = np.minimum(first, second), np.maximum(first, second)
     order = np.lexsort((cost, high, low))
-    first = np.ones(len(order), bool)
-    first[1:] = (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
-    best = order[first]  # of pairs between the same two nodes the cheapest
-    # Values are ranks, so that equal costs are decided by the order of the nodes and never by chance.
+    is_new = np.ones(len(order), bool)
+    is_new[1:] = (low[order][1:] != low[order][:-1]) | (high[order][1:] != high[order][:-1])
+    best = order[is_new]  # the cheapest pair between each two nodes
+    # Use ranks instead of costs, so that the order of the nodes decides between equal costs.
     rank = np.zeros(len(best))
     rank[np.argsort(cost[best], kind="stable")] = np.arange(1, len(best) + 1)
     tree = minimum_spanning_tree(csr_array((rank, (low[best], high[best])), shape=(count, count)))
@@ -77,7 +88,7 @@ def spanning_tree(
     return np.asarray(by_rank[tree.data.astype(np.intp)])
 
 
-def _double_cover(count: int, one: NDArray[Any], other: NDArray[Any]) -> NDArray[np.int32]:
-    """Return the labels of the nodes on this side, then on the other; the ends of a pair are on different."""
-    first, second = np.concatenate([one, one + count]), np.concatenate([other + count, other])
+def _double_cover(count: int, ends: NDArray[Any], other_ends: NDArray[Any]) -> NDArray[np.int32]:
+    """Return the labels (2 count,) of all nodes on side 1, then on side 2; pairs connect opposite sides."""
+    first, second = np.concatenate([ends, ends + count]), np.concatenate([other_ends + count, other_ends])
     return label_components(2 * count, first, second)[1]

@@ -1,4 +1,4 @@
-"""Merge coincident vertices, as a step of a repair."""
+"""Merge coincident vertices as a step of a repair."""
 
 from typing import Any
 
@@ -10,9 +10,9 @@ from msb.topology.weld import Weld, merged_vertices
 
 
 def weld(points: NDArray[Any], faces: NDArray[Any], distance: Weld = "exact") -> Change:
-    """Merge vertices in one place, as the audit's weld does, and remove the faces that collapse by it.
+    """Merge coincident vertices as the weld of the audit does, and remove the faces that collapse.
 
-    Each set of merged vertices is its first one, with that one's values.
+    The first vertex of each merged set is kept with its values.
     """
     kept, number = merged_vertices(points, distance)
     new = number.astype(faces.dtype)[faces]

@@ -1,4 +1,4 @@
-// What Oclgrind must find.
+// Errors that Oclgrind must find.
 
 __kernel void races(__global int *out) { out[0] = get_global_id(0); }
 

@@ -1,8 +1,9 @@
-"""A processor that the PoCL wheel does not know, for every Python process with this folder in PYTHONPATH.
+"""Simulate a processor that the PoCL wheel does not know, in every Python process with this folder in
+PYTHONPATH.
 
-On such a machine LLVM calls the processor "generic", and the wheel hands that to a compiler that refuses it.
-Here the name is overwritten where the wheel keeps it, as soon as somebody asks for its devices. Kernels built
-before are found in PoCL's cache all the same, so it has to be an empty one.
+On such a machine LLVM calls the processor "generic", and the wheel passes that name to a compiler that
+rejects it. Here the name is overwritten in the memory of the wheel as soon as its devices are listed. PoCL
+would still find kernels in its cache, so the cache must be empty.
 """
 
 import ctypes
@@ -10,21 +11,21 @@ import importlib.util
 import sys
 from importlib.abc import MetaPathFinder
 
+# Byte offset of the pointer to the name in the device structure of version 3.0-rc2.
 _POINTER = 640
-"""Byte of the device's structure at which the wheel's version 3.0-rc2 has the pointer to the name."""
 
 
-def _forget(get_devices):
+def _rename(get_devices):
     done = set()
 
     def devices(platform, *args, **kwargs):
-        found = get_devices(platform, *args, **kwargs)
-        for device in found:
+        listed = get_devices(platform, *args, **kwargs)
+        for device in listed:
             if device.driver_version == "3.0-rc2" and device.int_ptr not in done:
                 done.add(device.int_ptr)
                 name = ctypes.c_void_p.from_address(device.int_ptr + _POINTER)
                 ctypes.memmove(name.value, b"generic\0", 8)
-        return found
+        return listed
 
     return devices
 
@@ -37,11 +38,11 @@ class _Watch(MetaPathFinder):
         spec = importlib.util.find_spec(name)
         run = spec.loader.exec_module
 
-        def run_and_forget(module):
+        def run_and_patch(module):
             run(module)
-            module.Platform.get_devices = _forget(module.Platform.get_devices)
+            module.Platform.get_devices = _rename(module.Platform.get_devices)
 
-        spec.loader.exec_module = run_and_forget
+        spec.loader.exec_module = run_and_patch
         return spec
 
 
