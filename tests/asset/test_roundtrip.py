@@ -50,18 +50,6 @@ def mapping_of(array: np.ndarray) -> Any:
     return owner
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("make", MAKERS)
-def test_saving_and_loading_changes_nothing(make, form, tmp_path: Path) -> None:
-    asset = make()
-    write_asset(asset, tmp_path / "a", form)
-    loaded = load(tmp_path / "a")
-    assert_same(asset, loaded)
-    assert loaded.warnings == ()
-    assert loaded.path == tmp_path / "a"
-    assert validate(tmp_path / "a").findings == ()
-
-
 @pytest.mark.parametrize("make", MAKERS)
 def test_the_same_content_gives_the_same_bytes(make, tmp_path: Path) -> None:
     for form in FORMS:
@@ -218,9 +206,6 @@ def test_large_members_are_written_with_zip64_records(tmp_path: Path, monkeypatc
     assert all(array.ctypes.data % 64 == 0 for array in loaded.buffers.values())
     write_asset(loaded, tmp_path / "b")
     assert (tmp_path / "b").read_bytes() == data
-
-
-# --- whole or not at all; more of it is in tests/base/test_atomic.py -----------------------------------
 
 
 # --- nothing that cannot be read again -----------------------------------------------------------------

@@ -7,6 +7,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -163,6 +165,25 @@ def test_without_overwrite_what_is_there_or_comes_meanwhile_stays(
     assert (tmp_path / "free").exists()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["free", "new", "old"]
     assert {(tmp_path / name).read_bytes() for name in ("old", "new")} == {b"theirs"}
+
+
+def test_only_one_of_eight_writers_creates_a_file(tmp_path: Path) -> None:
+    together = threading.Barrier(8)
+
+    def create(number: int) -> str:
+        try:
+            with new_file(tmp_path / "a", overwrite=False) as file:
+                file.write(str(number).encode())
+                together.wait()
+        except UsageError as error:
+            return error.code
+        return str(number)
+
+    with ThreadPoolExecutor(8) as pool:
+        results = list(pool.map(create, range(8)))
+    (winner,) = set(results) - {"OUTPUT_EXISTS"}
+    assert results.count("OUTPUT_EXISTS") == 7
+    assert held(tmp_path) == {"a": winner.encode()}
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "files"])

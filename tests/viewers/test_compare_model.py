@@ -13,14 +13,10 @@ from msb.asset import Description, build_asset
 from msb.errors import SceneError, Unsupported, UsageError
 from msb.scenes.around import around
 from msb_viewers.deployment.arrange import arrange
-from msb_viewers.deployment.difference import (
-    decibel_text,
-    scale_colors,
-    squared_error,
-)
+from msb_viewers.deployment.difference import decibel_text, scale_colors, squared_error
 from msb_viewers.deployment.shots import Comparison, TierRenderers, choose_tiers
 from msb_viewers.deployment.state import LAYOUTS, CompareState
-from msb_viewers.deployment.views import Surroundings, View, dataset_views, read_photograph, sized
+from msb_viewers.deployment.views import View, dataset_views, read_photograph
 from tests.conftest import TETRAHEDRON
 from tests.viewers.compare import (
     HEIGHT,
@@ -68,20 +64,6 @@ def test_transparent_photographs_lie_over_the_background(tmp_path: Path) -> None
     assert image[0, 0].tolist() == [51, 204, 204]
 
 
-def test_the_first_view_and_the_turntable_see_everything() -> None:
-    asset = checkpoint_asset()
-    around = Surroundings.of(asset)
-    points = asset.buffers["positions"].astype(float)
-    cameras = [sized(around.first_camera(), 900, 500), sized(around.first_camera(), 300, 700)]
-    cameras += [view.camera for view in around.turntable(5, 320, 240)]
-    for camera in cameras:
-        pixels, depth = camera.project(points)
-        assert (depth > 0).all()
-        assert ((pixels >= 0) & (pixels <= [camera.width, camera.height])).all()
-        assert np.ptp(pixels, axis=0).max() > 0.6 * min(camera.width, camera.height)
-    assert -Surroundings.of(asset, "+z").first_camera().world_to_camera[1, 2] > 0.9
-
-
 def test_paths_are_those_the_method_and_the_dataset_have(tmp_path: Path) -> None:
     asset = checkpoint_asset()
     assert choose_tiers(asset, [], None) == (("reference", "dedicated", "standard"), {})
@@ -117,9 +99,9 @@ def test_what_was_baked_is_a_look_of_its_own_on_the_standard_tier() -> None:
     assert (tiers, missing) == (("standard", "baked"), {})
     with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         choose_tiers(plain, [], ["baked"])
-    scene = Comparison("plain", plain, tiers, missing, background=(0.0, 0.0, 0.0), baked=baked)
-    assert CompareState.first(scene).pair == ("standard", "baked")
     view = View("around", around(plain, 1, 40, 30)[0])
+    scene = Comparison("plain", plain, tiers, missing, (view,), background=(0.0, 0.0, 0.0), baked=baked)
+    assert CompareState.first(scene).pair == ("standard", "baked")
     with TierRenderers(scene) as renderers:
         shots = [renderers.shoot(tier, view).image for tier in tiers]
     assert [int(shot.max()) for shot in shots] == [51, 153]
@@ -145,16 +127,6 @@ def test_the_pair_is_at_first_the_truth_and_the_last_path(tmp_path: Path) -> Non
             CompareState.first(scene, pair=pair)
     with pytest.raises(UsageError, match="NAME_UNKNOWN"):
         CompareState.first(comparison(tiers=("standard",)), layout="difference")
-
-
-def test_the_dataset_decides_the_size_of_a_view_else_its_place_does() -> None:
-    state = CompareState.first(comparison())
-    assert state.view((900, 700)) is state.comparison.views[0]
-    for layout in LAYOUTS:
-        state = CompareState.first(comparison([]), layout=layout)
-        box, camera = state.cells((1000, 700))[0].box, state.view((1000, 700)).camera
-        assert (camera.width, camera.height) == (box.width, box.height)
-        assert camera.fx == camera.fy
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844), (2560, 1440)])

@@ -102,6 +102,16 @@ def test_a_click_picks_the_vertex_whose_fans_are_then_shown(opened: Any, faults:
     assert not (np.abs(viewer.image().astype(int) - FAN_COLORS[0]) <= 3).all(axis=2).any()
 
 
+def test_a_click_on_a_row_of_the_legend_switches_its_layer(opened: Any, faults: ViewModel) -> None:
+    viewer = opened(faults, plain=False, size=(1280, 800))
+    viewer.controls.attach()
+    for top, bottom, action in viewer._legend.targets:
+        if action in faults.layers and len(faults.layers[action]):
+            before = action in viewer.state.visible
+            mouse(viewer, 30, 12 + (top + bottom) // 2, PRESS, RELEASE)
+            assert (action in viewer.state.visible) != before, action
+
+
 def test_stepping_flies_to_the_element_and_rings_it(opened: Any, demo: ViewModel) -> None:
     viewer = opened(demo)
     viewer.state.active = "nonmanifold_edges"

@@ -138,7 +138,7 @@ class TopologyControls:
         self.viewer.state.help = not self.viewer.state.help
 
     def _save(self) -> None:
-        path = _free_name(self.viewer.name)
+        path = _free_name(self.viewer.model.name)
         self.viewer.screenshot(path)
         self.viewer.state.message = f"saved {path.name}"
 

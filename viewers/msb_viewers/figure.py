@@ -128,16 +128,14 @@ def _close_up(viewer: TopologyViewer, panel: Panel) -> Pose | None:
 
 def compose(model: ViewModel, images: list[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]) -> Figure:
     """Return the matplotlib figure of four columns with titles, counts and legends."""
-    need_extra("view", "matplotlib", what="a figure")
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a cache it cannot write is no news to a user
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(13.2, 7.9), facecolor="white")
-    FigureCanvasAgg(figure)
     close = any(pair[1] is not None for pair in images)
     rows = 2 if close else 1
-    figure.set_size_inches(13.2, 7.9 if close else 4.5)
+    figure = Figure(figsize=(13.2, 7.9 if close else 4.5), facecolor="white")
+    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         rows, 4, left=0.012, right=0.988, bottom=0.1 if close else 0.17, top=0.925 if close else 0.86,
         wspace=0.035, hspace=0.035,
@@ -199,16 +197,12 @@ def _legend(axes: Any, model: ViewModel, panel: Panel) -> None:
     handles: list[Any] = []
     for kind in panel.kinds:
         style = STYLES[kind]
-        label = names[kind].format(len(model.layers[kind]))
+        look: dict[str, Any] = {"linewidth": style.width * 0.8}
         if style.marker:
-            mark: dict[str, Any] = {
-                "marker": shapes[style.marker],
-                "markersize": style.size * 0.55,
-                "markeredgecolor": "black",
-            }
-            handles.append(Line2D([], [], linestyle="none", color=unit(style.color), label=label, **mark))
-        else:
-            handles.append(Line2D([], [], color=unit(style.color), linewidth=style.width * 0.8, label=label))
+            look = {"marker": shapes[style.marker], "markersize": style.size * 0.55}
+            look |= {"markeredgecolor": "black", "linestyle": "none"}
+        label = names[kind].format(len(model.layers[kind]))
+        handles.append(Line2D([], [], color=unit(style.color), label=label, **look))
     if panel.coloring == "components":
         from msb_viewers.palette import size_label
 

@@ -132,8 +132,3 @@ def marker(draw: Draw, style: Style, middle: tuple[float, float], r: float) -> N
             draw.line((x - r, y - sign * r, x + r, y + sign * r), BLACK, max(round(r * 0.75), 3))
         for sign in (1, -1):
             draw.line((x - r, y - sign * r, x + r, y + sign * r), style.color, max(round(r * 0.4), 1))
-
-
-def legend_width(scale: float) -> int:
-    """Return the width of the legend in pixels."""
-    return round(LEGEND_WIDTH * scale)

@@ -2,34 +2,39 @@
 
 import math
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msb.base.matrices import inverse
+from msb.errors import UsageError
 from msb_viewers import drawing
 from msb_viewers.camera import FOV_Y, Pose, component_pose, default_pose, element_pose
 from msb_viewers.controls import TopologyControls
 from msb_viewers.fans import Inset, background, size_of
-from msb_viewers.legend import legend_panel, legend_width
+from msb_viewers.gl import NO_DISPLAY
+from msb_viewers.legend import legend_panel
 from msb_viewers.model import ViewModel
-from msb_viewers.palette import HIGHLIGHT
+from msb_viewers.palette import BACKGROUND, HIGHLIGHT, unit
 from msb_viewers.picking import pick
-from msb_viewers.sheet import Panel, help_panel, line_panel
+from msb_viewers.sheet import LEGEND_WIDTH, Panel, help_panel, line_panel, text_scale, write_png
 from msb_viewers.stage import Stage
 from msb_viewers.state import HELP, ViewState
-from msb_viewers.window import GAP, Window
 
+# Distance between panels and the border of the window, in pixels at scale 1.
+_GAP = 12
+# Samples per pixel that smooth the edges of faces and lines while the view rests.
 _SAMPLES = 4
+# Frames of a flight to an element; at 60 frames per second a quarter of a second.
 _FLIGHT_FRAMES = 14
 
 
-class TopologyViewer(Window):
-    """A mesh with its offending elements, in a window or off-screen.
+class TopologyViewer:
+    """A mesh with its offending elements, in a window or off-screen, where all but `show` works the same.
 
-    `up` is the axis that is up, such as "+y", instead of the model's own; `state` is what is switched on at
-    first.
+    `up` is the axis that points up, such as "+y", by default the model's; `state` is what is shown at first.
     """
 
     def __init__(
@@ -41,11 +46,24 @@ class TopologyViewer(Window):
         up: str | None = None,
         state: ViewState | None = None,
     ) -> None:
+        import pyvista
         from vtkmodules.vtkRenderingCore import vtkRenderer
 
-        super().__init__(model.name, size, off_screen=off_screen)
+        drawing.quiet()
+        self.off_screen = off_screen
+        self.plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
+        self.window = self.plotter.ren_win
+        if not off_screen and self.window.GetClassName() in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"):
+            self.plotter.close()
+            raise UsageError("VIEW_NO_DISPLAY", NO_DISPLAY)
+        self.title = f"{model.name} - msb view"
+        self.window.SetWindowName(self.title)
+        self.plotter.set_background(unit(BACKGROUND))
+        self.plotter.camera_set = True  # otherwise the first frame would reset the camera
+        self.renderer = self.plotter.renderer
+        self.camera = self.renderer.GetActiveCamera()
         self.model, self.up, self._extent = model, up or model.up, model.extent
-        self.state: ViewState = state or ViewState.first(model)
+        self.state = state or ViewState.first(model)
         self.renderer.SetTwoSidedLighting(True)
         self.renderer.SetAutomaticLightCreation(True)
         self.front = vtkRenderer()
@@ -63,11 +81,51 @@ class TopologyViewer(Window):
         self._legend: Panel | None = None
         self._marks: list[Any] = []
         self._shown_vertex: tuple[int | None, float] = (None, 0.0)
-        self.controls: TopologyControls = TopologyControls(self)
+        self.controls = TopologyControls(self)
         self.home()
         self.refresh()
 
-    # What is shown -----------------------------------------------------------------------------------
+    # Window ------------------------------------------------------------------------------------------
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the window in pixels."""
+        width, height = self.window.GetSize()
+        return int(width), int(height)
+
+    @property
+    def scale(self) -> float:
+        """The scale of all text, which follows the size of the window."""
+        return text_scale(self.size)
+
+    @property
+    def pose(self) -> Pose:
+        """The pose of VTK's camera."""
+        places = (self.camera.GetPosition(), self.camera.GetFocalPoint(), self.camera.GetViewUp())
+        return Pose(*(np.array(place, np.float64) for place in places))
+
+    @pose.setter
+    def pose(self, pose: Pose) -> None:
+        self.camera.SetPosition(*pose.eye)
+        self.camera.SetFocalPoint(*pose.target)
+        self.camera.SetViewUp(*pose.up)
+
+    def image(self) -> NDArray[np.uint8]:
+        """Draw and return the window (H, W, 3), row 0 at the top."""
+        self.refresh()
+        return np.asarray(self.plotter.screenshot(None, return_img=True), np.uint8)[..., :3]
+
+    def screenshot(self, path: Path) -> None:
+        """Write the window to a PNG file."""
+        write_png(self.image(), path)
+
+    def show(self) -> None:
+        """Open the window, and return when it is closed."""
+        self.controls.attach()
+        self.refresh()
+        self.plotter.show(auto_close=True, title=self.title)
+
+    # Drawing -----------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Bring the window up to date with the state, and draw."""
@@ -104,7 +162,7 @@ class TopologyViewer(Window):
     def center(self) -> None:
         """Move the middle of the view to the middle of what the legend leaves free."""
         fans = self._pictures["fans"]
-        right = fans.size[0] + round(GAP * self.scale) if fans.actor.GetVisibility() else 0
+        right = fans.size[0] + round(_GAP * self.scale) if fans.actor.GetVisibility() else 0
         self.camera.SetWindowCenter((right - self._taken()) / self.size[0], 0.0)
 
     def fly(self, pose: Pose) -> None:
@@ -113,7 +171,9 @@ class TopologyViewer(Window):
         for step in range(1, _FLIGHT_FRAMES if not self.off_screen else 0):
             t = step / _FLIGHT_FRAMES
             t = t * t * (3 - 2 * t)
-            parts = [(1 - t) * a + t * b for a, b in zip(_parts(start), _parts(pose), strict=True)]
+            parts = [
+                (1 - t) * a + t * b for a, b in zip(vars(start).values(), vars(pose).values(), strict=True)
+            ]
             self.pose = Pose(*parts)
             self.stage.moving = True
             self.stage.sync(self.state)
@@ -182,15 +242,16 @@ class TopologyViewer(Window):
     # Using it ----------------------------------------------------------------------------------------
 
     def close(self) -> None:
+        """Release the window and everything that VTK holds. It can be called twice."""
         self.window.RemoveRenderer(self.front)
         self.window.RemoveRenderer(self.inset.renderer)
-        super().close()
+        self.plotter.close()
 
     def legend_hit(self, x: float, y: float) -> str | None:
         """Return what the legend has at a pixel: an action, "" for its background, None beside it."""
         if self._legend is None:
             return None
-        gap = round(GAP * self.scale)
+        gap = round(_GAP * self.scale)
         return self._legend.hit(x - gap, y - gap)
 
     # Parts -------------------------------------------------------------------------------------------
@@ -199,7 +260,7 @@ class TopologyViewer(Window):
         """Return the width the legend takes at the left, in pixels."""
         if not self.state.legend:
             return 0
-        return legend_width(self.scale) + round(GAP * self.scale)
+        return round(LEGEND_WIDTH * self.scale) + round(_GAP * self.scale)
 
     def _aspect(self) -> float:
         """Return width over height of what the legend leaves free."""
@@ -251,7 +312,7 @@ class TopologyViewer(Window):
         if panel is None or self.state.help:
             picture.hide()
             return
-        (width, height), gap = self.size, round(GAP * self.scale)
+        (width, height), gap = self.size, round(_GAP * self.scale)
         side = size_of(self.size, panel)
         picture.set(background(panel, side))
         left = width - picture.size[0] - gap
@@ -262,7 +323,7 @@ class TopologyViewer(Window):
 
     def _show_text(self) -> None:
         (width, height), scale = self.size, self.scale
-        gap = round(GAP * scale)
+        gap = round(_GAP * scale)
         self._legend = None
         legend = self._pictures["legend"]
         if self.state.legend:
@@ -288,7 +349,3 @@ class TopologyViewer(Window):
             helping.place(min(max(x, 0), max(width - helping.size[0], 0)), (height - helping.size[1]) // 2)
         else:
             helping.hide()
-
-
-def _parts(pose: Pose) -> tuple[NDArray[np.float64], ...]:
-    return pose.eye, pose.target, pose.up

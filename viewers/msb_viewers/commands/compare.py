@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from msb_viewers.deployment.state import CompareState
     from msb_viewers.deployment.views import View
 
-# The number of views on a page without cameras, and their width and height in pixels.
+# The number of views where neither cameras nor a training give any, and their width and height in pixels.
 TURNTABLE = (8, 640, 480)
 
 
@@ -92,7 +92,7 @@ def compare(
     """
     if views.cameras is None:
         typed.reject(["camera", "image_folder", "scale"], NO_CAMERAS)
-    require(window.written, "compare has no file to write; pass --html FILE.html or --screenshot FILE.png")
+    require(window.written, "Missing output. Pass --html FILE.html or --screenshot FILE.png")
     wish = _Wish(options, views, drawing, window)
     _write(_read(path, wish, output), wish, output)
 
@@ -106,7 +106,7 @@ def _read(path: Path, wish: _Wish, output: Output) -> CompareState:
     comparison = _comparison(asset, path, views, wish, output)
     options = wish.options
     with about(path):
-        state = CompareState.first(comparison, layout=options.layout, pair=options.pair, up=wish.window.up)
+        state = CompareState.first(comparison, layout=options.layout, pair=options.pair)
     if said:
         output.note(f"views: {said}")
     return state
@@ -138,13 +138,16 @@ def _comparison(asset: Asset, path: Path, views: list[View], wish: _Wish, output
 
 
 def _chosen(asset: Asset, wish: _Wish) -> tuple[list[View], str]:
-    """Return the views of the training or from inside, none where it is to be turned, and their words."""
+    """Return the views that judge a model without cameras, and their words; --up turns a turntable."""
+    from msb.scenes.around import around
     from msb.views import choose_views
-    from msb_viewers.deployment.views import views_at
+    from msb_viewers.deployment.views import View, views_at
 
     chosen = choose_views(asset, device=wish.drawing.device)
     if chosen.origin == "turntable":
-        return [], chosen.said
+        cameras = around(asset, *TURNTABLE, up=wish.window.up)
+        views = [View(f"view {index}", camera, why="") for index, camera in enumerate(cameras, 1)]
+        return views, chosen.said
     views = views_at(chosen.cameras, chosen.place or Path(), None, None)
     sizes = [min(1.0, max(TURNTABLE[1:]) / max(one.camera.width, one.camera.height)) for one in views]
     return [
@@ -170,12 +173,12 @@ def _write(state: CompareState, wish: _Wish, output: Output) -> None:
     window = wish.window
     with TierRenderers(state.comparison) as renderers:
         if window.html is not None:
-            views = list(state.comparison.views) or state.around.turntable(*TURNTABLE)
+            views = list(state.comparison.views)
             with output.counted("drawing", len(views)) as step:
                 write_page(state, renderers, views, window.html, step=step)
         if window.screenshot is not None:
             with output.progress(f"writing {window.screenshot.name}"):
-                shots = renderers.shoot_all(state.view(window.pixels), state.wanted_tiers())
+                shots = renderers.shoot_all(state.comparison.views[0], state.wanted_tiers())
                 write_png(compose(state, shots, window.pixels).image, window.screenshot)
     if not output.quiet:
         echo("\n".join(map(str, window.written)))

@@ -57,12 +57,11 @@ def arrange(
     size: tuple[int, int],
     scale: float,
     *,
-    aspect: float | None = None,
+    aspect: float,
 ) -> list[Cell]:
     """Return the cells of a picture of `size` pixels.
 
-    `tiers` are those that the layout "side" shows; `aspect` is width over height of the pictures, None if
-    they take any shape.
+    `tiers` are those that the layout "side" shows; `aspect` is width over height of the images.
     """
     gap, caption, top = round(_GAP * scale), round(_CAPTION * scale), round(_HEAD * scale)
     area = Box(gap, top, size[0] - 2 * gap, size[1] - top - gap)
@@ -82,7 +81,7 @@ def arrange(
     ]
 
 
-def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float | None) -> list[Cell]:
+def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float) -> list[Cell]:
     """Return cells in the number of columns that makes pictures largest."""
     best: tuple[float, list[Cell]] = (-1.0, [])
     for columns in range(1, len(tiers) + 1):
@@ -103,7 +102,7 @@ def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float
             for index, tier in enumerate(tiers)
         ]
         box = cells[0].box
-        worth = float(min(box.width, box.height)) if aspect is None else min(box.width / aspect, box.height)
+        worth = min(box.width / aspect, box.height)
         if worth > best[0]:
             best = worth, cells
     return best[1]

@@ -188,8 +188,7 @@ class _Sheet:
         return self.placeholder(cell, "N/A", self.shots[tier].why)
 
     def placeholder(self, cell: Box, title: str, text: str) -> Box:
-        aspect = self.state.aspect
-        box = cell if aspect is None else cell.fitting(round(1000 * aspect), 1000)
+        box = cell.fitting(round(1000 * self.state.aspect), 1000)
         self.canvas.placeholder(box, title, text)
         return box
 
@@ -198,7 +197,7 @@ def camera_text(state: CompareState, size: tuple[int, ...] | None) -> str:
     """Return which camera is shown, and the size (H, W, ...) of its pictures."""
     pixels = "" if size is None else f", {size[1]} x {size[0]} pixels"
     views = state.comparison.views
-    return f"camera 1 of {len(views)}: {views[0].name}{pixels}" if views else f"free camera{pixels}"
+    return f"camera 1 of {len(views)}: {views[0].name}{pixels}"
 
 
 def caption_lines(shot: Shot | None) -> list[str]:

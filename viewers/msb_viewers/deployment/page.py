@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.metrics import psnr
-from msb_viewers.deployment.compose import caption_lines
+from msb_viewers.deployment.compose import caption_lines, decibels
 from msb_viewers.deployment.difference import ERROR_SCALE, TOP, TOPS
 from msb_viewers.deployment.shots import LABELS, Shot, TierRenderers
 from msb_viewers.deployment.state import CompareState
@@ -67,9 +66,8 @@ def page_view(view: View, shots: Mapping[str, Shot]) -> dict[str, Any]:
     psnrs: dict[str, float | str] = {}
     for a in sorted(shots):
         for b in sorted(shots):
-            first, second = shots[a].image, shots[b].image
-            if a < b and first is not None and second is not None:
-                value = psnr(first, second)
+            value = decibels(shots[a], shots[b]) if a < b else None
+            if value is not None:
                 psnrs[f"{a} {b}"] = "identical" if math.isinf(value) else value
     return {
         "name": view.name,

@@ -53,16 +53,15 @@ class Shot:
 class Comparison:
     """What is compared, and how it is drawn.
 
-    `missing` says for a tier why the method does not have it; without `views`, those of a dataset, the views
-    are from around; `settings` override the asset's; `supersample` is of the standard tier, on which `baked`,
-    a plain asset made of it, is drawn, too.
+    `missing` says for a tier why the method does not have it; `settings` override the asset's; `supersample`
+    is of the standard tier, on which `baked`, a plain asset made of it, is drawn, too.
     """
 
     name: str
     asset: Asset
     tiers: tuple[str, ...]
     missing: Mapping[str, str]
-    views: tuple[View, ...] = ()
+    views: tuple[View, ...]
     settings: Mapping[str, Any] = field(default_factory=dict)
     supersample: int = 1
     background: tuple[float, float, float] = (1.0, 1.0, 1.0)

@@ -8,7 +8,6 @@ from typing import Literal, get_args
 from msb.errors import UsageError, shorten
 from msb_viewers.deployment.arrange import Cell, arrange
 from msb_viewers.deployment.shots import BAKED, REFERENCE, TRUTH, Comparison
-from msb_viewers.deployment.views import Surroundings, View, sized
 from msb_viewers.sheet import text_scale
 
 Layout = Literal["side", "wipe", "difference"]
@@ -25,7 +24,6 @@ class CompareState:
 
     comparison: Comparison
     pair: tuple[str, str]
-    around: Surroundings
     layout: Layout = "side"
 
     @classmethod
@@ -35,32 +33,19 @@ class CompareState:
         *,
         layout: Layout = "side",
         pair: str | None = None,
-        up: str | None = None,
     ) -> CompareState:
-        """Return how to show a comparison; `pair` is like "reference,standard", `up` like "+z"."""
+        """Return how to show a comparison; `pair` is like "reference,standard"."""
         chosen = _default_pair(comparison) if pair is None else _parse_pair(comparison, pair)
         if layout != "side" and chosen[0] == chosen[1]:
             text = f"--layout {layout} takes two tiers; only {chosen[0]} has a picture"
             raise UsageError("NAME_UNKNOWN", text)
-        return cls(comparison, chosen, Surroundings.of(comparison.asset, up), layout)
+        return cls(comparison, chosen, layout)
 
     @property
-    def aspect(self) -> float | None:
-        """Width over height of the pictures; None if they take the shape of their place."""
-        if not self.comparison.views:
-            return None
+    def aspect(self) -> float:
+        """Width over height of the images of the first view."""
         camera = self.comparison.views[0].camera
         return camera.width / camera.height
-
-    def view(self, size: tuple[int, int]) -> View:
-        """Return the first camera, or a view of all of the asset that fits a picture of `size` pixels.
-
-        A dataset's camera has the dataset's size, so that its PSNRs are those of the protocol.
-        """
-        if self.comparison.views:
-            return self.comparison.views[0]
-        box = self.cells(size)[0].box
-        return View("free", sized(self.around.first_camera(), box.width, box.height))
 
     def cells(self, size: tuple[int, int]) -> list[Cell]:
         """Return the places of the pictures in one of `size` pixels."""

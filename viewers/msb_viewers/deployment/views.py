@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msb.asset import Asset
-from msb.asset.look import up_axis
 from msb.base.paths import SpelledFiles
 from msb.errors import UsageError
 from msb.scenes import Camera
-from msb_viewers.camera import ELEVATION, FOV_Y, Pose, default_pose, up_vector
 from msb_viewers.deployment.difference import fitted
-from msb_viewers.model import framing
 
-# Width and height in pixels of the camera that a free view starts from; windows scale it.
-SIDE = 1000
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 
@@ -93,63 +85,6 @@ def read_photograph(view: View, background: tuple[float, float, float]) -> NDArr
     if image.dtype != np.uint8:
         image = to_bytes(image)
     return fitted(image, view.camera.width, view.camera.height)
-
-
-@dataclass(frozen=True, eq=False)
-class Surroundings:
-    """The place and size of an asset, which a free view turns around; a few far vertices may lie outside."""
-
-    center: NDArray[np.float64]
-    radius: float
-    up: str
-
-    @classmethod
-    def of(cls, asset: Asset, up: str | None = None) -> Surroundings:
-        """Return the surroundings of an asset; `up` is used instead of the asset's own axis."""
-        positions, indices = asset.buffers["positions"], asset.buffers["indices"]
-        used = np.zeros(len(positions), bool)
-        used[indices.reshape(-1)] = True
-        center, radius, _ = framing(positions, used & np.isfinite(positions).all(axis=1))
-        return cls(center, radius, up or up_axis(asset))
-
-    def first_pose(self) -> Pose:
-        """Return the first view: all of the asset, from the same side as in the topology viewer."""
-        pose = default_pose(self.up, 1.0)
-        return Pose(self.center + self.radius * pose.eye, self.center, pose.up)
-
-    def first_camera(self) -> Camera:
-        """Return a square camera at the first view; `sized` gives it a window's shape."""
-        from msb.scenes import Camera
-        from msb.scenes.paths import unit_at
-
-        pose = self.first_pose()
-        camera = Camera.look_at(pose.eye, pose.target, up=pose.up, width=SIDE, height=SIDE, fov_y=FOV_Y)
-        return replace(camera, unit=unit_at(pose.distance))
-
-    def turntable(self, count: int, width: int, height: int) -> list[View]:
-        """Return views from all sides."""
-        from msb.scenes import turntable
-
-        distance = self.first_pose().distance
-        narrow: dict[str, Any] = {"width": width, "height": height, "elevation": ELEVATION}
-        narrow["fov_y"] = 2 * math.atan(math.tan(FOV_Y / 2) * height / min(width, height))
-        cameras = turntable(self.center, distance, up=up_vector(self.up), count=count, **narrow)
-        return [View(f"view {index + 1}", camera, None, "") for index, camera in enumerate(cameras)]
-
-
-def sized(camera: Camera, width: int, height: int) -> Camera:
-    """Return a camera of another shape at the same place; its shorter side sees what that side saw."""
-    factor = min(width, height) / min(camera.width, camera.height)
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * factor,
-        fy=camera.fy * factor,
-        cx=width / 2,
-        cy=height / 2,
-        source_size=None,
-    )
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
