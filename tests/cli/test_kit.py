@@ -10,7 +10,7 @@ import pytest
 
 from msb.base.packages import PackageWarning
 from msb.cli import commands
-from msb.cli.commands import BUILT_IN, Place
+from msb.cli.commands import BUILT_IN, Entry
 from msb.errors import UsageError
 from tests.cli.conftest import INSTALLED, Here, Msb, Refused
 from tests.cli.forks import run_msb
@@ -220,7 +220,7 @@ def test_a_module_without_a_value_can_be_named(here: Here, site: Path) -> None:
 def test_a_command_of_a_removed_folder_is_not_listed_and_names_it(
     here: Here, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    removed = Place("msb.removed.command", "It was removed.")
+    removed = Entry("msb.removed.command", "It was removed.")
     monkeypatch.setitem(BUILT_IN, "Gone", {"removed": removed})
     assert "removed" not in here("--help").out
     here("removed", "x").ends(2, "EXTRA_MISSING: msb removed needs msb.removed")
@@ -233,7 +233,7 @@ def test_a_folder_of_compiled_files_only_counts_as_removed(
 ) -> None:
     (tmp_path / "leftover_package" / "__pycache__").mkdir(parents=True)
     monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setitem(BUILT_IN, "Gone", {"removed": Place("leftover_package.command", "")})
+    monkeypatch.setitem(BUILT_IN, "Gone", {"removed": Entry("leftover_package.command", "")})
     assert "Gone" not in commands.listed()
 
 
