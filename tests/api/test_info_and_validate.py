@@ -57,7 +57,7 @@ def test_info_of_a_background_that_is_not_stated(here: Here, tmp_path: Path) -> 
     stated, unknown = here("info", "data_stubs/models/walled/triangle_splatting"), here("info", model)
     rows = [[line.split() for line in each.out.splitlines()] for each in (stated, unknown)]
     assert ["background", "black"] in rows[0]
-    assert any(row[:2] == ["background", "black;"] for row in rows[1])
+    assert any(row[:3] == ["background", "black", "(not"] for row in rows[1])
 
 
 def test_validate_of_a_good_asset(here: Here, demo_asset: Path) -> None:
