@@ -138,7 +138,9 @@ def _check_settings(data: Json) -> Iterator[Finding]:
     for name, stored in data["settings"].items():
         pointer, value, degree = f"/settings/{escape(name)}", stored["value"], data["sh_degree"]
         if name not in known:
-            text = f'{data["method"]} has no setting "{shorten(name)}"; its settings: {", ".join(known) or "none"}'
+            text = (
+                f'the setting "{shorten(name)}" is unknown; {data["method"]} has {", ".join(known) or "none"}'
+            )
             yield finding("TRIASSET_FIELD", text, pointer=pointer, value=name)
             continue
         problem = known[name].problem(value)
