@@ -9,7 +9,7 @@ from msb_viewers.model import CLEAN_NOTE, EMPTY_NOTE, SOUP_NOTE, ViewModel
 from msb_viewers.page import page
 from msb_viewers.palette import ADDED, DELETED, REPAIR_STYLES, STYLES
 from msb_viewers.repaired import build_repaired_model
-from msb_viewers.stage import cluster
+from msb_viewers.stage import simplify
 from msb_viewers.state import ViewState
 from msb_viewers.viewed_mesh import ViewedMesh, read_viewed_mesh
 from tests.conftest import BOOK, TETRAHEDRON
@@ -53,7 +53,7 @@ def test_a_few_far_vertices_do_not_make_the_rest_a_dot() -> None:
     points[:3] *= 1e6
     model = model_of(points, np.arange(300).reshape(-1, 3))
     assert np.quantile(np.linalg.norm(model.points, axis=1), 0.9) > 0.3
-    assert any("far vertices" in note for note in model.notes)
+    assert any("distant vertices" in note for note in model.notes)
 
 
 def test_faces_that_are_not_finite_are_said_and_not_drawn() -> None:
@@ -85,7 +85,7 @@ def test_the_note_says_what_a_mesh_is() -> None:
     assert EMPTY_NOTE in model_of(np.zeros((2, 3)), []).notes
     soup = model_of(np.random.default_rng(0).normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     assert SOUP_NOTE in soup.notes
-    assert "boundary_edges" not in soup.shown_by_default()
+    assert "boundary_edges" not in soup.default_layers()
 
 
 def test_no_two_layers_differ_by_colour_alone() -> None:
@@ -107,7 +107,7 @@ def test_colours_of_an_asset_are_the_standard_tiers(demo_asset: Path) -> None:
 
 
 def test_a_stand_in_is_coarse_and_keeps_its_place(demo: ViewModel) -> None:
-    faces, origin = cluster(demo.points, demo.faces, target=2000)
+    faces, origin = simplify(demo.points, demo.faces, target=2000)
     assert 500 < len(faces) <= 4000
     assert (np.diff(np.sort(faces, axis=1), axis=1) > 0).all()
     assert (np.diff(origin) > 0).all()

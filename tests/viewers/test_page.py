@@ -35,7 +35,7 @@ def test_the_page_holds_the_model(faults: ViewModel) -> None:
     for layer in meta["layers"]:
         assert layer["count"] == len(faults.layers[layer["kind"]])
         assert len(arrays[layer["kind"]]) == layer["count"] * layer["each"]
-    assert set(meta["visible"]) == faults.shown_by_default()
+    assert set(meta["visible"]) == faults.default_layers()
 
 
 def test_size_classes_are_the_models(demo: ViewModel) -> None:

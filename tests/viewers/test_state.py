@@ -5,7 +5,7 @@ import pytest
 
 from msb.errors import UsageError
 from msb_viewers.camera import Pose, default_pose, element_pose, up_vector
-from msb_viewers.fans import neighbourhood
+from msb_viewers.fans import find_neighbourhood
 from msb_viewers.legend import legend_panel
 from msb_viewers.model import ViewModel
 from msb_viewers.picking import pick
@@ -46,7 +46,7 @@ def test_isolating_counts_by_size(demo: ViewModel) -> None:
     assert state.component == 0
     state.isolate_next(1)
     assert state.component == 1
-    state.isolate_chosen()
+    state.isolate_selection()
     assert state.component is None
 
 
@@ -130,7 +130,7 @@ def test_picking_agrees_with_a_slow_obvious_search(demo: ViewModel) -> None:
 
 
 def test_fans_of_a_bow_tie_are_apart(faults: ViewModel) -> None:
-    around = neighbourhood(faults, 2)
+    around = find_neighbourhood(faults, 2)
     assert (around.fan_count, around.group_count, around.on_crowded_edge) == (2, 2, False)
     assert sorted(fan.faces.tolist() for fan in around.fans) == [[0], [1]]
     one, other = (fan.triangles.reshape(-1, 3) @ around.frame[:2].T for fan in around.fans)
@@ -139,7 +139,7 @@ def test_fans_of_a_bow_tie_are_apart(faults: ViewModel) -> None:
 
 
 def test_fans_on_a_crowded_edge_are_one_face_each(faults: ViewModel) -> None:
-    around = neighbourhood(faults, 5)
+    around = find_neighbourhood(faults, 5)
     assert around.fan_count == 3
     assert around.group_count == 1
     assert around.on_crowded_edge
@@ -151,7 +151,7 @@ def test_fans_on_a_crowded_edge_are_one_face_each(faults: ViewModel) -> None:
 def test_fans_of_every_vertex_are_those_of_the_audit(demo: ViewModel) -> None:
     wanted = demo.analysis.fans.fans_per_vertex
     for vertex in np.random.default_rng(0).choice(len(wanted), 40, replace=False).tolist():
-        around = neighbourhood(demo, vertex)
+        around = find_neighbourhood(demo, vertex)
         shown = len(around.fans)
         assert shown == min(wanted[vertex], 12)
         parts = [face for fan in around.fans for face in fan.faces.tolist()]

@@ -88,7 +88,7 @@ def test_the_page_shows_what_the_standard_tier_draws(
     state = replace(ViewState.first(model), visible=set())
     eye = EYE.tolist()
     script = f"""
-      const ready = () => surface && !waiting && meta.skin.textures.every((one) => one.texture);
+      const ready = () => surface && !waiting && meta.skin.textures.every((item) => item.texture);
       while (!ready()) await new Promise(requestAnimationFrame);
       state.legend = false;
       Object.assign(camera, {{ direction: {eye}, up: [0, 1, 0], distance: Math.hypot(...{eye}) }});

@@ -92,8 +92,8 @@ def test_a_click_picks_the_vertex_whose_fans_are_then_shown(opened: Any, faults:
     x, y = viewer.project(faults.points[2][None])[0]
     viewer.controls.click(int(x) - 4, int(y))
     assert viewer.state.vertex == 2
-    assert len(viewer.inset.shown.fans) == 2
-    picture = viewer._pictures["fans"]
+    assert len(viewer.inset.neighbourhood.fans) == 2
+    picture = viewer._overlays["fans"]
     corner = viewer.image()[-picture.size[0] :, -picture.size[0] :]
     for color in FAN_COLORS[:2]:
         assert (np.abs(corner.astype(int) - color) <= 3).all(axis=2).sum() > 200
@@ -174,13 +174,13 @@ def test_events_of_the_window_reach_the_controls(opened: Any, faults: ViewModel)
 
 
 def test_the_figure_has_four_panels_with_their_marks(gl: None, demo: ViewModel) -> None:
-    from msb_viewers.figure import PANELS, panel_images
+    from msb_viewers.figure import COLUMNS, render_columns
 
-    images = panel_images(demo, side=240)
+    images = render_columns(demo, side=240)
     assert len(images) == 4
-    for panel, (whole, close) in zip(PANELS, images, strict=True):
+    for column, (whole, close) in zip(COLUMNS, images, strict=True):
         for image in (whole, close):
             assert image.shape == (240, 240, 3)
-            for kind in panel.kinds[:1]:
+            for kind in column.kinds[:1]:
                 near = np.abs(image.astype(int) - STYLES[kind].color).max(axis=2) < 60
-                assert near.sum() > 20, (panel.title, kind)
+                assert near.sum() > 20, (column.title, kind)

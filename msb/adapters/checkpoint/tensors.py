@@ -121,7 +121,8 @@ class Storages:
         if known is None:
             known = self.declared[key] = Storage(key, kind, count, self.locate(key, kind, count))
         elif (known.kind, known.count) != (kind, count):
-            text = f"storage {key} is declared as {known.count} x {known.kind.name} and as {_count(count)} x {kind.name}"
+            first, second = f"{known.count} x {known.kind.name}", f"{_count(count)} x {kind.name}"
+            text = f"storage {key} is declared as {first} and as {second}"
             raise Refusal("CHECKPOINT_HOSTILE", text)
         return known
 

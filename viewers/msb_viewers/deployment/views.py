@@ -1,4 +1,4 @@
-"""The views to compare from: a dataset's cameras with their photographs, or views around the asset."""
+"""The views of a comparison: cameras with their photographs."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from msb.base.paths import SpelledFiles
 from msb.errors import UsageError
 from msb.scenes import Camera
-from msb_viewers.deployment.difference import fitted
+from msb_viewers.deployment.difference import resize
 
 _NO_PHOTOGRAPH = "the dataset has no photograph for this camera"
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera, of the size at which pictures are compared, its photograph, or `why` there is none."""
+    """A camera with the size of the compared images, and its photograph or the reason `why` it is missing."""
 
     name: str
     camera: Camera
@@ -36,59 +36,62 @@ def dataset_views(
 ) -> list[View]:
     """Return a view for each camera, with its photograph if there is one.
 
-    Photographs have the cameras' names and any suffix in the folder `images`; else the dataset says where
-    they are, or they are in the folder `beside`. `scale` is relative to the photographs, or to the cameras.
+    Photographs in the folder `images` have the names of the cameras, with any suffix. By default the dataset
+    gives their paths, or they are in the folder `beside`. `scale` is relative to the photographs, or to
+    cameras without photographs.
     """
     if images is not None and not images.is_dir():
-        raise UsageError("USAGE", "--image-folder: there is no such folder", file=images)
+        raise UsageError("USAGE", "--image-folder: the folder does not exist", file=images)
     views = []
     folder = images or beside
     files = None if folder is None else SpelledFiles(folder)
     for index, camera in enumerate(cameras):
-        photograph = _photograph(camera, files, anew=images is not None)
+        photograph = _find_photograph(camera, files, by_name=images is not None)
         if photograph is not None:
             from msb.scenes import image_size
 
             camera = camera.resized(*image_size(photograph))
         if scale is not None:
             camera = camera.scaled(scale)
-        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image of its name"
+        why = _NO_PHOTOGRAPH if images is None else f"{images.name} holds no image with its name"
         views.append(View(camera.name or f"camera {index}", camera, photograph, why))
     if images is not None and not any(view.photograph for view in views):
         names = ", ".join(view.name for view in views[:3])
-        text = f"--image-folder: it holds no image named like a camera ({names}, ...)"
+        text = f"--image-folder: it holds no image with the name of a camera ({names}, ...)"
         raise UsageError("USAGE", text, file=images)
     return views
 
 
-def _photograph(camera: Camera, files: SpelledFiles | None, *, anew: bool) -> Path | None:
-    """Return the camera's photograph: where the dataset says, unless looked for `anew`, or among `files`."""
+def _find_photograph(camera: Camera, files: SpelledFiles | None, *, by_name: bool) -> Path | None:
+    """Return the photograph of a camera: the path in the dataset, or with `by_name` one of `files`."""
     from msb.metrics import IMAGE_SUFFIXES
 
-    if not anew and camera.image_path is not None:
+    if not by_name and camera.image_path is not None:
         return camera.image_path if camera.image_path.is_file() else None
     if files is None or camera.name is None:
         return None
     suffixes = [suffix for kind in IMAGE_SUFFIXES[:3] for suffix in (kind, kind.upper())]
     exact = PurePosixPath(camera.name)
     names = [exact, *(exact.with_suffix(s) for s in suffixes), *(f"{exact}{s}" for s in suffixes)]
-    tried = (files.find(str(name)) for name in names)
-    return next((path for path in tried if path.is_file() and path.suffix in suffixes), None)
+    candidates = (files.find(str(name)) for name in names)
+    return next((path for path in candidates if path.is_file() and path.suffix in suffixes), None)
 
 
 def read_photograph(view: View, background: tuple[float, float, float]) -> NDArray[np.uint8]:
-    """Return the photograph of a view (H, W, 3), at its camera's size; transparency over `background`."""
+    """Return the photograph of a view (H, W, 3), in the size of the camera, on `background` if
+    transparent.
+    """
     from msb.metrics import read_image
     from msb.render.images import to_bytes
 
     image = read_image(str(view.photograph), background=background)
     if image.dtype != np.uint8:
         image = to_bytes(image)
-    return fitted(image, view.camera.width, view.camera.height)
+    return resize(image, view.camera.width, view.camera.height)
 
 
 def views_at(cameras: list[Camera], place: Path, images: Path | None, scale: float | None) -> list[View]:
-    """Return views of cameras that were read at `place`, with the photographs there or in `images`."""
+    """Return views of cameras that were read from `place`, with the photographs there or in `images`."""
     from msb.scenes.datasets import photographs_beside
 
     beside = place if place.is_dir() else place.parent
