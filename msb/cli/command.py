@@ -269,22 +269,22 @@ def _prepare(everywhere: Everywhere) -> None:
 def _check_paths(declared: Sequence[_Declared], values: dict[str, Any], output: Output) -> None:
     """Reject an output that is also an input or another output, that exists, or that has the wrong suffix."""
     paths = [
-        (each, path)
-        for each in declared
-        if each.is_path and (value := values.get(each.name)) is not None
+        (parameter, path)
+        for parameter in declared
+        if parameter.is_path and (value := values.get(parameter.name)) is not None
         for path in (value if isinstance(value, tuple) else (value,))
     ]
-    for each, path in paths:
-        if each.option.output is None:
+    for parameter, path in paths:
+        if parameter.option.output is None:
             output.add_input(path)
-    for each, path in paths:
-        if each.option.output in ("file", "own"):
-            output.add_output(path, each.label)
-        if each.option.endings and path.suffix.lower() not in each.option.endings:
-            endings = ", ".join(each.option.endings)
-            text = f'{each.label} is "{path.name}"; it must end in {endings}'
+    for parameter, path in paths:
+        if parameter.option.output in ("file", "own"):
+            output.add_output(path, parameter.label)
+        if parameter.option.endings and path.suffix.lower() not in parameter.option.endings:
+            endings = ", ".join(parameter.option.endings)
+            text = f'{parameter.label} is "{path.name}"; it must end in {endings}'
             raise UsageError("USAGE", text)
-        if each.option.output == "file":
+        if parameter.option.output == "file":
             output.check_free(path)
 
 

@@ -1,4 +1,4 @@
-"""Options that contradict each other or would change nothing are errors of usage that name the option."""
+"""Options that contradict each other or have no effect are usage errors that name the option."""
 
 import shlex
 
