@@ -171,7 +171,7 @@ def decoded(image: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def encoded(values: NDArray[np.float32], channels: int) -> NDArray[np.uint8]:
-    """Return linear light and alpha (..., 4) as texels of `channels` bytes: the inverse of `decoded`."""
+    """Return linear light and alpha (..., 4) as texels of `channels` bytes (inverse of `decoded`)."""
     texels = np.concatenate((linear_to_srgb(values[..., :3]), values[..., 3:]), axis=-1)
     return np.asarray(np.rint(texels[..., :channels] * 255).astype(np.uint8))
 

@@ -104,9 +104,9 @@ def _grid(tiers: Sequence[str], area: Box, gap: int, caption: int, aspect: float
             for index, tier in enumerate(tiers)
         ]
         box = cells[0].box
-        height = min(box.width / aspect, box.height)
-        if height > best[0]:
-            best = height, cells
+        image_height = min(box.width / aspect, box.height)
+        if image_height > best[0]:
+            best = image_height, cells
     return best[1]
 
 
